@@ -1,0 +1,1 @@
+//! Physics: the differentiable material point method.

@@ -1,0 +1,1 @@
+//! Video: frames, masks and cameras of a clip.

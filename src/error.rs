@@ -1,0 +1,131 @@
+//! One error type: what went wrong, where, what was found, what was wanted, and what to do.
+//!
+//! A wrong shape in a program is the programmer's mistake and panics at the caller's line. Everything that can go wrong
+//! *because of the world* (data, files, devices, shaders, physics, non-finite numbers) is an [`Error`].
+
+use std::fmt;
+
+/// The result of anything that can fail because of data, devices or physics.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// What kind of fault an [`Error`] reports; decides the exit code of the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum ErrorKind {
+    /// Shapes or dtypes do not fit an op.
+    Shape,
+    /// A file, folder, image or value given by the user cannot be used.
+    Input,
+    /// Reading or writing failed in the operating system.
+    Io,
+    /// A compute device is missing, was lost, or refused a request.
+    Device,
+    /// The op has no kernel for this device or dtype.
+    Unsupported,
+    /// The simulated physics broke down: unstable step, particle outside the grid.
+    Physics,
+    /// A value or a gradient turned NaN or infinite.
+    NonFinite,
+    /// A gradient was asked for that does not exist.
+    NoGradient,
+    /// The user asked to stop.
+    Interrupted,
+}
+
+/// What went wrong, where, what was found, what was wanted, and what to do about it.
+///
+/// ```
+/// use gradreel::{Error, ErrorKind};
+///
+/// let error = Error::new(ErrorKind::Input, "cannot read the camera file")
+///     .at("clip/all_data.json")
+///     .found("an empty file")
+///     .wanted("a JSON list with one entry per image")
+///     .fix("export the clip again");
+/// assert_eq!(error.kind(), ErrorKind::Input);
+/// assert!(error.to_string().contains("clip/all_data.json"));
+/// ```
+#[derive(Clone)]
+pub struct Error(Box<Detail>);
+
+#[derive(Clone)]
+struct Detail {
+    kind: ErrorKind,
+    what: String,
+    at: Option<String>,
+    found: Option<String>,
+    wanted: Option<String>,
+    fix: Option<String>,
+}
+
+impl Error {
+    /// An error of this kind; `what` is one short clause without a full stop.
+    pub fn new(kind: ErrorKind, what: impl Into<String>) -> Self {
+        Self(Box::new(Detail { kind, what: what.into(), at: None, found: None, wanted: None, fix: None }))
+    }
+
+    /// Names the file, op or particle concerned.
+    #[must_use]
+    pub fn at(mut self, place: impl fmt::Display) -> Self {
+        self.0.at = Some(place.to_string());
+        self
+    }
+
+    /// Says what was found there.
+    #[must_use]
+    pub fn found(mut self, found: impl fmt::Display) -> Self {
+        self.0.found = Some(found.to_string());
+        self
+    }
+
+    /// Says what would have been right.
+    #[must_use]
+    pub fn wanted(mut self, wanted: impl fmt::Display) -> Self {
+        self.0.wanted = Some(wanted.to_string());
+        self
+    }
+
+    /// Says what the user can do.
+    #[must_use]
+    pub fn fix(mut self, fix: impl fmt::Display) -> Self {
+        self.0.fix = Some(fix.to_string());
+        self
+    }
+
+    /// The kind of fault.
+    pub fn kind(&self) -> ErrorKind {
+        self.0.kind
+    }
+
+    /// An operating-system fault at a path.
+    ///
+    /// A missing or unreadable file is the user's input ([`ErrorKind::Input`]); anything else is [`ErrorKind::Io`].
+    pub fn io(path: impl AsRef<std::path::Path>, doing: &str, source: &std::io::Error) -> Self {
+        let kind = match source.kind() {
+            std::io::ErrorKind::NotFound | std::io::ErrorKind::PermissionDenied => ErrorKind::Input,
+            _ => ErrorKind::Io,
+        };
+        Self::new(kind, format!("cannot {doing}")).at(path.as_ref().display()).found(source)
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Detail { what, at, found, wanted, fix, .. } = &*self.0;
+        write!(f, "{what}")?;
+        for (label, text) in [("at", at), ("found", found), ("wanted", wanted), ("fix", fix)] {
+            if let Some(text) = text {
+                write!(f, "\n  {label:>6}: {text}")?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Debug for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:?}: {self}", self.0.kind)
+    }
+}
+
+impl std::error::Error for Error {}

@@ -1,0 +1,1 @@
+//! Scalar programs: write a pointwise function once, differentiate it, run it anywhere.
