@@ -9,7 +9,7 @@ use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
 use crate::tape::{Backward, Forward, Op, Var};
 use crate::tensor::for_real;
-use crate::{Element, Error, ErrorKind, Result, Spec, Tensor};
+use crate::{Error, ErrorKind, Result, Spec, Tensor};
 
 pub(super) const ENTRY: Entry = Entry {
     name: "grid_sample_3d",
@@ -52,7 +52,7 @@ impl Lattice {
     }
 
     /// The nodes around a point; those outside the lattice count as zero.
-    pub(super) fn corners<T: Real + Element>(&self, point: &[T]) -> Corners<T> {
+    pub(super) fn corners<T: Real>(&self, point: &[T]) -> Corners<T> {
         let inverse = 1.0 / self.spacing;
         let mut base = [0i64; 3];
         let mut hats = [[(T::from_f64(0.0), T::from_f64(0.0)); 2]; 3];
@@ -88,7 +88,7 @@ struct GridSample3d {
 }
 
 impl GridSample3d {
-    fn run<T: Real + Element>(&self, grid: &Tensor, points: &Tensor) -> Vec<T> {
+    fn run<T: Real>(&self, grid: &Tensor, points: &Tensor) -> Vec<T> {
         let channels = grid.dims()[3];
         let values = grid.slice::<T>();
         let mut sampled = vec![T::from_f64(0.0); points.dims()[0] * channels];
@@ -142,7 +142,7 @@ impl Op for GridSample3d {
 
 /// `∂/∂x_p Σ_c u_pc · sample(grid, x_p)_c` for every point: `[points, 3]`.
 pub(super) fn position_gradient(lattice: &Lattice, grid: &Tensor, points: &Tensor, u: &Tensor) -> Tensor {
-    fn run<T: Real + Element>(lattice: &Lattice, grid: &Tensor, points: &Tensor, u: &Tensor) -> Vec<T> {
+    fn run<T: Real>(lattice: &Lattice, grid: &Tensor, points: &Tensor, u: &Tensor) -> Vec<T> {
         let channels = grid.dims()[3];
         let (values, weights) = (grid.slice::<T>(), u.slice::<T>());
         let mut slopes = vec![T::from_f64(0.0); points.len()];

@@ -8,7 +8,7 @@ use crate::ops::{Case, Entry, Lattice, uniform};
 use crate::scalar::Real;
 use crate::tape::{Backward, Forward, Op, Var};
 use crate::tensor::for_real;
-use crate::{Element, Error, ErrorKind, Result, Spec, Tensor};
+use crate::{Error, ErrorKind, Result, Spec, Tensor};
 
 pub(super) const ENTRY: Entry = Entry {
     name: "grid_scatter_3d",
@@ -29,7 +29,7 @@ struct GridScatter3d {
 
 impl GridScatter3d {
     /// In the order of the points, so that the sums do not depend on the thread count.
-    fn run<T: Real + Element>(&self, values: &Tensor, points: &Tensor) -> Vec<T> {
+    fn run<T: Real>(&self, values: &Tensor, points: &Tensor) -> Vec<T> {
         let channels = values.dims()[1];
         let mut grid = vec![T::from_f64(0.0); self.lattice.len() * channels];
         for (row, point) in values.slice::<T>().chunks(channels.max(1)).zip(points.slice::<T>().chunks(3)) {

@@ -12,7 +12,7 @@ use crate::ops::{Case, Entry};
 use crate::scalar::{Lanes, Program, Real, Scalar};
 use crate::tape::{Backward, Forward, Op, Var};
 use crate::tensor::for_real;
-use crate::{Element, Error, ErrorKind, Result, Shape, Spec, Tensor};
+use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
 
 /// A pointwise op of `N` operands, written once as an ordinary function.
 pub struct Pointwise<const N: usize> {
@@ -100,8 +100,9 @@ impl Map {
         self.derivatives[input].get_or_init(|| Rc::new(Self::new(self.program.vjp_wrt(&[input])))).clone()
     }
 
-    fn run<T: Real + Element>(&self, inputs: &[Tensor], len: usize) -> Vec<T> {
+    fn run<T: Real>(&self, inputs: &[Tensor], len: usize) -> Vec<T> {
         let slices: Vec<&[T]> = inputs.iter().map(Tensor::slice).collect();
+        let program = &self.program;
         filled(len, CHUNK, |start, out: &mut [T]| {
             let lanes: Vec<Lanes<'_, T>> = slices
                 .iter()
@@ -110,7 +111,7 @@ impl Map {
                     many => Lanes::Each(&many[start..start + out.len()]),
                 })
                 .collect();
-            self.program.run(out.len(), &lanes, &mut [out]);
+            program.run(out.len(), &lanes, &mut [out]);
         })
     }
 }

@@ -12,7 +12,7 @@ use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
 use crate::tape::{Backward, Forward, Op, Var};
 use crate::tensor::for_real;
-use crate::{Element, Error, ErrorKind, Result, Shape, Spec, Tensor};
+use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
 
 pub(super) const ENTRY: Entry = Entry {
     name: "matmul",
@@ -58,7 +58,7 @@ impl MatMul {
         fits.then_some([left.0, left.1, left.2, right.2])
     }
 
-    fn run<T: Real + Element + faer::traits::ComplexField>(&self, a: &Tensor, b: &Tensor) -> Vec<T> {
+    fn run<T: Real + faer::traits::ComplexField>(&self, a: &Tensor, b: &Tensor) -> Vec<T> {
         let [batch, m, k, n] = self.sizes(a.shape(), b.shape()).expect("checked by infer");
         let mut product = vec![<T as bytemuck::Zeroable>::zeroed(); batch * m * n];
         if product.is_empty() || k == 0 {

@@ -61,10 +61,12 @@ macro_rules! element {
         impl Element for $type {
             const DTYPE: DType = DType::$dtype;
 
+            #[inline(always)]
             fn from_f64(value: f64) -> Self {
                 ($from)(value)
             }
 
+            #[inline(always)]
             fn to_f64(self) -> f64 {
                 ($to)(self)
             }

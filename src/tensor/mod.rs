@@ -10,7 +10,7 @@ mod shape;
 mod storage;
 
 pub use device::Device;
+pub(crate) use dtype::for_real;
 pub use dtype::{DType, Element};
 pub use shape::{Shape, Spec};
 pub use storage::Tensor;
-pub(crate) use storage::Storage;
