@@ -45,7 +45,8 @@ impl Mask {
 
 /// Matte of an image by difference against its plate; pixels of weight 0 take part without an opinion.
 pub(super) fn against_plate(image: &Image, plate: &Image, weight: &[f32]) -> Matte {
-    let linear = |image: &Image| image.pixels.iter().map(|p| [p[0], p[1], p[2]].map(linear_from_srgb)).collect();
+    let table: Vec<f32> = (0..=255).map(linear_from_srgb).collect();
+    let linear = |image: &Image| image.pixels.iter().map(|p| [0, 1, 2].map(|c| table[usize::from(p[c])])).collect();
     let (seen, empty): (Vec<[f32; 3]>, Vec<[f32; 3]>) = (linear(image), linear(plate));
     let change = Change::between(&seen, &empty);
     let belief = walk::spread(&change, weight, image.width, image.height);
