@@ -42,13 +42,7 @@ impl<T: Number> Lattice<T> {
                 .wanted(format!("at most {limit} nodes (World::node_limit)"))
                 .fix("remove stray particles, give the world bounds, or raise the limit")
         };
-        let mut lattice = Self {
-            dx: T::from_f64(dx),
-            inverse_dx: T::from_f64(1.0 / dx),
-            origin: [0; 3],
-            shape: [0; 3],
-            stride: [0; 2],
-        };
+        let mut lattice = Self::of_spacing(dx);
         let far = f64::from(1 << 28) * dx;
         if extent.iter().flatten().any(|x| x.to_f64().abs() > far) {
             return Err(too_large(format!("coordinates beyond {far:.3e} m")));
@@ -65,6 +59,12 @@ impl<T: Number> Lattice<T> {
         }
         lattice.stride = [4 * lattice.shape[1] * lattice.shape[2], 4 * lattice.shape[2]];
         Ok(lattice)
+    }
+
+    /// No nodes yet, only the spacing \[m\].
+    pub fn of_spacing(dx: f64) -> Self {
+        let [dx, inverse_dx] = [dx, 1.0 / dx].map(T::from_f64);
+        Self { dx, inverse_dx, origin: [0; 3], shape: [0; 3], stride: [0; 2] }
     }
 
     /// Values in the grid, four per node.
