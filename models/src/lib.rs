@@ -1,5 +1,5 @@
 //! From a video to shape, motion and material: the stages of the method, in the order in which data flows.
 
-pub mod video;
 pub mod physics;
 pub mod report;
+pub mod video;

@@ -1,0 +1,109 @@
+//! The graph a program is made of: nodes in topological order, each distinct node stored once (hash-consing).
+
+use std::collections::HashMap;
+
+use super::instruction::{Binary, Unary};
+
+/// Position of a node in its [`Graph`]; operands always come before the nodes that use them.
+pub(crate) type Id = u32;
+
+/// One value of a program. Conditions are values too: 1 where true, 0 where false.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) enum Node {
+    /// The n-th input.
+    Input(u32),
+    /// A constant, as the bits of an `f64`.
+    Const(u64),
+    Unary(Unary, Id),
+    Binary(Binary, Id, Id),
+    /// `Select(condition, a, b)`: `a` where the condition is not 0, else `b`.
+    Select(Id, Id, Id),
+}
+
+impl Node {
+    /// The node of a constant.
+    pub fn constant(value: f64) -> Self {
+        Self::Const(value.to_bits())
+    }
+
+    /// The operands, in order; absent ones are `None`.
+    pub fn operands(self) -> [Option<Id>; 3] {
+        match self {
+            Self::Input(_) | Self::Const(_) => [None; 3],
+            Self::Unary(_, a) => [Some(a), None, None],
+            Self::Binary(_, a, b) => [Some(a), Some(b), None],
+            Self::Select(c, a, b) => [Some(c), Some(a), Some(b)],
+        }
+    }
+
+    /// The same node with every operand renamed.
+    pub fn rename(self, to: impl Fn(Id) -> Id) -> Self {
+        match self {
+            Self::Input(_) | Self::Const(_) => self,
+            Self::Unary(op, a) => Self::Unary(op, to(a)),
+            Self::Binary(op, a, b) => Self::Binary(op, to(a), to(b)),
+            Self::Select(c, a, b) => Self::Select(to(c), to(a), to(b)),
+        }
+    }
+}
+
+/// Nodes under construction. Every node passes [`Graph::push`], which simplifies it and shares equal ones.
+#[derive(Debug, Default)]
+pub(crate) struct Graph {
+    nodes: Vec<Node>,
+    seen: HashMap<Node, Id>,
+}
+
+impl Graph {
+    /// The node at `id`.
+    pub fn node(&self, id: Id) -> Node {
+        self.nodes[id as usize]
+    }
+
+    /// The value of a constant node.
+    pub fn constant(&self, id: Id) -> Option<f64> {
+        match self.node(id) {
+            Node::Const(bits) => Some(f64::from_bits(bits)),
+            _ => None,
+        }
+    }
+
+    /// Adds a node, or finds the one that already computes the same.
+    pub fn push(&mut self, node: Node) -> Id {
+        match self.simplify(node) {
+            Ok(id) => id,
+            Err(node) => self.intern(node),
+        }
+    }
+
+    /// Adds a node as it is unless an equal one exists.
+    pub fn intern(&mut self, node: Node) -> Id {
+        let Self { nodes, seen } = self;
+        *seen.entry(node).or_insert_with(|| {
+            nodes.push(node);
+            u32::try_from(nodes.len() - 1).expect("a scalar program has fewer than 2^32 nodes")
+        })
+    }
+
+    /// The nodes that `outputs` depend on, renumbered densely, with the outputs' new ids.
+    pub fn reachable(&self, outputs: &[Id]) -> (Vec<Node>, Vec<Id>) {
+        let mut live = vec![false; self.nodes.len()];
+        for &output in outputs {
+            live[output as usize] = true;
+        }
+        for id in (0..self.nodes.len()).rev() {
+            if live[id] {
+                for operand in self.nodes[id].operands().into_iter().flatten() {
+                    live[operand as usize] = true;
+                }
+            }
+        }
+        let mut renamed = vec![0; self.nodes.len()];
+        let mut kept = Vec::new();
+        for (id, node) in self.nodes.iter().enumerate().filter(|&(id, _)| live[id]) {
+            renamed[id] = kept.len() as Id;
+            kept.push(node.rename(|operand| renamed[operand as usize]));
+        }
+        (kept, outputs.iter().map(|&id| renamed[id as usize]).collect())
+    }
+}

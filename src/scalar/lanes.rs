@@ -1,0 +1,216 @@
+//! The vector type that register code runs over, and the loop that runs it.
+//!
+//! Everything here is generic over [`Lane`] and `inline(always)`, so that it is compiled once per instruction set inside a
+//! function that enables it. Closures and array combinators would not inherit the instruction set: hence plain loops and
+//! macros. Values move by explicit loads and stores; a step may write over one of its operands.
+
+use super::instruction::{Binary, Unary};
+use super::lower::{Op, Step};
+use super::real::Real;
+
+/// Where the values of a slot are: consecutive lanes, or one vector's worth that stands for all lanes.
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
+pub struct Port<T> {
+    pub(super) at: *mut T,
+    pub(super) repeats: bool,
+}
+
+/// A vector of numbers.
+///
+/// # Safety
+/// Every method must be called with the instruction set of the type enabled. `load` and `store` need a pointer to `WIDTH`
+/// values; alignment does not matter. Conditions are vectors of 0 and 1.
+pub(super) trait Lane: Copy {
+    type Element: Real;
+    const WIDTH: usize;
+
+    unsafe fn load(from: *const Self::Element) -> Self;
+    unsafe fn store(self, to: *mut Self::Element);
+    unsafe fn splat(x: Self::Element) -> Self;
+    unsafe fn add(self, b: Self) -> Self;
+    unsafe fn sub(self, b: Self) -> Self;
+    unsafe fn mul(self, b: Self) -> Self;
+    unsafe fn div(self, b: Self) -> Self;
+    unsafe fn abs(self) -> Self;
+    unsafe fn floor(self) -> Self;
+    unsafe fn sqrt(self) -> Self;
+    /// `self · b + c`, rounded once where the hardware does so.
+    unsafe fn mul_add(self, b: Self, c: Self) -> Self;
+    /// `self · b − c`
+    unsafe fn mul_sub(self, b: Self, c: Self) -> Self;
+    /// `c − self · b`
+    unsafe fn neg_mul_add(self, b: Self, c: Self) -> Self;
+    /// `self < b ? self : b`
+    unsafe fn smaller(self, b: Self) -> Self;
+    /// `self > b ? self : b`
+    unsafe fn larger(self, b: Self) -> Self;
+    unsafe fn lt(self, b: Self) -> Self;
+    unsafe fn le(self, b: Self) -> Self;
+    unsafe fn is_nan(self) -> Self;
+    /// `self ≠ 0 ? a : b`
+    unsafe fn choose(self, a: Self, b: Self) -> Self;
+    unsafe fn exp(self) -> Self;
+    unsafe fn ln(self) -> Self;
+    unsafe fn exp_m1(self) -> Self;
+    unsafe fn ln_1p(self) -> Self;
+    unsafe fn sin(self) -> Self;
+    unsafe fn cos(self) -> Self;
+    unsafe fn tanh(self) -> Self;
+    unsafe fn logistic(self) -> Self;
+    unsafe fn softplus(self) -> Self;
+
+    #[inline(always)]
+    unsafe fn neg(self) -> Self {
+        // SAFETY: as this method. −0 − x, so that 0 becomes −0.
+        unsafe { Self::splat(-Self::Element::ZERO).sub(self) }
+    }
+
+    #[inline(always)]
+    unsafe fn recip(self) -> Self {
+        // SAFETY: as this method.
+        unsafe { Self::splat(Self::Element::ONE).div(self) }
+    }
+
+    #[inline(always)]
+    unsafe fn sign(self) -> Self {
+        // SAFETY: as this method.
+        unsafe {
+            let (zero, one) = (Self::splat(Self::Element::ZERO), Self::splat(Self::Element::ONE));
+            zero.lt(self).choose(one, self.lt(zero).choose(one.neg(), self))
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn min(self, b: Self) -> Self {
+        // SAFETY: as this method.
+        unsafe { b.is_nan().choose(b, b.smaller(self)) }
+    }
+
+    #[inline(always)]
+    unsafe fn max(self, b: Self) -> Self {
+        // SAFETY: as this method.
+        unsafe { b.is_nan().choose(b, b.larger(self)) }
+    }
+
+    #[inline(always)]
+    unsafe fn powf(self, b: Self) -> Self {
+        let (mut bases, mut exponents) = ([Self::Element::ZERO; 16], [Self::Element::ZERO; 16]);
+        // SAFETY: as this method; no vector is wider than 16.
+        unsafe {
+            self.store(bases.as_mut_ptr());
+            b.store(exponents.as_mut_ptr());
+            for i in 0..Self::WIDTH {
+                bases[i] = bases[i].powf(exponents[i]);
+            }
+            Self::load(bases.as_ptr())
+        }
+    }
+}
+
+/// The methods of a [`Lane`] that call the standard library for each element.
+macro_rules! elementwise {
+    ($($name:ident),*) => {$(
+        #[inline(always)]
+        unsafe fn $name(self) -> Self {
+            let mut x = [<Self::Element as $crate::scalar::Real>::ZERO; 16];
+            // SAFETY: as this method; no vector is wider than 16.
+            unsafe {
+                self.store(x.as_mut_ptr());
+                for i in 0..Self::WIDTH {
+                    x[i] = $crate::scalar::Real::$name(x[i]);
+                }
+                Self::load(x.as_ptr())
+            }
+        }
+    )*};
+}
+pub(super) use elementwise;
+
+/// Runs register code over `lanes` lanes, rounded up to whole vectors.
+///
+/// # Safety
+/// As [`Kernel::execute`](super::kernel::Kernel::execute), with the instruction set of `V` enabled.
+#[inline(always)]
+pub(super) unsafe fn execute<V: Lane>(steps: &[Step], ports: &[Port<V::Element>], lanes: usize) {
+    let vectors = lanes.div_ceil(V::WIDTH);
+    for step in steps {
+        macro_rules! port {
+            ($slot:ident) => {{
+                let port = ports[step.$slot as usize];
+                (port.at, if port.repeats { 0 } else { V::WIDTH })
+            }};
+        }
+        let (dst, _) = port!(dst);
+        macro_rules! each {
+            ($a:ident => $value:expr) => {{
+                let (at_a, stride_a) = port!(a);
+                for i in 0..vectors {
+                    // SAFETY: the caller promises that the ports are valid for `lanes` rounded up to vectors.
+                    unsafe {
+                        let $a = V::load(at_a.add(i * stride_a));
+                        $value.store(dst.add(i * V::WIDTH));
+                    }
+                }
+            }};
+            ($a:ident, $b:ident => $value:expr) => {{
+                let ((at_a, stride_a), (at_b, stride_b)) = (port!(a), port!(b));
+                for i in 0..vectors {
+                    // SAFETY: as above.
+                    unsafe {
+                        let $a = V::load(at_a.add(i * stride_a));
+                        let $b = V::load(at_b.add(i * stride_b));
+                        $value.store(dst.add(i * V::WIDTH));
+                    }
+                }
+            }};
+            ($a:ident, $b:ident, $c:ident => $value:expr) => {{
+                let ((at_a, stride_a), (at_b, stride_b), (at_c, stride_c)) = (port!(a), port!(b), port!(c));
+                for i in 0..vectors {
+                    // SAFETY: as above.
+                    unsafe {
+                        let $a = V::load(at_a.add(i * stride_a));
+                        let $b = V::load(at_b.add(i * stride_b));
+                        let $c = V::load(at_c.add(i * stride_c));
+                        $value.store(dst.add(i * V::WIDTH));
+                    }
+                }
+            }};
+        }
+        match step.op {
+            Op::Copy => each!(a => a),
+            Op::Select => each!(a, b, c => a.choose(b, c)),
+            Op::MulAdd => each!(a, b, c => a.mul_add(b, c)),
+            Op::MulSub => each!(a, b, c => a.mul_sub(b, c)),
+            Op::NegMulAdd => each!(a, b, c => a.neg_mul_add(b, c)),
+            Op::Binary(op) => match op {
+                Binary::Add => each!(a, b => a.add(b)),
+                Binary::Sub => each!(a, b => a.sub(b)),
+                Binary::Mul => each!(a, b => a.mul(b)),
+                Binary::Div => each!(a, b => a.div(b)),
+                Binary::Min => each!(a, b => a.min(b)),
+                Binary::Max => each!(a, b => a.max(b)),
+                Binary::Powf => each!(a, b => a.powf(b)),
+                Binary::Lt => each!(a, b => a.lt(b)),
+                Binary::Le => each!(a, b => a.le(b)),
+            },
+            Op::Unary(op) => match op {
+                Unary::Neg => each!(a => a.neg()),
+                Unary::Abs => each!(a => a.abs()),
+                Unary::Sign => each!(a => a.sign()),
+                Unary::Floor => each!(a => a.floor()),
+                Unary::Recip => each!(a => a.recip()),
+                Unary::Sqrt => each!(a => a.sqrt()),
+                Unary::Exp => each!(a => a.exp()),
+                Unary::Ln => each!(a => a.ln()),
+                Unary::Sin => each!(a => a.sin()),
+                Unary::Cos => each!(a => a.cos()),
+                Unary::Tanh => each!(a => a.tanh()),
+                Unary::Logistic => each!(a => a.logistic()),
+                Unary::Softplus => each!(a => a.softplus()),
+                Unary::Ln1p => each!(a => a.ln_1p()),
+                Unary::ExpM1 => each!(a => a.exp_m1()),
+            },
+        }
+    }
+}

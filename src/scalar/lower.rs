@@ -1,0 +1,173 @@
+//! From nodes to register code: products fused into sums, values assigned to reusable slots.
+//!
+//! Slots are numbered inputs first, then constants, then outputs, then temporaries. An output has its slot to itself, so
+//! that the evaluator can point that slot straight at the caller's memory.
+
+use std::collections::HashMap;
+
+use super::graph::{Id, Node};
+use super::instruction::{Binary, Unary};
+
+/// What one step of the code does with its operand slots.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Op {
+    Unary(Unary),
+    Binary(Binary),
+    Select,
+    /// `a · b + c`
+    MulAdd,
+    /// `a · b − c`
+    MulSub,
+    /// `c − a · b`
+    NegMulAdd,
+    Copy,
+}
+
+/// One instruction over a block of lanes: `dst = op(a, b, c)`, slots of operands that `op` lacks being 0.
+#[derive(Debug, Clone, Copy)]
+pub struct Step {
+    pub op: Op,
+    pub dst: u32,
+    pub a: u32,
+    pub b: u32,
+    pub c: u32,
+}
+
+/// Register code of a program.
+#[derive(Debug)]
+pub(crate) struct Code {
+    pub steps: Vec<Step>,
+    /// The values of the constant slots.
+    pub constants: Vec<f64>,
+    pub inputs: usize,
+    pub outputs: usize,
+    /// How many temporaries are alive at once, at most.
+    pub temporaries: usize,
+}
+
+impl Code {
+    /// Lowers a graph whose nodes are in topological order.
+    pub fn lower(nodes: &[Node], results: &[Id], inputs: usize) -> Self {
+        let mut steps = fuse(nodes, results);
+        let mut constants = Vec::new();
+        let mut slot: HashMap<Id, u32> = HashMap::new();
+        for (id, node) in nodes.iter().enumerate() {
+            match *node {
+                Node::Input(n) => _ = slot.insert(id as Id, n),
+                Node::Const(bits) => {
+                    slot.insert(id as Id, (inputs + constants.len()) as u32);
+                    constants.push(f64::from_bits(bits));
+                }
+                _ => {}
+            }
+        }
+        let first_output = (inputs + constants.len()) as u32;
+        let mut copies = Vec::new();
+        for (&id, output) in results.iter().zip(first_output..) {
+            if *slot.entry(id).or_insert(output) != output {
+                copies.push((id, output));
+            }
+        }
+        let first_temporary = first_output + results.len() as u32;
+        let temporaries = assign_temporaries(&mut steps, &mut slot, first_temporary);
+        steps.extend(copies.into_iter().map(|(id, dst)| Step { op: Op::Copy, dst, a: slot[&id], b: 0, c: 0 }));
+        Self { steps, constants, inputs, outputs: results.len(), temporaries }
+    }
+
+    /// Number of slots of all kinds.
+    pub fn slots(&self) -> usize {
+        self.inputs + self.constants.len() + self.outputs + self.temporaries
+    }
+}
+
+impl Op {
+    /// Number of operands.
+    fn arity(self) -> usize {
+        match self {
+            Self::Unary(_) | Self::Copy => 1,
+            Self::Binary(_) => 2,
+            Self::Select | Self::MulAdd | Self::MulSub | Self::NegMulAdd => 3,
+        }
+    }
+}
+
+impl Step {
+    fn operands(&mut self) -> impl Iterator<Item = &mut u32> {
+        let arity = self.op.arity();
+        [&mut self.a, &mut self.b, &mut self.c].into_iter().take(arity)
+    }
+}
+
+/// Steps over node ids, with each product that has one use, in a sum or difference, merged into it.
+fn fuse(nodes: &[Node], results: &[Id]) -> Vec<Step> {
+    let mut uses = vec![0_u32; nodes.len()];
+    results.iter().for_each(|&id| uses[id as usize] += 2);
+    for operand in nodes.iter().flat_map(|node| node.operands()).flatten() {
+        uses[operand as usize] += 1;
+    }
+    let product = |id: Id| match nodes[id as usize] {
+        Node::Binary(Binary::Mul, a, b) if uses[id as usize] == 1 => Some((a, b)),
+        _ => None,
+    };
+    let mut merged = vec![false; nodes.len()];
+    let mut steps = Vec::new();
+    for (id, &node) in nodes.iter().enumerate() {
+        let (op, [a, b, c]) = match node {
+            Node::Input(_) | Node::Const(_) => continue,
+            Node::Unary(op, a) => (Op::Unary(op), [a, 0, 0]),
+            Node::Select(c, a, b) => (Op::Select, [c, a, b]),
+            Node::Binary(op, x, y) => match (op, product(x), product(y)) {
+                (Binary::Add, Some((a, b)), _) => {
+                    merged[x as usize] = true;
+                    (Op::MulAdd, [a, b, y])
+                }
+                (Binary::Add, _, Some((a, b))) => {
+                    merged[y as usize] = true;
+                    (Op::MulAdd, [a, b, x])
+                }
+                (Binary::Sub, Some((a, b)), _) => {
+                    merged[x as usize] = true;
+                    (Op::MulSub, [a, b, y])
+                }
+                (Binary::Sub, _, Some((a, b))) => {
+                    merged[y as usize] = true;
+                    (Op::NegMulAdd, [a, b, x])
+                }
+                _ => (Op::Binary(op), [x, y, 0]),
+            },
+        };
+        steps.push(Step { op, dst: id as u32, a, b, c });
+    }
+    steps.retain(|step| !merged[step.dst as usize]);
+    steps
+}
+
+/// Rewrites node ids to slots. A slot is free again from the step that reads its value last: that step may write its
+/// result over it.
+fn assign_temporaries(steps: &mut [Step], slot: &mut HashMap<Id, u32>, first: u32) -> usize {
+    let mut last_read: HashMap<Id, usize> = HashMap::new();
+    for (at, step) in steps.iter_mut().enumerate() {
+        step.operands().for_each(|id| _ = last_read.insert(*id, at));
+    }
+    let mut free = Vec::new();
+    let mut count = 0;
+    for (at, step) in steps.iter_mut().enumerate() {
+        let mut released = Vec::new();
+        for operand in step.operands() {
+            let assigned = slot[operand];
+            if last_read[operand] == at && assigned >= first && !released.contains(&assigned) {
+                released.push(assigned);
+            }
+            *operand = assigned;
+        }
+        free.append(&mut released);
+        let id = step.dst;
+        step.dst = *slot.entry(id).or_insert_with(|| {
+            free.pop().unwrap_or_else(|| {
+                count += 1;
+                first + count - 1
+            })
+        });
+    }
+    count as usize
+}

@@ -1,0 +1,187 @@
+//! Vectors of the x86-64 instruction sets: AVX2 with FMA, and AVX-512F.
+
+#![allow(clippy::wildcard_imports)]
+
+use std::arch::x86_64::*;
+
+use super::exp_ln::{Lane32, SQRT_HALF, single_precision};
+use super::lanes::{Lane, elementwise};
+
+/// Eight `f32`.
+#[derive(Clone, Copy)]
+pub(super) struct F32x8(__m256);
+/// Four `f64`.
+#[derive(Clone, Copy)]
+pub(super) struct F64x4(__m256d);
+/// Sixteen `f32`.
+#[derive(Clone, Copy)]
+pub(super) struct F32x16(__m512);
+/// Eight `f64`.
+#[derive(Clone, Copy)]
+pub(super) struct F64x8(__m512d);
+
+macro_rules! methods {
+    ($($name:ident($($b:ident),*) |$x:ident| $value:expr;)*) => {$(
+        #[inline(always)]
+        unsafe fn $name(self $(, $b: Self)*) -> Self {
+            let $x = self.0;
+            $(let $b = $b.0;)*
+            // SAFETY: the contract of `Lane`: the instruction set is enabled.
+            Self(unsafe { $value })
+        }
+    )*};
+}
+
+macro_rules! lane {
+    (
+        $name:ident: $float:ident x $width:literal,
+        $load:ident $store:ident $splat:ident $add:ident $sub:ident $mul:ident $div:ident $sqrt:ident
+        $fmadd:ident $fmsub:ident $fnmadd:ident $min:ident $max:ident { $($rest:tt)* }
+    ) => {
+        impl Lane for $name {
+            type Element = $float;
+            const WIDTH: usize = $width;
+
+            #[inline(always)]
+            unsafe fn load(from: *const $float) -> Self {
+                // SAFETY: the contract of `Lane`.
+                Self(unsafe { $load(from) })
+            }
+
+            #[inline(always)]
+            unsafe fn store(self, to: *mut $float) {
+                // SAFETY: the contract of `Lane`.
+                unsafe { $store(to, self.0) }
+            }
+
+            #[inline(always)]
+            unsafe fn splat(x: $float) -> Self {
+                // SAFETY: the contract of `Lane`.
+                Self(unsafe { $splat(x) })
+            }
+
+            methods! {
+                add(b) |x| $add(x, b);
+                sub(b) |x| $sub(x, b);
+                mul(b) |x| $mul(x, b);
+                div(b) |x| $div(x, b);
+                sqrt() |x| $sqrt(x);
+                mul_add(b, c) |x| $fmadd(x, b, c);
+                mul_sub(b, c) |x| $fmsub(x, b, c);
+                neg_mul_add(b, c) |x| $fnmadd(x, b, c);
+                smaller(b) |x| $min(x, b);
+                larger(b) |x| $max(x, b);
+            }
+
+            $($rest)*
+        }
+    };
+}
+
+lane!(F32x8: f32 x 8,
+    _mm256_loadu_ps _mm256_storeu_ps _mm256_set1_ps _mm256_add_ps _mm256_sub_ps _mm256_mul_ps _mm256_div_ps _mm256_sqrt_ps
+    _mm256_fmadd_ps _mm256_fmsub_ps _mm256_fnmadd_ps _mm256_min_ps _mm256_max_ps {
+    methods! {
+        abs() |x| _mm256_andnot_ps(_mm256_set1_ps(-0.0), x);
+        floor() |x| _mm256_floor_ps(x);
+        lt(b) |x| _mm256_and_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(x, b), _mm256_set1_ps(1.0));
+        le(b) |x| _mm256_and_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(x, b), _mm256_set1_ps(1.0));
+        is_nan() |x| _mm256_and_ps(_mm256_cmp_ps::<_CMP_UNORD_Q>(x, x), _mm256_set1_ps(1.0));
+        choose(a, b) |x| _mm256_blendv_ps(b, a, _mm256_cmp_ps::<_CMP_NEQ_UQ>(x, _mm256_setzero_ps()));
+    }
+    single_precision!();
+});
+
+lane!(F64x4: f64 x 4,
+    _mm256_loadu_pd _mm256_storeu_pd _mm256_set1_pd _mm256_add_pd _mm256_sub_pd _mm256_mul_pd _mm256_div_pd _mm256_sqrt_pd
+    _mm256_fmadd_pd _mm256_fmsub_pd _mm256_fnmadd_pd _mm256_min_pd _mm256_max_pd {
+    methods! {
+        abs() |x| _mm256_andnot_pd(_mm256_set1_pd(-0.0), x);
+        floor() |x| _mm256_floor_pd(x);
+        lt(b) |x| _mm256_and_pd(_mm256_cmp_pd::<_CMP_LT_OQ>(x, b), _mm256_set1_pd(1.0));
+        le(b) |x| _mm256_and_pd(_mm256_cmp_pd::<_CMP_LE_OQ>(x, b), _mm256_set1_pd(1.0));
+        is_nan() |x| _mm256_and_pd(_mm256_cmp_pd::<_CMP_UNORD_Q>(x, x), _mm256_set1_pd(1.0));
+        choose(a, b) |x| _mm256_blendv_pd(b, a, _mm256_cmp_pd::<_CMP_NEQ_UQ>(x, _mm256_setzero_pd()));
+    }
+    elementwise!(exp, ln, exp_m1, ln_1p, sin, cos, tanh, logistic, softplus);
+});
+
+lane!(F32x16: f32 x 16,
+    _mm512_loadu_ps _mm512_storeu_ps _mm512_set1_ps _mm512_add_ps _mm512_sub_ps _mm512_mul_ps _mm512_div_ps _mm512_sqrt_ps
+    _mm512_fmadd_ps _mm512_fmsub_ps _mm512_fnmadd_ps _mm512_min_ps _mm512_max_ps {
+    methods! {
+        abs() |x| _mm512_abs_ps(x);
+        floor() |x| _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(x);
+        lt(b) |x| _mm512_maskz_mov_ps(_mm512_cmp_ps_mask::<_CMP_LT_OQ>(x, b), _mm512_set1_ps(1.0));
+        le(b) |x| _mm512_maskz_mov_ps(_mm512_cmp_ps_mask::<_CMP_LE_OQ>(x, b), _mm512_set1_ps(1.0));
+        is_nan() |x| _mm512_maskz_mov_ps(_mm512_cmp_ps_mask::<_CMP_UNORD_Q>(x, x), _mm512_set1_ps(1.0));
+        choose(a, b) |x|
+            _mm512_mask_blend_ps(_mm512_cmp_ps_mask::<_CMP_NEQ_UQ>(x, _mm512_setzero_ps()), b, a);
+    }
+    single_precision!();
+});
+
+lane!(F64x8: f64 x 8,
+    _mm512_loadu_pd _mm512_storeu_pd _mm512_set1_pd _mm512_add_pd _mm512_sub_pd _mm512_mul_pd _mm512_div_pd _mm512_sqrt_pd
+    _mm512_fmadd_pd _mm512_fmsub_pd _mm512_fnmadd_pd _mm512_min_pd _mm512_max_pd {
+    methods! {
+        abs() |x| _mm512_abs_pd(x);
+        floor() |x| _mm512_roundscale_pd::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(x);
+        lt(b) |x| _mm512_maskz_mov_pd(_mm512_cmp_pd_mask::<_CMP_LT_OQ>(x, b), _mm512_set1_pd(1.0));
+        le(b) |x| _mm512_maskz_mov_pd(_mm512_cmp_pd_mask::<_CMP_LE_OQ>(x, b), _mm512_set1_pd(1.0));
+        is_nan() |x| _mm512_maskz_mov_pd(_mm512_cmp_pd_mask::<_CMP_UNORD_Q>(x, x), _mm512_set1_pd(1.0));
+        choose(a, b) |x|
+            _mm512_mask_blend_pd(_mm512_cmp_pd_mask::<_CMP_NEQ_UQ>(x, _mm512_setzero_pd()), b, a);
+    }
+    elementwise!(exp, ln, exp_m1, ln_1p, sin, cos, tanh, logistic, softplus);
+});
+
+impl Lane32 for F32x8 {
+    #[inline(always)]
+    unsafe fn all(self) -> bool {
+        // SAFETY: the contract of `Lane`.
+        unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_NEQ_UQ>(self.0, _mm256_setzero_ps())) == 0xff }
+    }
+
+    methods! {
+        shift_into_exponent() |x| {
+            let bits = _mm256_add_epi32(_mm256_castps_si256(x), _mm256_set1_epi32(127));
+            _mm256_castsi256_ps(_mm256_slli_epi32::<23>(bits))
+        };
+        exponent() |x| {
+            let above = _mm256_sub_epi32(_mm256_castps_si256(x), _mm256_set1_epi32(SQRT_HALF.cast_signed()));
+            _mm256_cvtepi32_ps(_mm256_srai_epi32::<23>(above))
+        };
+        mantissa() |x| {
+            let bits = _mm256_castps_si256(x);
+            let above = _mm256_sub_epi32(bits, _mm256_set1_epi32(SQRT_HALF.cast_signed()));
+            let exponent = _mm256_slli_epi32::<23>(_mm256_srai_epi32::<23>(above));
+            _mm256_castsi256_ps(_mm256_sub_epi32(bits, exponent))
+        };
+    }
+}
+
+impl Lane32 for F32x16 {
+    #[inline(always)]
+    unsafe fn all(self) -> bool {
+        // SAFETY: the contract of `Lane`.
+        unsafe { _mm512_cmp_ps_mask::<_CMP_NEQ_UQ>(self.0, _mm512_setzero_ps()) == 0xffff }
+    }
+
+    methods! {
+        shift_into_exponent() |x| {
+            let bits = _mm512_add_epi32(_mm512_castps_si512(x), _mm512_set1_epi32(127));
+            _mm512_castsi512_ps(_mm512_slli_epi32::<23>(bits))
+        };
+        exponent() |x| {
+            let above = _mm512_sub_epi32(_mm512_castps_si512(x), _mm512_set1_epi32(SQRT_HALF.cast_signed()));
+            _mm512_cvtepi32_ps(_mm512_srai_epi32::<23>(above))
+        };
+        mantissa() |x| {
+            let bits = _mm512_castps_si512(x);
+            let above = _mm512_sub_epi32(bits, _mm512_set1_epi32(SQRT_HALF.cast_signed()));
+            let exponent = _mm512_slli_epi32::<23>(_mm512_srai_epi32::<23>(above));
+            _mm512_castsi512_ps(_mm512_sub_epi32(bits, exponent))
+        };
+    }
+}
