@@ -1,0 +1,3 @@
+//! x
+mod scene;
+mod vectors;
