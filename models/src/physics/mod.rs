@@ -6,6 +6,7 @@
 //!
 //! - [`World`]: grid spacing, gravity, [`Collider`]s, limits.
 //! - [`Material`]: one constitutive law, written for one particle; [`Law`]: the same, traced. [`materials`] lists them.
+//! - [`rollout`]: thousands of substeps as one node of the tape, with a [`Schedule`] and [`Remat`].
 //! - [`State`], [`Simulation`]: one substep at a time, forwards and backwards, on plain arrays.
 //!
 //! Units are SI throughout; world y is up; node (0, 0, 0) of the grid is the world's origin. Results do not depend on the
@@ -24,8 +25,9 @@ mod law;
 mod material;
 pub mod materials;
 mod parameters;
-mod row;
 mod remat;
+mod rollout;
+mod row;
 mod state;
 mod substep;
 mod timestep;
@@ -38,6 +40,7 @@ pub use law::Law;
 pub use material::{Given, Material, Point};
 pub use parameters::{Map, Parameter, lame};
 pub use remat::Remat;
+pub use rollout::{Body, Rollout, rollout};
 pub use row::Number;
 pub use state::State;
 pub use substep::{Simulation, ValueGradients, Values};

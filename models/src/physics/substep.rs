@@ -128,6 +128,11 @@ impl<'a, T: Number> Simulation<'a, T> {
         let wanted = law.parameters().len();
         assert!(parameters.len() == wanted, "{} takes {wanted} parameters, not {}", law.name(), parameters.len());
         density.check("density", particles)?;
+        if let Some(p) = (0..particles).find(|&p| density.get(p) <= T::ZERO) {
+            return Err(Error::new(ErrorKind::Input, "the density must be positive")
+                .at(format!("particle {p}"))
+                .found(format!("{} kg/m³", density.get(p))));
+        }
         for (values, parameter) in parameters.iter().zip(law.parameters()) {
             values.check(parameter.name, particles)?;
         }
