@@ -7,9 +7,9 @@
 //! `abs` takes 0. `floor`, `sign` and comparisons have derivative 0.
 
 use super::graph::{Id, Node};
+use super::handle::{Condition, Scalar};
 use super::instruction::{Binary, Unary};
 use super::program::Program;
-use super::scalar::{Condition, Scalar};
 
 impl Program {
     /// The reverse derivative (adjoint, vector-Jacobian product) with respect to every input.

@@ -4,6 +4,7 @@ mod derivative;
 mod evaluate;
 mod exp_ln;
 mod graph;
+mod handle;
 mod instruction;
 mod kernel;
 mod lanes;
@@ -13,17 +14,20 @@ mod operators;
 mod portable;
 mod program;
 mod real;
-mod scalar;
 mod simplify;
 mod sin_cos;
+#[cfg(test)]
+mod tests;
 mod trace;
 mod vec3;
+mod wgsl;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
 pub use evaluate::Lanes;
+pub use handle::{Condition, Scalar};
 pub use mat3::Mat3;
 pub use program::Program;
 pub use real::Real;
-pub use scalar::{Condition, Scalar};
 pub use vec3::Vec3;
+pub use wgsl::wgsl_module;

@@ -3,8 +3,8 @@
 use std::iter::Sum;
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
+use super::handle::Scalar;
 use super::instruction::{Binary, Unary};
-use super::scalar::Scalar;
 use super::trace;
 
 macro_rules! operators {

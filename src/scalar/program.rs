@@ -4,8 +4,8 @@ use std::fmt;
 use std::sync::{Arc, OnceLock};
 
 use super::graph::{Id, Node};
+use super::handle::{Condition, Scalar};
 use super::lower::Code;
-use super::scalar::{Condition, Scalar};
 use super::trace::{self, Trace};
 
 /// A pointwise function, recorded once, that can be differentiated, run over lanes and printed as WGSL.

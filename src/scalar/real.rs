@@ -5,6 +5,7 @@ use std::iter::Sum;
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
 use super::kernel::Kernel;
+use crate::Element;
 
 /// A floating-point type that scalar programs and generic CPU kernels compute in: `f32` or `f64`.
 ///
@@ -22,6 +23,7 @@ use super::kernel::Kernel;
 /// ```
 pub trait Real:
     Kernel
+    + Element
     + Copy
     + Default
     + Debug
@@ -54,10 +56,6 @@ pub trait Real:
     /// The name of the type, `"f32"` or `"f64"`.
     const NAME: &'static str;
 
-    /// The nearest representable number.
-    fn from_f64(x: f64) -> Self;
-    /// The same number as `f64` (exact).
-    fn to_f64(self) -> f64;
     /// Whether this is NaN.
     fn is_nan(self) -> bool;
     /// Whether this is neither NaN nor infinite.
@@ -135,17 +133,6 @@ macro_rules! real {
             const EPSILON: Self = $float::EPSILON;
             const INFINITY: Self = $float::INFINITY;
             const NAME: &'static str = stringify!($float);
-
-            #[inline(always)]
-            #[allow(clippy::cast_possible_truncation)]
-            fn from_f64(x: f64) -> Self {
-                x as $float
-            }
-
-            #[inline(always)]
-            fn to_f64(self) -> f64 {
-                f64::from(self)
-            }
 
             real!(@forward $float: is_nan -> bool, is_finite -> bool, abs -> Self, floor -> Self, sqrt -> Self,
                 exp -> Self, ln -> Self, exp_m1 -> Self, ln_1p -> Self, sin -> Self, cos -> Self, tanh -> Self);

@@ -6,8 +6,8 @@ use std::cell::RefCell;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::graph::{Graph, Id, Node};
+use super::handle::{Repr, Scalar};
 use super::instruction::{Binary, Unary};
-use super::scalar::{Repr, Scalar};
 
 /// Names a trace for good, so that a stale handle is noticed instead of being read from the wrong graph.
 static NEXT_SERIAL: AtomicU64 = AtomicU64::new(0);

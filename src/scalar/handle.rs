@@ -109,7 +109,7 @@ impl Scalar {
         let (mut power, mut base, mut left) = (Self::from(1.0), self, n.unsigned_abs());
         while left > 0 {
             if left & 1 == 1 {
-                power = power * base;
+                power *= base;
             }
             left >>= 1;
             if left > 0 {

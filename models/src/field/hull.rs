@@ -1,0 +1,158 @@
+//! The visual hull: the largest body that fits all silhouettes of a frame.
+
+use faer::prelude::Solve;
+use faer::{Mat, Side};
+use gradreel::ops::Lattice;
+use gradreel::{Error, ErrorKind, Result};
+use rayon::prelude::*;
+
+use crate::video::{Camera, Clip, Frame};
+
+/// A ball around the object \[m\].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sphere {
+    /// Its centre.
+    pub centre: [f64; 3],
+    /// Its radius.
+    pub radius: f64,
+    /// Whether the distance from the camera had to be assumed, because a single camera saw the object.
+    pub assumed_depth: bool,
+}
+
+/// The voxels of a visual hull.
+#[derive(Debug, Clone)]
+pub struct Hull {
+    /// The lattice they lie on.
+    pub lattice: Lattice,
+    /// Flat numbers of the voxels inside, increasing.
+    pub voxels: Vec<u32>,
+}
+
+/// Where a silhouette is: the mean pixel, and its largest distance from there.
+struct Silhouette {
+    mean: [f64; 2],
+    reach: f64,
+}
+
+/// A ball around the object of one frame, from its silhouettes: the point nearest to all central rays, and the largest
+/// reach of a silhouette at its distance.
+///
+/// With a single camera, the point of its central ray nearest to the world's origin is taken.
+///
+/// # Errors
+/// [`ErrorKind::Input`] when no camera sees the object, or the cameras' rays do not meet in front of them.
+pub fn bounding_sphere(clip: &Clip, frame: usize) -> Result<Sphere> {
+    let views: Vec<(&Camera, Silhouette)> = clip
+        .cameras
+        .iter()
+        .zip(&clip.frames)
+        .filter_map(|(camera, frames)| Some((camera, silhouette(&frames[frame])?)))
+        .collect();
+    let no_object = |what: &str| {
+        Error::new(ErrorKind::Input, format!("frame {frame}: {what}"))
+            .at(clip.root.display())
+            .fix("check the masks of this frame with `gradreel check`, and that c2w is OpenGL (looks along −z, y up)")
+    };
+    if views.is_empty() {
+        return Err(no_object("no camera sees the object"));
+    }
+    // normal equations of the point nearest to all rays: Σ (I − d dᵀ) (x − o) = 0
+    let mut matrix = Mat::<f64>::zeros(3, 3);
+    let mut right = Mat::<f64>::zeros(3, 1);
+    let weight_of_origin = if views.len() == 1 { 1e-9 } else { 0.0 };
+    for i in 0..3 {
+        matrix[(i, i)] = weight_of_origin;
+    }
+    for (camera, silhouette) in &views {
+        let (origin, direction) = camera.ray(silhouette.mean[0], silhouette.mean[1]);
+        let norm = direction.iter().map(|d| d * d).sum::<f64>().sqrt();
+        let d = direction.map(|x| x / norm);
+        for i in 0..3 {
+            for j in 0..3 {
+                let projector = f64::from(u8::from(i == j)) - d[i] * d[j];
+                matrix[(i, j)] += projector;
+                right[(i, 0)] += projector * origin[j];
+            }
+        }
+    }
+    let solution = matrix.llt(Side::Lower).map_err(|_| no_object("the cameras' central rays are parallel"))?.solve(&right);
+    let centre = [solution[(0, 0)], solution[(1, 0)], solution[(2, 0)]];
+    let mut radius = 0.0f64;
+    for (camera, silhouette) in &views {
+        let [.., depth] = camera.project(centre).ok_or_else(|| no_object("the silhouettes meet behind a camera"))?;
+        radius = radius.max(silhouette.reach * depth / camera.fx.min(camera.fy));
+    }
+    Ok(Sphere { centre, radius: 1.1 * radius, assumed_depth: views.len() == 1 })
+}
+
+fn silhouette(frame: &Frame) -> Option<Silhouette> {
+    let (mut mass, mut mean) = (0.0, [0.0; 2]);
+    for ((row, column), &alpha) in frame.alpha.indexed_iter().filter(|(_, alpha)| **alpha > 0.5) {
+        mass += f64::from(alpha);
+        mean[0] += f64::from(alpha) * (column as f64 + 0.5);
+        mean[1] += f64::from(alpha) * (row as f64 + 0.5);
+    }
+    if mass == 0.0 {
+        return None;
+    }
+    let mean = mean.map(|m| m / mass);
+    let reach = frame.alpha.indexed_iter().filter(|(_, alpha)| **alpha > 0.5).fold(0.0f64, |reach, ((row, column), _)| {
+        reach.max((column as f64 + 0.5 - mean[0]).hypot(row as f64 + 0.5 - mean[1]))
+    });
+    Some(Silhouette { mean, reach })
+}
+
+/// Carves the hull of one frame out of a ball, on voxels of this spacing \[m\] at odd multiples of half of it.
+///
+/// A voxel stays if every camera that has it in its image sees coverage of at least `threshold` there.
+///
+/// # Errors
+/// [`ErrorKind::Input`] when nothing stays: masks and cameras contradict each other.
+pub fn hull(clip: &Clip, frame: usize, sphere: &Sphere, spacing: f64, threshold: f32) -> Result<Hull> {
+    let first = sphere.centre.map(|c| ((c - sphere.radius) / spacing).floor());
+    let last = sphere.centre.map(|c| ((c + sphere.radius) / spacing).ceil());
+    let dims: [usize; 3] = std::array::from_fn(|a| (last[a] - first[a]) as usize + 1);
+    let lattice = Lattice { origin: first.map(|i| (i + 0.5) * spacing), spacing, dims };
+    let inside = |flat: usize| {
+        let node = [flat / (dims[1] * dims[2]), flat / dims[2] % dims[1], flat % dims[2]];
+        let point: [f64; 3] = std::array::from_fn(|a| lattice.origin[a] + node[a] as f64 * spacing);
+        let from_centre: f64 = (0..3).map(|a| (point[a] - sphere.centre[a]).powi(2)).sum();
+        from_centre <= sphere.radius * sphere.radius && {
+            let mut views = clip.cameras.iter().zip(&clip.frames).filter_map(|(camera, frames)| {
+                let [u, v, _] = camera.project(point)?;
+                coverage(&frames[frame], u, v)
+            });
+            let mut seen = false;
+            views.all(|alpha| {
+                seen = true;
+                alpha >= threshold
+            }) && seen
+        }
+    };
+    let voxels: Vec<u32> = (0..lattice.len()).into_par_iter().filter(|&i| inside(i)).map(|i| i as u32).collect();
+    if voxels.is_empty() {
+        return Err(Error::new(ErrorKind::Input, format!("frame {frame}: the silhouettes have no body in common"))
+            .at(clip.root.display())
+            .found(format!("nothing within {:.3} m of {:.3?}", sphere.radius, sphere.centre))
+            .fix("check that c2w is camera-to-world (OpenGL: looks along −z, y up) and belongs to these images"));
+    }
+    Ok(Hull { lattice, voxels })
+}
+
+/// Coverage at a point of the image, bilinear; `None` outside, or where the frame's weight excludes it.
+fn coverage(frame: &Frame, u: f64, v: f64) -> Option<f32> {
+    let (height, width) = frame.alpha.dim();
+    if !(u >= 0.0 && v >= 0.0 && u < width as f64 && v < height as f64) {
+        return None;
+    }
+    let (x, y) = ((u - 0.5).clamp(0.0, width as f64 - 1.0), (v - 0.5).clamp(0.0, height as f64 - 1.0));
+    let (column, row) = (x as usize, y as usize);
+    let (right, below) = ((column + 1).min(width - 1), (row + 1).min(height - 1));
+    if frame.weight[[row, column]] < 0.5 {
+        return None;
+    }
+    let (fx, fy) = ((x - column as f64) as f32, (y - row as f64) as f32);
+    let top = frame.alpha[[row, column]] * (1.0 - fx) + frame.alpha[[row, right]] * fx;
+    let bottom = frame.alpha[[below, column]] * (1.0 - fx) + frame.alpha[[below, right]] * fx;
+    Some(top * (1.0 - fy) + bottom * fy)
+}

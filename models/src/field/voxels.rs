@@ -1,0 +1,85 @@
+//! The voxels of a field and what they stand for.
+
+use gradreel::ops::Lattice;
+use gradreel::optim::{Bound, Params};
+use gradreel::{DType, Result, Tensor, Var};
+use ndarray::Array2;
+
+use crate::field::Hull;
+use crate::video::Clip;
+
+/// Raw density and raw colour at the voxels of a hull; the numbers themselves are in a [`Params`] store under
+/// `field.density` `[voxels, 1]` and `field.colour` `[voxels, 3]`.
+///
+/// Opacity and colour are the logistic function of the raw values.
+#[derive(Debug, Clone)]
+pub struct Field {
+    /// The lattice of the voxels; its spacing is the particle spacing \[m\].
+    pub lattice: Lattice,
+    /// Flat numbers of the voxels on the lattice, increasing.
+    pub voxels: Vec<u32>,
+}
+
+/// Raw density of a voxel that the hull holds: opacity 0.98.
+const FILLED: f64 = 4.0;
+
+impl Field {
+    /// A field that fills a hull, with the mean colour of the object everywhere; returns the raw values too.
+    pub fn filling(hull: Hull, clip: &Clip) -> (Self, Params) {
+        let count = hull.voxels.len();
+        let mean = mean_colour(clip).map(|c| (c.clamp(0.02, 0.98) / (1.0 - c.clamp(0.02, 0.98))).ln() as f32);
+        let mut params = Params::new();
+        params.set("field.density", Tensor::full(FILLED, [count, 1], DType::F32));
+        params.set("field.colour", Tensor::from_vec(mean.repeat(count), [count, 3]));
+        (Self { lattice: hull.lattice, voxels: hull.voxels }, params)
+    }
+
+    /// Number of voxels.
+    pub fn len(&self) -> usize {
+        self.voxels.len()
+    }
+
+    /// Whether there are no voxels.
+    pub fn is_empty(&self) -> bool {
+        self.voxels.is_empty()
+    }
+
+    /// Centres of the voxels \[m\], `[voxels, 3]`.
+    pub fn centres(&self) -> Array2<f64> {
+        let [_, ny, nz] = self.lattice.dims;
+        Array2::from_shape_fn((self.len(), 3), |(i, axis)| {
+            let flat = self.voxels[i] as usize;
+            let node = [flat / (ny * nz), flat / nz % ny, flat % nz];
+            self.lattice.origin[axis] + node[axis] as f64 * self.lattice.spacing
+        })
+    }
+
+    /// Opacity of the voxels, `[voxels, 1]` in 0…1.
+    ///
+    /// # Errors
+    /// [`gradreel::ErrorKind::Input`] when the store holds no field.
+    pub fn opacity(&self, bound: &Bound) -> Result<Var> {
+        Ok(bound.get("field.density")?.logistic())
+    }
+
+    /// Colour of the voxels, `[voxels, 3]` in 0…1.
+    ///
+    /// # Errors
+    /// [`gradreel::ErrorKind::Input`] when the store holds no field.
+    pub fn colour(&self, bound: &Bound) -> Result<Var> {
+        Ok(bound.get("field.colour")?.logistic())
+    }
+}
+
+/// The mean colour of the object over all views of the first frame.
+fn mean_colour(clip: &Clip) -> [f64; 3] {
+    let (mut sum, mut mass) = ([0.0; 3], 0.0);
+    for frames in &clip.frames {
+        let frame = &frames[0];
+        for ((row, column), _) in frame.alpha.indexed_iter().filter(|(_, alpha)| **alpha > 0.9) {
+            (0..3).for_each(|c| sum[c] += f64::from(frame.rgb[[row, column, c]]));
+            mass += 1.0;
+        }
+    }
+    if mass == 0.0 { [0.5; 3] } else { sum.map(|s| s / mass) }
+}

@@ -1,0 +1,114 @@
+//! Particles: the material points that a field stands for.
+
+use gradreel::optim::Params;
+use gradreel::{DType, ErrorKind, Result, Tape, Tensor};
+
+use crate::field::Field;
+
+/// Material points at rest, with what the field says of each.
+#[derive(Debug, Clone)]
+pub struct Particles {
+    /// Positions in the first frame \[m\].
+    pub positions: Vec<[f64; 3]>,
+    /// Opacity in (0, 1]: the share of the particle's volume that is filled.
+    pub opacity: Vec<f64>,
+    /// Colour in 0…1.
+    pub colour: Vec<[f64; 3]>,
+    /// Distance between neighbours \[m\]; a particle stands for the cube of it.
+    pub spacing: f64,
+}
+
+impl Particles {
+    /// One particle for each voxel whose opacity is at least `least`.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] when the store holds no field, or none of its voxels is opaque enough.
+    pub fn of_field(field: &Field, params: &Params, least: f64) -> Result<Self> {
+        let tape = Tape::new();
+        let bound = params.bind(&tape);
+        let opacity = field.opacity(&bound)?.value()?.to_vec()?;
+        let colour = field.colour(&bound)?.value()?.to_vec()?;
+        let centres = field.centres();
+        let kept: Vec<usize> = (0..field.len()).filter(|&i| opacity[i] >= least).collect();
+        if kept.is_empty() {
+            return Err(gradreel::Error::new(ErrorKind::Input, "the fitted field is empty")
+                .found(format!("no voxel with an opacity of {least} or more"))
+                .fix("check the masks and cameras of the first frame with `gradreel check`"));
+        }
+        Ok(Self {
+            positions: kept.iter().map(|&i| [centres[[i, 0]], centres[[i, 1]], centres[[i, 2]]]).collect(),
+            opacity: kept.iter().map(|&i| opacity[i]).collect(),
+            colour: kept.iter().map(|&i| [0, 1, 2].map(|c| colour[3 * i + c])).collect(),
+            spacing: field.lattice.spacing,
+        })
+    }
+
+    /// The same body with particles of twice the spacing: each stands for the up to eight of its cube, at their centre of
+    /// mass, with their mean opacity (missing ones count as empty) and colour.
+    #[must_use]
+    pub fn coarsened(&self) -> Self {
+        let spacing = 2.0 * self.spacing;
+        let mut cubes = std::collections::BTreeMap::<[i64; 3], Vec<usize>>::new();
+        for (i, position) in self.positions.iter().enumerate() {
+            cubes.entry(position.map(|x| (x / spacing).floor() as i64)).or_default().push(i);
+        }
+        let mut coarse = Self { positions: vec![], opacity: vec![], colour: vec![], spacing };
+        for members in cubes.values() {
+            let mass: f64 = members.iter().map(|&i| self.opacity[i]).sum();
+            let mean = |of: &dyn Fn(usize) -> [f64; 3]| -> [f64; 3] {
+                [0, 1, 2].map(|axis| members.iter().map(|&i| self.opacity[i] * of(i)[axis]).sum::<f64>() / mass)
+            };
+            coarse.positions.push(mean(&|i| self.positions[i]));
+            coarse.colour.push(mean(&|i| self.colour[i]));
+            coarse.opacity.push(mass / 8.0);
+        }
+        coarse
+    }
+
+    /// Number of particles.
+    pub fn len(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.positions.is_empty()
+    }
+
+    /// The filled volume \[m³\].
+    pub fn volume(&self) -> f64 {
+        self.opacity.iter().sum::<f64>() * self.spacing.powi(3)
+    }
+
+    /// The centre of mass \[m\].
+    pub fn centre_of_mass(&self) -> [f64; 3] {
+        let mass: f64 = self.opacity.iter().sum();
+        [0, 1, 2].map(|axis| {
+            self.positions.iter().zip(&self.opacity).map(|(x, alpha)| alpha * x[axis]).sum::<f64>() / mass
+        })
+    }
+
+    /// Positions as a tensor `[particles, 3]` \[m\].
+    ///
+    /// # Errors
+    /// Never for `f32` and `f64`.
+    pub fn positions(&self, dtype: DType) -> Result<Tensor> {
+        Tensor::from_vec(self.positions.as_flattened().to_vec(), [self.len(), 3]).cast(dtype)
+    }
+
+    /// Opacities as a tensor `[particles, 1]`.
+    ///
+    /// # Errors
+    /// Never for `f32` and `f64`.
+    pub fn opacity(&self, dtype: DType) -> Result<Tensor> {
+        Tensor::from_vec(self.opacity.clone(), [self.len(), 1]).cast(dtype)
+    }
+
+    /// Colours as a tensor `[particles, 3]`.
+    ///
+    /// # Errors
+    /// Never for `f32` and `f64`.
+    pub fn colour(&self, dtype: DType) -> Result<Tensor> {
+        Tensor::from_vec(self.colour.as_flattened().to_vec(), [self.len(), 3]).cast(dtype)
+    }
+}

@@ -1,0 +1,64 @@
+//! The photometric loss: rendered pixels against those of the clip.
+
+use gradreel::{DType, Result, Tensor, Var};
+
+use crate::video::Clip;
+
+/// The pixels of one frame in the order of the rays: all cameras, row by row.
+#[derive(Debug, Clone)]
+pub struct Target {
+    /// Premultiplied red, green, blue and coverage, `[rays, 4]`.
+    pub rgba: Tensor,
+    /// What a squared residual of each channel counts, `[rays, 4]`: 0 for excluded pixels, and in total 1 for each pixel's
+    /// worth of object, so that the loss does not depend on the image size.
+    pub weight: Tensor,
+}
+
+/// What colour and coverage count in the loss.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Weights {
+    /// Weight of a squared colour residual (each of red, green, blue).
+    pub colour: f64,
+    /// Weight of a squared coverage residual.
+    pub coverage: f64,
+}
+
+impl Default for Weights {
+    fn default() -> Self {
+        Self { colour: 0.2, coverage: 1.0 }
+    }
+}
+
+impl Target {
+    /// The pixels of one frame of a clip.
+    pub fn of(clip: &Clip, frame: usize, weights: &Weights, dtype: DType) -> Result<Self> {
+        let (mut rgba, mut weight) = (Vec::new(), Vec::new());
+        let mut area = 0.0;
+        for frames in &clip.frames {
+            let image = &frames[frame];
+            for ((row, column), &alpha) in image.alpha.indexed_iter() {
+                // the image lies on white: premultiplied colour = image − (1 − alpha)
+                rgba.extend((0..3).map(|c| f64::from(image.rgb[[row, column, c]] - (1.0 - alpha)).max(0.0)));
+                rgba.push(f64::from(alpha));
+                let counts = f64::from(image.weight[[row, column]]);
+                weight.extend([weights.colour * counts; 3]);
+                weight.push(weights.coverage * counts);
+                area += f64::from(alpha) * counts;
+            }
+        }
+        let area = area.max(1.0);
+        weight.iter_mut().for_each(|w| *w /= area);
+        let rays = rgba.len() / 4;
+        Ok(Self {
+            rgba: Tensor::from_vec(rgba, [rays, 4]).cast(dtype)?,
+            weight: Tensor::from_vec(weight, [rays, 4]).cast(dtype)?,
+        })
+    }
+
+    /// `Σ weight · (rendered − target)²` for rendered pixels `[rays, 4]`.
+    pub fn loss(&self, rendered: &Var) -> Var {
+        let tape = rendered.tape();
+        let residual = rendered - &tape.constant(self.rgba.clone());
+        (&residual.square() * &tape.constant(self.weight.clone())).sum_all()
+    }
+}

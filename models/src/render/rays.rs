@@ -1,0 +1,50 @@
+//! Rays: one per pixel, through the pixel's centre.
+
+use rayon::prelude::*;
+
+use crate::video::Camera;
+
+/// Rays with unit directions, in metres.
+#[derive(Debug, Clone, Default)]
+pub struct Rays {
+    /// Where each ray starts.
+    pub origins: Vec<[f64; 3]>,
+    /// Where it goes; unit length.
+    pub directions: Vec<[f64; 3]>,
+}
+
+impl Rays {
+    /// One ray for every pixel of a camera, row by row.
+    pub fn of_camera(camera: &Camera) -> Self {
+        let pixels = camera.width * camera.height;
+        let ray = |i: usize| {
+            let (u, v) = ((i % camera.width) as f64 + 0.5, (i / camera.width) as f64 + 0.5);
+            let (origin, direction) = camera.ray(u, v);
+            let norm = direction.iter().map(|d| d * d).sum::<f64>().sqrt();
+            (origin, direction.map(|d| d / norm))
+        };
+        let (origins, directions) = (0..pixels).into_par_iter().map(ray).unzip();
+        Self { origins, directions }
+    }
+
+    /// The rays of several cameras, one camera after the other.
+    pub fn of_cameras<'a>(cameras: impl IntoIterator<Item = &'a Camera>) -> Self {
+        let mut rays = Self::default();
+        for camera in cameras {
+            let more = Self::of_camera(camera);
+            rays.origins.extend(more.origins);
+            rays.directions.extend(more.directions);
+        }
+        rays
+    }
+
+    /// Number of rays.
+    pub fn len(&self) -> usize {
+        self.origins.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.origins.is_empty()
+    }
+}

@@ -1,0 +1,21 @@
+//! The CPU backend: fixed work chunks over rayon's threads, so that results do not depend on the thread count.
+
+use rayon::prelude::*;
+
+/// Elements per work item of a pointwise loop: large enough to hide scheduling, small enough to stay in cache.
+pub(crate) const CHUNK: usize = 1 << 14;
+
+/// Fills a vector of `len` by chunks in parallel; `fill(start, chunk)` writes the elements from `start` on.
+pub(crate) fn filled<T: bytemuck::Zeroable + Clone + Send>(
+    len: usize,
+    chunk: usize,
+    fill: impl Fn(usize, &mut [T]) + Sync,
+) -> Vec<T> {
+    let mut values = vec![T::zeroed(); len];
+    if len <= chunk {
+        fill(0, &mut values);
+    } else {
+        values.par_chunks_mut(chunk).enumerate().for_each(|(i, part)| fill(i * chunk, part));
+    }
+    values
+}

@@ -1,0 +1,3 @@
+//! Files of tensors.
+
+pub mod safetensors;

@@ -1,0 +1,94 @@
+//! `concat`: tensors one after the other along an axis.
+
+use std::rc::Rc;
+
+use crate::ops::{Case, Entry, uniform};
+use crate::tape::{Backward, Forward, Op, Var};
+use crate::tensor::for_real;
+use crate::{Element, Error, ErrorKind, Result, Spec, Tensor};
+
+pub(super) const ENTRY: Entry = Entry {
+    name: "concat",
+    gpu: false,
+    cases: || {
+        let part = |seed, size| uniform(seed, [2, size, 3], -1.0..1.0);
+        vec![
+            Case::new(Concat { axis: 1 }, [part(1, 2), part(2, 1), part(3, 4)]),
+            Case::new(Concat { axis: 0 }, [part(1, 2), part(2, 2)]),
+            Case::new(Concat { axis: 2 }, [part(1, 2)]),
+        ]
+    },
+};
+
+#[derive(Debug)]
+struct Concat {
+    axis: usize,
+}
+
+impl Concat {
+    fn run<T: Element>(&self, inputs: &[Tensor]) -> Vec<T> {
+        let outer: usize = inputs[0].dims()[..self.axis].iter().product();
+        let rows: Vec<usize> = inputs.iter().map(|x| x.dims()[self.axis..].iter().product()).collect();
+        let mut joined = Vec::with_capacity(outer * rows.iter().sum::<usize>());
+        for o in 0..outer {
+            for (x, row) in inputs.iter().zip(&rows) {
+                joined.extend_from_slice(&x.slice::<T>()[o * row..(o + 1) * row]);
+            }
+        }
+        joined
+    }
+}
+
+impl Op for Concat {
+    fn name(&self) -> &'static str {
+        "concat"
+    }
+
+    fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
+        let without_axis = |x: &Spec| {
+            let mut dims = x.shape.dims().to_vec();
+            (self.axis < dims.len()).then(|| dims.remove(self.axis))?;
+            Some((dims, x.dtype))
+        };
+        let first = without_axis(&inputs[0]);
+        if first.is_none() || inputs.iter().any(|x| without_axis(x) != first) {
+            return Err(Error::new(ErrorKind::Shape, "concat: operands must agree in all axes but one")
+                .found(format!("{inputs:?} along axis {}", self.axis)));
+        }
+        let mut dims = inputs[0].shape.dims().to_vec();
+        dims[self.axis] = inputs.iter().map(|x| x.shape.dims()[self.axis]).sum();
+        Ok(Spec::new(dims, inputs[0].dtype))
+    }
+
+    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+        let specs: Vec<_> = inputs.iter().map(Tensor::spec).collect();
+        let spec = self.infer(&specs)?;
+        for_real!(spec.dtype, T => Ok(Tensor::from_vec(self.run::<T>(inputs), spec.shape).into()))
+    }
+
+    fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
+        let mut start = 0;
+        Ok(cx
+            .inputs()
+            .iter()
+            .map(|x| {
+                let range = start..start + x.dims()[self.axis];
+                start = range.end;
+                Some(cx.gradient().slice(self.axis, range))
+            })
+            .collect())
+    }
+}
+
+impl Var {
+    /// This tensor and others, one after the other along `axis`.
+    ///
+    /// # Panics
+    /// When they differ in another axis or in dtype.
+    #[track_caller]
+    #[must_use]
+    pub fn concat(&self, others: &[&Self], axis: usize) -> Self {
+        let inputs: Vec<_> = std::iter::once(self).chain(others.iter().copied()).collect();
+        Self::run(Rc::new(Concat { axis }), &inputs)
+    }
+}

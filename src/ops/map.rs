@@ -1,0 +1,186 @@
+//! Pointwise ops: a scalar program applied to every element.
+//!
+//! Operands have equal numbers of elements, or one element that is used for all. The derivative with respect to an operand
+//! is again a map (of the program's vjp), so pointwise ops can be differentiated any number of times.
+
+use std::cell::{OnceCell, RefCell};
+use std::collections::HashMap;
+use std::rc::Rc;
+
+use crate::backend::cpu::{CHUNK, filled};
+use crate::ops::{Case, Entry};
+use crate::scalar::{Lanes, Program, Real, Scalar};
+use crate::tape::{Backward, Forward, Op, Var};
+use crate::tensor::for_real;
+use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
+
+/// A pointwise op of `N` operands, written once as an ordinary function.
+pub struct Pointwise<const N: usize> {
+    /// Its name in errors and tables.
+    pub name: &'static str,
+    /// The function of one element per operand.
+    pub function: fn([Scalar; N]) -> Scalar,
+    /// Operands for the shared tests, including the places where it could break.
+    pub cases: fn() -> Vec<[Tensor; N]>,
+    /// The entry of the registry, which needs a function without captures: `|| cases(&OP)`.
+    pub entry: fn() -> Vec<Case>,
+}
+
+impl<const N: usize> Pointwise<N> {
+    /// The op with its program traced; the same one at every call of a thread, so that derivatives are built once.
+    pub fn op(&self) -> Rc<Map> {
+        thread_local! {
+            static TRACED: RefCell<HashMap<&'static str, Rc<Map>>> = RefCell::new(HashMap::new());
+        }
+        if let Some(map) = TRACED.with_borrow(|known| known.get(self.name).cloned()) {
+            return map;
+        }
+        let names: Vec<String> = (0..N).map(|i| format!("x{i}")).collect();
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        let program = Program::trace(self.name, &names, &["y"], |x| {
+            vec![(self.function)(std::array::from_fn(|i| x[i]))]
+        });
+        let map = Rc::new(Map::new(program));
+        TRACED.with_borrow_mut(|known| known.insert(self.name, map.clone()));
+        map
+    }
+
+    /// Applies it to variables, broadcasting them to a common shape.
+    ///
+    /// # Panics
+    /// When the shapes do not broadcast.
+    #[track_caller]
+    pub fn apply(&self, inputs: [&Var; N]) -> Var {
+        let mut shape = Shape::scalar();
+        for x in inputs {
+            shape = shape.broadcast(x.shape()).unwrap_or_else(|e| panic!("{}", e.at(self.name)));
+        }
+        let fits = |x: &Var| x.len() == 1 || x.len() == shape.len();
+        let stretched = inputs.map(|x| if fits(x) { x.clone() } else { x.broadcast_to(&shape) });
+        Var::run(self.op(), &stretched.each_ref())
+    }
+
+    /// Its place in the registry.
+    pub(crate) const fn entry(&self) -> Entry {
+        Entry { name: self.name, gpu: true, cases: self.entry }
+    }
+
+    /// Its cases as the registry wants them.
+    pub(crate) fn all_cases(&self) -> Vec<Case> {
+        (self.cases)().into_iter().map(|inputs| Case { op: self.op(), inputs: inputs.into() }).collect()
+    }
+}
+
+/// A scalar program with one output, as an op on tensors.
+#[derive(Debug)]
+pub struct Map {
+    program: Program,
+    derivatives: Vec<OnceCell<Rc<Map>>>,
+}
+
+impl Map {
+    /// The op of a program.
+    ///
+    /// # Panics
+    /// When the program has not exactly one output.
+    #[track_caller]
+    pub fn new(program: Program) -> Self {
+        assert_eq!(program.outputs().len(), 1, "map: the program {} must have one output", program.name());
+        let derivatives = (0..program.inputs().len()).map(|_| OnceCell::new()).collect();
+        Self { program, derivatives }
+    }
+
+    /// The program applied to each element.
+    pub fn program(&self) -> &Program {
+        &self.program
+    }
+
+    /// The map whose operands are this one's and the cotangent, and whose result is the cotangent of one operand.
+    fn derivative(&self, input: usize) -> Rc<Self> {
+        self.derivatives[input].get_or_init(|| Rc::new(Self::new(self.program.vjp_wrt(&[input])))).clone()
+    }
+
+    fn run<T: Real>(&self, inputs: &[Tensor], len: usize) -> Vec<T> {
+        let slices: Vec<&[T]> = inputs.iter().map(Tensor::slice).collect();
+        let program = &self.program;
+        filled(len, CHUNK, |start, out: &mut [T]| {
+            let lanes: Vec<Lanes<'_, T>> = slices
+                .iter()
+                .map(|x| match x {
+                    [one] => Lanes::Same(*one),
+                    many => Lanes::Each(&many[start..start + out.len()]),
+                })
+                .collect();
+            program.run(out.len(), &lanes, &mut [out]);
+        })
+    }
+}
+
+impl Op for Map {
+    fn name(&self) -> &str {
+        self.program.name()
+    }
+
+    fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
+        let wrong = |what: &str| {
+            Error::new(ErrorKind::Shape, format!("{}: {what}", self.name())).found(format!("{inputs:?}"))
+        };
+        if inputs.len() != self.program.inputs().len() {
+            return Err(wrong("wrong number of operands").wanted(self.program.inputs().len()));
+        }
+        let dtype = inputs[0].dtype;
+        if !dtype.is_real() || inputs.iter().any(|x| x.dtype != dtype) {
+            return Err(wrong("operands must be all f32 or all f64"));
+        }
+        let mut shape = Shape::scalar();
+        for x in inputs {
+            shape = shape.broadcast(&x.shape)?;
+        }
+        if inputs.iter().any(|x| x.shape.len() != 1 && x.shape.len() != shape.len()) {
+            return Err(wrong("operands must have one element or as many as the result").wanted(shape));
+        }
+        Ok(Spec { shape, dtype })
+    }
+
+    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+        let specs: Vec<_> = inputs.iter().map(Tensor::spec).collect();
+        let Spec { shape, dtype } = self.infer(&specs)?;
+        for_real!(dtype, T => Ok(Tensor::from_vec(self.run::<T>(inputs, shape.len()), shape).into()))
+    }
+
+    fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
+        Ok((0..cx.inputs().len())
+            .map(|i| {
+                cx.wants(i).then(|| {
+                    let x = cx.input(i);
+                    let operands: Vec<_> = cx.inputs().iter().chain([cx.gradient()]).collect();
+                    let cotangent = Var::run(self.derivative(i), &operands);
+                    let whole = if x.len() == cotangent.len() { cotangent } else { cotangent.sum_all() };
+                    whole.reshape(x.shape())
+                })
+            })
+            .collect())
+    }
+}
+
+impl Var {
+    /// Applies a function written once to every element: `x.map("cubed", |x| x * x * x)`.
+    ///
+    /// The function is traced at the call; keep a [`Map`] and use [`Var::apply`] in inner loops.
+    ///
+    /// ```
+    /// use gradreel::{Tape, Tensor};
+    ///
+    /// let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0f64, -2.0], [2]));
+    /// let y = x.map("swish", |x| x * x.logistic());
+    /// assert!((y.value()?.slice::<f64>()[0] - 0.731_058_578_630).abs() < 1e-9);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    #[track_caller]
+    #[must_use]
+    pub fn map(&self, name: &str, function: impl FnOnce(Scalar) -> Scalar) -> Self {
+        let program = Program::trace(name, &["x"], &["y"], |x| vec![function(x[0])]);
+        Self::run(Rc::new(Map::new(program)), &[self])
+    }
+}

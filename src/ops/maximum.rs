@@ -1,0 +1,28 @@
+//! `max(x, y)`; a tie gives its derivative to `x`.
+
+use crate::Var;
+use crate::ops::{Pointwise, uniform};
+
+pub(super) const MAXIMUM: Pointwise<2> = Pointwise {
+    name: "maximum",
+    function: |[x, y]| x.max(y),
+    cases: || {
+        vec![
+            [uniform(1, [4, 5], -3.0..3.0), uniform(2, [4, 5], -3.0..3.0)],
+            [uniform(1, [4, 5], -3.0..3.0), uniform(2, [1], -1.0..1.0)],
+        ]
+    },
+    entry: || MAXIMUM.all_cases(),
+};
+
+impl Var {
+    /// The larger of two numbers, element by element; a tie gives its derivative to `self`.
+    ///
+    /// # Panics
+    /// When the shapes do not broadcast.
+    #[track_caller]
+    #[must_use]
+    pub fn maximum(&self, other: &Self) -> Self {
+        MAXIMUM.apply([self, other])
+    }
+}

@@ -1,0 +1,75 @@
+//! `pad`: zeros before and after along one axis.
+
+use std::rc::Rc;
+
+use crate::ops::{Case, Entry, uniform};
+use crate::tape::{Backward, Forward, Op, Var};
+use crate::tensor::for_real;
+use crate::{Element, Error, ErrorKind, Result, Spec, Tensor};
+
+pub(super) const ENTRY: Entry = Entry {
+    name: "pad",
+    gpu: false,
+    cases: || {
+        let case = |axis, before, after| Case::new(Pad { axis, before, after }, [uniform(1, [2, 3, 2], -1.0..1.0)]);
+        vec![case(1, 1, 2), case(0, 0, 3), case(2, 2, 0), case(1, 0, 0)]
+    },
+};
+
+#[derive(Debug)]
+struct Pad {
+    axis: usize,
+    before: usize,
+    after: usize,
+}
+
+impl Pad {
+    fn run<T: Element>(&self, x: &Tensor, spec: &Spec) -> Vec<T> {
+        let inner: usize = x.dims()[self.axis + 1..].iter().product();
+        let (from, to) = (x.dims()[self.axis] * inner, spec.shape.dims()[self.axis] * inner);
+        let mut padded = vec![T::zeroed(); spec.shape.len()];
+        let outer: usize = x.dims()[..self.axis].iter().product();
+        for o in 0..outer {
+            padded[o * to + self.before * inner..][..from].copy_from_slice(&x.slice::<T>()[o * from..][..from]);
+        }
+        padded
+    }
+}
+
+impl Op for Pad {
+    fn name(&self) -> &'static str {
+        "pad"
+    }
+
+    fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
+        let mut dims = inputs[0].shape.dims().to_vec();
+        let Some(size) = dims.get_mut(self.axis) else {
+            return Err(Error::new(ErrorKind::Shape, "pad: no such axis")
+                .found(format!("axis {} of {:?}", self.axis, inputs[0])));
+        };
+        *size += self.before + self.after;
+        Ok(Spec::new(dims, inputs[0].dtype))
+    }
+
+    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+        let spec = self.infer(&[inputs[0].spec()])?;
+        for_real!(spec.dtype, T => Ok(Tensor::from_vec(self.run::<T>(&inputs[0], &spec), spec.shape).into()))
+    }
+
+    fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
+        let size = cx.input(0).dims()[self.axis];
+        Ok(vec![Some(cx.gradient().slice(self.axis, self.before..self.before + size))])
+    }
+}
+
+impl Var {
+    /// Zeros before and after along one axis.
+    ///
+    /// # Panics
+    /// When the axis does not exist.
+    #[track_caller]
+    #[must_use]
+    pub fn pad(&self, axis: usize, before: usize, after: usize) -> Self {
+        Self::run(Rc::new(Pad { axis, before, after }), &[self])
+    }
+}

@@ -1,0 +1,87 @@
+//! `permute`: reorders axes; copies.
+
+use std::rc::Rc;
+
+use crate::backend::cpu::{CHUNK, filled};
+use crate::ops::{Case, Entry, uniform};
+use crate::tape::{Backward, Forward, Op, Var};
+use crate::tensor::for_real;
+use crate::{Element, Error, ErrorKind, Result, Shape, Spec, Tensor};
+
+pub(super) const ENTRY: Entry = Entry {
+    name: "permute",
+    gpu: false,
+    cases: || {
+        let case = |order: &[usize]| Case::new(Permute { order: order.to_vec() }, [uniform(1, [2, 3, 4], -1.0..1.0)]);
+        vec![case(&[2, 0, 1]), case(&[1, 0, 2]), case(&[0, 1, 2])]
+    },
+};
+
+#[derive(Debug)]
+struct Permute {
+    order: Vec<usize>,
+}
+
+impl Permute {
+    fn shape(&self, x: &Shape) -> Shape {
+        Shape::from(self.order.iter().map(|&axis| x.dims()[axis]).collect::<Vec<_>>())
+    }
+
+    fn run<T: Element>(&self, x: &Tensor) -> Vec<T> {
+        let (values, strides) = (x.slice::<T>(), x.shape().strides());
+        let shape = self.shape(x.shape());
+        let steps: Vec<usize> = self.order.iter().map(|&axis| strides[axis]).collect();
+        filled(shape.len(), CHUNK, |start, part: &mut [T]| {
+            let mut index = shape.index(start);
+            for out in part {
+                *out = values[index.iter().zip(&steps).map(|(i, step)| i * step).sum::<usize>()];
+                for (i, size) in index.iter_mut().zip(shape.dims()).rev() {
+                    *i += 1;
+                    if *i < *size {
+                        break;
+                    }
+                    *i = 0;
+                }
+            }
+        })
+    }
+}
+
+impl Op for Permute {
+    fn name(&self) -> &'static str {
+        "permute"
+    }
+
+    fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
+        let mut sorted = self.order.clone();
+        sorted.sort_unstable();
+        if !sorted.iter().copied().eq(0..inputs[0].shape.rank()) {
+            return Err(Error::new(ErrorKind::Shape, "permute: the order must name every axis once")
+                .found(format!("{:?} for {:?}", self.order, inputs[0])));
+        }
+        Ok(Spec::new(self.shape(&inputs[0].shape), inputs[0].dtype))
+    }
+
+    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+        let x = &inputs[0];
+        for_real!(x.dtype(), T => Ok(Tensor::from_vec(self.run::<T>(x), self.shape(x.shape())).into()))
+    }
+
+    fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
+        let mut back = vec![0; self.order.len()];
+        self.order.iter().enumerate().for_each(|(to, &from)| back[from] = to);
+        Ok(vec![Some(cx.gradient().permute(&back))])
+    }
+}
+
+impl Var {
+    /// Reorders the axes: axis `i` of the result is axis `order[i]` of `self`.
+    ///
+    /// # Panics
+    /// When `order` does not name every axis once.
+    #[track_caller]
+    #[must_use]
+    pub fn permute(&self, order: &[usize]) -> Self {
+        Self::run(Rc::new(Permute { order: order.to_vec() }), &[self])
+    }
+}

@@ -1,0 +1,87 @@
+//! `slice`: a range along one axis.
+
+use std::ops::Range;
+use std::rc::Rc;
+
+use crate::ops::{Case, Entry, uniform};
+use crate::tape::{Backward, Forward, Op, Var};
+use crate::tensor::for_real;
+use crate::{Element, Error, ErrorKind, Result, Spec, Tensor};
+
+pub(super) const ENTRY: Entry = Entry {
+    name: "slice",
+    gpu: false,
+    cases: || {
+        let case = |axis, range| Case::new(Slice { axis, range }, [uniform(1, [2, 5, 3], -1.0..1.0)]);
+        vec![case(1, 1..4), case(0, 1..2), case(2, 0..3), case(1, 2..2)]
+    },
+};
+
+#[derive(Debug)]
+struct Slice {
+    axis: usize,
+    range: Range<usize>,
+}
+
+impl Slice {
+    fn run<T: Element>(&self, x: &Tensor) -> Vec<T> {
+        let inner: usize = x.dims()[self.axis + 1..].iter().product();
+        let row = x.dims()[self.axis] * inner;
+        let values = x.slice::<T>();
+        let outer: usize = x.dims()[..self.axis].iter().product();
+        let part = self.range.start * inner..self.range.end * inner;
+        (0..outer).flat_map(|o| &values[o * row..][part.clone()]).copied().collect()
+    }
+}
+
+impl Op for Slice {
+    fn name(&self) -> &'static str {
+        "slice"
+    }
+
+    fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
+        let mut dims = inputs[0].shape.dims().to_vec();
+        let fits = dims.get(self.axis).is_some_and(|&size| self.range.start <= self.range.end && self.range.end <= size);
+        if !fits {
+            return Err(Error::new(ErrorKind::Shape, "slice: the range is outside the axis")
+                .found(format!("{:?} along axis {} of {:?}", self.range, self.axis, inputs[0])));
+        }
+        dims[self.axis] = self.range.len();
+        Ok(Spec::new(dims, inputs[0].dtype))
+    }
+
+    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+        let spec = self.infer(&[inputs[0].spec()])?;
+        for_real!(spec.dtype, T => Ok(Tensor::from_vec(self.run::<T>(&inputs[0]), spec.shape).into()))
+    }
+
+    fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
+        let after = cx.input(0).dims()[self.axis] - self.range.end;
+        Ok(vec![Some(cx.gradient().pad(self.axis, self.range.start, after))])
+    }
+}
+
+impl Var {
+    /// The elements of `range` along `axis`.
+    ///
+    /// # Panics
+    /// When the axis does not exist or the range is outside of it.
+    #[track_caller]
+    #[must_use]
+    pub fn slice(&self, axis: usize, range: Range<usize>) -> Self {
+        Self::run(Rc::new(Slice { axis, range }), &[self])
+    }
+
+    /// The elements at `index` along `axis`, which is dropped.
+    ///
+    /// # Panics
+    /// When the axis or the index does not exist.
+    #[track_caller]
+    #[must_use]
+    pub fn select(&self, axis: usize, index: usize) -> Self {
+        let part = self.slice(axis, index..index + 1);
+        let mut dims = part.dims().to_vec();
+        dims.remove(axis);
+        part.reshape(dims)
+    }
+}

@@ -1,0 +1,20 @@
+//! `square`: `x²`.
+
+use crate::ops::{Pointwise, uniform};
+use crate::Var;
+
+pub(super) const SQUARE: Pointwise<1> = Pointwise {
+    name: "square",
+    function: |[x]| x.square(),
+    cases: || vec![[uniform(1, [4, 5], -3.0..3.0)]],
+    entry: || SQUARE.all_cases(),
+};
+
+impl Var {
+    /// The square of each element.
+    #[track_caller]
+    #[must_use]
+    pub fn square(&self) -> Self {
+        SQUARE.apply([self])
+    }
+}

@@ -1,0 +1,182 @@
+//! Reverse-mode automatic differentiation on a tape one can see.
+//!
+//! A [`Tape`] is made for one evaluation and dropped afterwards; there is no global mode. [`Tape::leaf`] marks a tensor whose
+//! gradient is wanted, [`Tape::constant`] one whose gradient is not. Applying an [`Op`] to [`Var`]s computes its value at
+//! once and, if a leaf is behind an operand, appends one node to a flat list. [`Var::backward`] walks that list from the
+//! end in a loop, so that a tape of a hundred thousand nodes needs no more stack than one of ten.
+//!
+//! Derivatives are written in ops ([`Op::vjp`] returns `Var`s): one rule serves both backends, and
+//! [`Var::gradients_of`] records them again for gradients of gradients.
+//!
+//! ```
+//! use gradreel::{Tape, Tensor};
+//!
+//! let tape = Tape::new();
+//! let x = tape.leaf(Tensor::from_vec(vec![1.0f64, 2.0, 3.0], [3]));
+//! let loss = x.square().sum_all();
+//! let gradients = loss.backward()?;
+//! assert_eq!(gradients.wrt(&x)?.slice::<f64>(), &[2.0, 4.0, 6.0]);
+//! # Ok::<(), gradreel::Error>(())
+//! ```
+
+mod anomaly;
+mod backward;
+pub mod gradcheck;
+mod op;
+mod remat;
+mod var;
+
+use std::cell::RefCell;
+use std::panic::Location;
+use std::rc::Rc;
+
+pub use backward::Gradients;
+pub use op::{Backward, Forward, Op};
+pub use var::Var;
+
+use crate::{Error, Result, Tensor};
+
+/// A record of the ops applied to some leaves; cloning it gives another handle to the same record.
+#[derive(Clone)]
+pub struct Tape(Rc<RefCell<Record>>);
+
+/// What a tape remembers.
+struct Record {
+    nodes: Vec<Node>,
+    anomaly: bool,
+    /// The first fault met by a method that cannot return it; every result is withheld after that.
+    fault: Option<Error>,
+}
+
+/// One applied op, or a leaf.
+struct Node {
+    op: Option<Applied>,
+    value: Tensor,
+    place: &'static Location<'static>,
+}
+
+/// The op of a node with what its derivative needs.
+struct Applied {
+    op: Rc<dyn Op>,
+    inputs: Vec<(Option<usize>, Tensor)>,
+    residual: Option<Rc<dyn std::any::Any>>,
+}
+
+impl Default for Tape {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Tape {
+    /// An empty tape.
+    pub fn new() -> Self {
+        Self(Rc::new(RefCell::new(Record { nodes: Vec::new(), anomaly: false, fault: None })))
+    }
+
+    /// An empty tape that checks every value and gradient and names the first op that made one non-finite, with the
+    /// caller's line, shapes and ranges. Costs one pass over each result.
+    pub fn with_anomaly_mode() -> Self {
+        let tape = Self::new();
+        tape.0.borrow_mut().anomaly = true;
+        tape
+    }
+
+    /// An empty tape that checks as this one does.
+    fn inner(&self) -> Self {
+        let tape = Self::new();
+        tape.0.borrow_mut().anomaly = self.0.borrow().anomaly;
+        tape
+    }
+
+    /// A variable whose gradient is wanted.
+    #[track_caller]
+    pub fn leaf(&self, value: Tensor) -> Var {
+        let node = Node { op: None, value: value.clone(), place: Location::caller() };
+        Var::new(self.clone(), Some(self.push(node)), value)
+    }
+
+    /// A variable without gradient.
+    pub fn constant(&self, value: Tensor) -> Var {
+        Var::new(self.clone(), None, value)
+    }
+
+    /// Number of recorded nodes, leaves included.
+    pub fn len(&self) -> usize {
+        self.0.borrow().nodes.len()
+    }
+
+    /// Whether nothing was recorded.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Bytes of the values that the nodes hold.
+    pub fn memory(&self) -> usize {
+        self.0.borrow().nodes.iter().map(|node| node.value.len() * node.value.dtype().size()).sum()
+    }
+
+    /// The first fault met by a method that could not return it (a device lost under `a + b`, a non-finite value in
+    /// anomaly mode).
+    ///
+    /// # Errors
+    /// That fault. [`Var::value`] and [`Var::backward`] return it, too.
+    pub fn check(&self) -> Result<()> {
+        self.0.borrow().fault.clone().map_or(Ok(()), Err)
+    }
+
+    /// Applies an op; records it if the gradient of an operand is wanted.
+    ///
+    /// # Errors
+    /// What [`Op::infer`] and [`Op::forward`] return; in anomaly mode, a non-finite result.
+    #[track_caller]
+    pub fn apply(&self, op: Rc<dyn Op>, inputs: &[&Var]) -> Result<Var> {
+        let place = Location::caller();
+        let specs: Vec<_> = inputs.iter().map(|x| x.spec()).collect();
+        let expected = op.infer(&specs).map_err(|e| e.at(format!("{} (called at {place})", op.name())))?;
+        let values: Vec<_> = inputs.iter().map(|x| x.tensor().clone()).collect();
+        let Forward { output, residual } = op.forward(&values)?;
+        assert_eq!(output.spec(), expected, "{}: the result is not what its shape rule promised", op.name());
+        if self.0.borrow().anomaly {
+            anomaly::check_value(&*op, &values, &output, place)?;
+        }
+        if inputs.iter().all(|x| x.node().is_none()) {
+            return Ok(self.constant(output));
+        }
+        let inputs = inputs.iter().map(|x| (x.node(), x.tensor().clone())).collect();
+        let node = Node { op: Some(Applied { op, inputs, residual }), value: output.clone(), place };
+        Ok(Var::new(self.clone(), Some(self.push(node)), output))
+    }
+
+    /// Applies an op on behalf of a method that returns a plain `Var`.
+    ///
+    /// # Panics
+    /// For a wrong shape, at the caller's line. Any other fault is kept by the tape (see [`Tape::check`]).
+    #[track_caller]
+    pub(crate) fn apply_or_keep_fault(&self, op: Rc<dyn Op>, inputs: &[&Var]) -> Var {
+        let specs: Vec<_> = inputs.iter().map(|x| x.spec()).collect();
+        let expected = match op.infer(&specs) {
+            Ok(expected) => expected,
+            Err(error) => panic!("{}", error.at(op.name())),
+        };
+        self.apply(op, inputs).unwrap_or_else(|fault| {
+            self.keep_fault(fault);
+            self.constant(Tensor::zeros(expected.shape, expected.dtype))
+        })
+    }
+
+    /// Keeps the first fault; every result is withheld from then on.
+    pub(crate) fn keep_fault(&self, fault: Error) {
+        self.0.borrow_mut().fault.get_or_insert(fault);
+    }
+
+    fn push(&self, node: Node) -> usize {
+        let mut record = self.0.borrow_mut();
+        record.nodes.push(node);
+        record.nodes.len() - 1
+    }
+
+    fn same(&self, other: &Self) -> bool {
+        Rc::ptr_eq(&self.0, &other.0)
+    }
+}

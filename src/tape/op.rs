@@ -1,0 +1,171 @@
+//! The contract of a differentiable operation.
+
+use std::any::Any;
+use std::fmt::Debug;
+use std::rc::Rc;
+
+use crate::backend::gpu::Gpu;
+use crate::tape::Var;
+use crate::{Device, Error, ErrorKind, Result, Spec, Tensor};
+
+/// A differentiable operation: shape rule, forward per backend, derivative written in ops.
+///
+/// Ops of the crate are listed in [`crate::ops::registry`] and inherit its tests. An op of your own needs no list: implement
+/// this trait, call [`Var::apply`], and check it with [`crate::gradcheck`].
+///
+/// ```
+/// use std::rc::Rc;
+/// use gradreel::{Backward, Forward, Op, Result, Spec, Tape, Tensor, Var};
+///
+/// /// `y = x³`, written by hand.
+/// #[derive(Debug)]
+/// struct Cube;
+///
+/// impl Op for Cube {
+///     fn name(&self) -> &str { "cube" }
+///     fn infer(&self, inputs: &[Spec]) -> Result<Spec> { Ok(inputs[0].clone()) }
+///     fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+///         let cubes = inputs[0].slice::<f64>().iter().map(|x| x * x * x).collect();
+///         Ok(Tensor::from_vec(cubes, inputs[0].shape()).into())
+///     }
+///     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
+///         Ok(vec![Some(cx.gradient() * &(&cx.input(0).square() * 3.0))])
+///     }
+/// }
+///
+/// let tape = Tape::new();
+/// let x = tape.leaf(Tensor::from_vec(vec![2.0f64], [1]));
+/// let y = x.apply(Cube, &[])?;
+/// assert_eq!(y.sum_all().backward()?.wrt(&x)?.slice::<f64>(), &[12.0]);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
+pub trait Op: Debug + 'static {
+    /// Its name in errors, tables and kernel files.
+    fn name(&self) -> &str;
+
+    /// Shape and dtype of the result, or why the operands do not fit.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Shape`] with what was found and wanted.
+    fn infer(&self, inputs: &[Spec]) -> Result<Spec>;
+
+    /// Computes the result on the CPU.
+    ///
+    /// # Errors
+    /// Data, physics and unsupported dtypes; never shapes, which [`Op::infer`] has checked.
+    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward>;
+
+    /// Computes the result on a GPU. Without one of its own, the op says at the call that it has no kernel there.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Unsupported`] without a kernel; [`ErrorKind::Device`] when the device fails.
+    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+        let _ = (gpu, inputs);
+        Err(Error::new(ErrorKind::Unsupported, format!("{} has no WGSL kernel", self.name()))
+            .fix("move its operands to the CPU with to_device(&Device::Cpu)"))
+    }
+
+    /// Computes the result where the operands live.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Device`] when the operands live on different devices, and what the backends return.
+    fn forward(&self, inputs: &[Tensor]) -> Result<Forward> {
+        let device = inputs.first().map_or(Device::Cpu, Tensor::device);
+        if let Some(stray) = inputs.iter().find(|x| x.device() != device) {
+            return Err(Error::new(ErrorKind::Device, format!("{}: operands live on different devices", self.name()))
+                .found(format!("{device} and {}", stray.device()))
+                .fix("move them to one device with to_device"));
+        }
+        match device {
+            Device::Cpu => self.forward_cpu(inputs),
+            Device::Gpu(gpu) => self.forward_gpu(&gpu, inputs),
+        }
+    }
+
+    /// Vector-Jacobian product: for each operand, the cotangent that belongs to the result's, or `None` where the operand
+    /// is not differentiable (indices, say).
+    ///
+    /// # Errors
+    /// What the ops it is written in return.
+    fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>>;
+}
+
+/// What a forward pass hands on: the result, and anything the derivative wants to keep.
+pub struct Forward {
+    /// The result.
+    pub output: Tensor,
+    /// Handed to [`Op::vjp`] through [`Backward::residual`].
+    pub residual: Option<Rc<dyn Any>>,
+}
+
+impl Forward {
+    /// A result with something kept for the backward pass.
+    pub fn with_residual(output: Tensor, residual: impl Any) -> Self {
+        Self { output, residual: Some(Rc::new(residual)) }
+    }
+}
+
+impl From<Tensor> for Forward {
+    fn from(output: Tensor) -> Self {
+        Self { output, residual: None }
+    }
+}
+
+/// What [`Op::vjp`] may use: the cotangent of the result, the operands, the result and the residual.
+pub struct Backward<'a> {
+    pub(super) gradient: &'a Var,
+    pub(super) inputs: &'a [Var],
+    pub(super) wanted: &'a [bool],
+    pub(super) output: &'a Var,
+    pub(super) residual: Option<&'a Rc<dyn Any>>,
+    pub(super) live: bool,
+}
+
+impl Backward<'_> {
+    /// The cotangent of the result.
+    pub fn gradient(&self) -> &Var {
+        self.gradient
+    }
+
+    /// An operand.
+    pub fn input(&self, index: usize) -> &Var {
+        &self.inputs[index]
+    }
+
+    /// All operands.
+    pub fn inputs(&self) -> &[Var] {
+        self.inputs
+    }
+
+    /// Whether anybody wants the gradient of this operand; others may be left `None`.
+    pub fn wants(&self, index: usize) -> bool {
+        self.wanted[index]
+    }
+
+    /// The result.
+    pub fn output(&self) -> &Var {
+        self.output
+    }
+
+    /// For derivatives that are kernels rather than ops: refuses to be recorded.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Unsupported`] when the caller wants gradients of gradients, which would silently be incomplete.
+    pub fn first_order_only(&self, op: &str) -> Result<()> {
+        if !self.live {
+            return Ok(());
+        }
+        Err(Error::new(ErrorKind::Unsupported, format!("{op} cannot be differentiated twice"))
+            .found("its derivative is a fused kernel, not written in ops")
+            .fix("use Var::backward, or compose it of ops whose derivatives are written in ops"))
+    }
+
+    /// What the forward pass kept.
+    ///
+    /// # Panics
+    /// When the forward pass kept nothing, or something of another type.
+    #[track_caller]
+    pub fn residual<T: 'static>(&self) -> &T {
+        self.residual.and_then(|r| r.downcast_ref()).expect("the forward pass keeps a residual of this type")
+    }
+}

@@ -1,0 +1,148 @@
+//! Shapes: sizes per axis, row-major, and the broadcasting rule.
+
+use std::fmt;
+
+use crate::tensor::DType;
+use crate::{Error, ErrorKind, Result};
+
+/// Sizes per axis, outermost first. A scalar has no axes.
+///
+/// ```
+/// use gradreel::Shape;
+///
+/// let image = Shape::from([4, 1, 3]);
+/// assert_eq!(image.len(), 12);
+/// assert_eq!(image.broadcast(&Shape::from([5, 1])).unwrap(), Shape::from([4, 5, 3]));
+/// assert!(image.broadcast(&Shape::from([2])).is_err());
+/// ```
+#[derive(Clone, PartialEq, Eq, Hash, Default)]
+pub struct Shape(Vec<usize>);
+
+impl Shape {
+    /// The shape of a scalar: no axes, one element.
+    pub fn scalar() -> Self {
+        Self::default()
+    }
+
+    /// Sizes per axis.
+    pub fn dims(&self) -> &[usize] {
+        &self.0
+    }
+
+    /// Number of axes.
+    pub fn rank(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Number of elements; 1 for a scalar, 0 when an axis is empty.
+    pub fn len(&self) -> usize {
+        self.0.iter().product()
+    }
+
+    /// Whether there are no elements.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Distance in elements between neighbours along each axis.
+    pub fn strides(&self) -> Vec<usize> {
+        let mut strides = vec![1; self.rank()];
+        for axis in (1..self.rank()).rev() {
+            strides[axis - 1] = strides[axis] * self.0[axis];
+        }
+        strides
+    }
+
+    /// The common shape of two operands: axes are aligned at the last one, and an axis of size 1 stretches.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Shape`] when two sizes differ and neither is 1.
+    pub fn broadcast(&self, other: &Self) -> Result<Self> {
+        let rank = self.rank().max(other.rank());
+        let size = |shape: &Self, axis: usize| (axis + shape.rank()).checked_sub(rank).map_or(1, |a| shape.0[a]);
+        (0..rank)
+            .map(|axis| match (size(self, axis), size(other, axis)) {
+                (a, b) if a == b => Ok(a),
+                (1, b) => Ok(b),
+                (a, 1) => Ok(a),
+                (a, b) => Err(Error::new(ErrorKind::Shape, "shapes do not broadcast")
+                    .found(format!("{self} and {other}"))
+                    .wanted(format!("equal sizes or 1 on axis {axis}, not {a} and {b}"))),
+            })
+            .collect::<Result<Vec<_>>>()
+            .map(Self)
+    }
+
+    /// The flat offset of a multi-index.
+    pub fn offset(&self, index: &[usize]) -> usize {
+        index.iter().zip(&self.0).fold(0, |offset, (i, size)| offset * size + i)
+    }
+
+    /// The multi-index of a flat offset.
+    pub fn index(&self, offset: usize) -> Vec<usize> {
+        let mut rest = offset;
+        let mut index = vec![0; self.rank()];
+        for (i, size) in index.iter_mut().zip(&self.0).rev() {
+            (*i, rest) = (rest % size, rest / size);
+        }
+        index
+    }
+}
+
+impl<const N: usize> From<[usize; N]> for Shape {
+    fn from(dims: [usize; N]) -> Self {
+        Self(dims.to_vec())
+    }
+}
+
+impl From<Vec<usize>> for Shape {
+    fn from(dims: Vec<usize>) -> Self {
+        Self(dims)
+    }
+}
+
+impl From<&[usize]> for Shape {
+    fn from(dims: &[usize]) -> Self {
+        Self(dims.to_vec())
+    }
+}
+
+impl From<&Shape> for Shape {
+    fn from(shape: &Shape) -> Self {
+        shape.clone()
+    }
+}
+
+impl fmt::Display for Shape {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:?}", self.0)
+    }
+}
+
+impl fmt::Debug for Shape {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{self}")
+    }
+}
+
+/// What an op needs to know of an operand before it runs: its shape and dtype.
+#[derive(Clone, PartialEq, Eq)]
+pub struct Spec {
+    /// Sizes per axis.
+    pub shape: Shape,
+    /// Element type.
+    pub dtype: DType,
+}
+
+impl Spec {
+    /// A spec of this shape and dtype.
+    pub fn new(shape: impl Into<Shape>, dtype: DType) -> Self {
+        Self { shape: shape.into(), dtype }
+    }
+}
+
+impl fmt::Debug for Spec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}{}", self.dtype, self.shape)
+    }
+}
