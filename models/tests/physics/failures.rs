@@ -1,0 +1,93 @@
+//! Simulations that cannot work, and what the user reads then.
+
+use gradreel::{Error, ErrorKind};
+use gradreel_models::physics::{Remat, Schedule};
+
+use crate::scene_tape::Drop;
+
+#[track_caller]
+fn refused(drop: Drop, kind: ErrorKind, words: &[&str]) -> Error {
+    let error = drop.run(Remat::None, false).expect_err("this rollout cannot work");
+    let text = error.to_string();
+    assert_eq!(error.kind(), kind, "{text}");
+    for word in words {
+        assert!(text.contains(word), "'{word}' is missing in:\n{text}");
+    }
+    error
+}
+
+#[test]
+fn a_substep_above_the_wave_speed_bound_does_not_start() {
+    let mut drop = Drop::new(3);
+    drop.young = vec![5e9];
+    refused(drop, ErrorKind::Physics, &["substep is too long", "neo_hookean", "m/s", "at least", "instead of 24"]);
+}
+
+#[test]
+fn a_particle_that_crosses_a_cell_is_named() {
+    let mut drop = Drop::new(3);
+    drop.velocity = vec![0.0, 0.0, 200.0];
+    refused(drop, ErrorKind::Physics, &["crosses a cell", "particle 0", "substep 0", "position", "2.0000e2 m/s"]);
+}
+
+#[test]
+fn an_inverted_particle_is_named() {
+    let mut drop = Drop::new(3);
+    let n = drop.positions.len() / 3;
+    // Two halves shot at each other.
+    drop.velocity = (0..n).flat_map(|p| [if drop.positions[3 * p] > 0.045 { -70.0 } else { 70.0 }, 0.0, 0.0]).collect();
+    drop.young = vec![10.0];
+    let error = refused(drop, ErrorKind::Physics, &["unstable", "particle", "substep", "t = "]);
+    assert!(error.to_string().contains("det F") || error.to_string().contains("crosses"), "{error}");
+}
+
+#[test]
+fn a_particle_outside_the_bounds_is_named() {
+    let mut drop = Drop::new(3);
+    drop.world.bounds = Some([[-1.0, 0.0, -1.0], [1.0, 1.0, 0.03]]);
+    drop.velocity = vec![0.0, 0.0, 2.0];
+    refused(drop, ErrorKind::Physics, &["left the world's bounds", "particle", "substep", "position"]);
+}
+
+#[test]
+fn particles_too_far_apart_do_not_exhaust_the_memory() {
+    let mut drop = Drop::new(3);
+    drop.positions[0] = 1e4;
+    drop.positions[4] = 1e4;
+    refused(drop, ErrorKind::Physics, &["too far apart", "nodes"]);
+    let mut drop = Drop::new(3);
+    drop.positions[0] = 1e30;
+    refused(drop, ErrorKind::Physics, &["too far apart"]);
+}
+
+#[test]
+fn numbers_that_are_not_finite_are_found() {
+    let names = ["positions", "velocity", "density", "young", "poisson"];
+    for (index, name) in names.into_iter().enumerate() {
+        for value in [f64::NAN, f64::INFINITY] {
+            let mut drop = Drop::new(3);
+            drop.inputs()[index][0] = value;
+            refused(drop, ErrorKind::NonFinite, &[name]);
+        }
+    }
+}
+
+#[test]
+fn a_world_or_schedule_without_sense_is_refused() {
+    let mut drop = Drop::new(3);
+    drop.world.dx = 0.0;
+    refused(drop, ErrorKind::Input, &["grid spacing"]);
+    let mut drop = Drop::new(3);
+    drop.schedule = Schedule { substeps: 0, ..drop.schedule };
+    refused(drop, ErrorKind::Input, &["schedule"]);
+    let mut drop = Drop::new(3);
+    drop.density = vec![-1000.0];
+    refused(drop, ErrorKind::Input, &["density"]);
+}
+
+#[test]
+fn shapes_that_do_not_fit_are_explained() {
+    let mut drop = Drop::new(3);
+    drop.density = vec![1000.0; 2];
+    refused(drop, ErrorKind::Shape, &["density", "[1] or [27]"]);
+}
