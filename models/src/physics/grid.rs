@@ -4,7 +4,7 @@
 //! parallel, then odd ones; within a slab particles keep their order. Every node therefore sums in one fixed order,
 //! whatever the number of threads.
 
-use gradreel::scalar::Real;
+use gradreel::Element;
 use rayon::prelude::*;
 
 use super::collider::{collide, collide_vjp};
@@ -103,7 +103,7 @@ pub(crate) fn update_vjp<T: Number>(world: &World, lattice: &Lattice<T>, dt: f64
             if value[3] > least {
                 let node = [x, at / lattice.shape[2], at % lattice.shape[2]];
                 let free = free_velocity(value, kick);
-                let after = [g[0], g[1], g[2]].map(Real::to_f64);
+                let after = [g[0], g[1], g[2]].map(Element::to_f64);
                 let (v, before) = collide_vjp(&world.colliders, lattice.node(node), free, after);
                 let mass = value[3].to_f64();
                 let momentum: [f64; 3] = std::array::from_fn(|i| value[i].to_f64());

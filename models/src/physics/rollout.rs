@@ -234,7 +234,7 @@ fn triples<T: Number + Element>(tensor: &Tensor) -> Vec<[T; 3]> {
 /// Sums over particles, in `f64`, in grid order.
 fn total<T: Number>(values: &[T], width: usize) -> Vec<T> {
     (0..width)
-        .map(|k| <T as Real>::from_f64(values.iter().skip(k).step_by(width).map(|&value| Real::to_f64(value)).sum()))
+        .map(|k| T::from_f64(values.iter().skip(k).step_by(width).map(|&value| Element::to_f64(value)).sum()))
         .collect()
 }
 
