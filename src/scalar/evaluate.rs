@@ -83,20 +83,20 @@ impl Program {
     #[track_caller]
     fn check_lanes<T>(&self, len: usize, inputs: &[Lanes<'_, T>], outputs: &[&mut [T]]) {
         let name = self.name();
-        let count =
-            |what, found, wanted| assert!(found == wanted, "scalar program {name}: {found} {what}, {wanted} wanted");
-        count("inputs", inputs.len(), self.inputs().len());
-        count("outputs", outputs.len(), self.outputs().len());
-        let length = |which: &str, of: &str, found| {
-            assert!(found == len, "scalar program {name}: {which} {of} has {found} lanes, {len} wanted");
-        };
+        for (what, found, wanted) in
+            [("inputs", inputs.len(), self.inputs().len()), ("outputs", outputs.len(), self.outputs().len())]
+        {
+            assert!(found == wanted, "scalar program {name}: {found} {what}, {wanted} wanted");
+        }
         for (input, of) in inputs.iter().zip(self.inputs()) {
             if let Lanes::Each(values) = input {
-                length("input", of, values.len());
+                let found = values.len();
+                assert!(found == len, "scalar program {name}: input {of} has {found} lanes, {len} wanted");
             }
         }
         for (output, of) in outputs.iter().zip(self.outputs()) {
-            length("output", of, output.len());
+            let found = output.len();
+            assert!(found == len, "scalar program {name}: output {of} has {found} lanes, {len} wanted");
         }
     }
 }
