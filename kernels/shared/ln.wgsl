@@ -23,7 +23,8 @@ fn scalar_ln(x: f32) -> f32 {
     let f = m - 1.0;
     let tail = scalar_ln_tail(f) + e * -2.9088971e-5;
     let value = e * 0.69317627 + (f + tail);
-    // Outside the domain, from bits that are not known before the shader runs: -inf at 0, NaN below, x for +inf and NaN.
+    // Outside the domain, from bits that are not known before the shader runs: -inf at 0, NaN below, x for +inf and
+    // NaN.
     let raw = bitcast<u32>(x);
     let edge = bitcast<f32>(select(raw | 0x7fc00000u, raw | 0xff800000u, (raw & 0x7fffffffu) == 0u));
     let finite = select(edge, value, x > 0.0);

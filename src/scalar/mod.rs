@@ -1,7 +1,8 @@
 //! Scalar programs: write a pointwise function once, differentiate it, run it anywhere.
 //!
 //! An activation, a loss term, a boundary rule or the law of a material is an ordinary Rust function over [`Scalar`]s,
-//! [`Vec3`]s and [`Mat3`]s. [`Program::trace`] calls it *once*, with symbolic inputs, and keeps the operations it performed:
+//! [`Vec3`]s and [`Mat3`]s. [`Program::trace`] calls it *once*, with symbolic inputs, and keeps the operations it
+//! performed:
 //!
 //! ```text
 //!  fn(Scalar) ──trace──▶ Program ──vjp, jvp──▶ Program        derivatives are programs too
@@ -32,17 +33,17 @@
 //! ```
 //!
 //! # What a traced function can and cannot do
-//! Loops over fixed counts, calls, matrices and closures all work: they have run by the time tracing ends. What depends on a
-//! *value* has to be an operation: a comparison gives a [`Condition`], and [`Condition::select`] takes one of two
+//! Loops over fixed counts, calls, matrices and closures all work: they have run by the time tracing ends. What depends
+//! on a *value* has to be an operation: a comparison gives a [`Condition`], and [`Condition::select`] takes one of two
 //! results, both of which are computed. There is no loop whose length depends on a value.
 //!
 //! # How it is kept
-//! A program is a list of nodes, operands first. Every new node is simplified against the ones before it and looked up among
-//! them, so that an expression written twice is computed once; what no output needs is dropped at the end. Derivatives
-//! replay the list in a new trace with the rules of `derivative.rs`, written in the same operators. For the CPU the list is
-//! lowered to register code (`lower.rs`) that is interpreted over blocks of 256 lanes (`evaluate.rs`), one pass
-//! over the block per instruction, with the widest vectors the processor has (`lanes.rs`). The cost of interpreting is
-//! spread over 256 lanes and vanishes beside the arithmetic.
+//! A program is a list of nodes, operands first. Every new node is simplified against the ones before it and looked up
+//! among them, so that an expression written twice is computed once; what no output needs is dropped at the end.
+//! Derivatives replay the list in a new trace with the rules of `derivative.rs`, written in the same operators. For the
+//! CPU the list is lowered to register code (`lower.rs`) that is interpreted over blocks of 256 lanes (`evaluate.rs`),
+//! one pass over the block per instruction, with the widest vectors the processor has (`lanes.rs`). The cost of
+//! interpreting is spread over 256 lanes and vanishes beside the arithmetic.
 //!
 //! # NaN and infinity
 //! They travel as IEEE 754 says; `min` and `max` pass NaN on from either side. Only a product with the constant 0 is

@@ -1,6 +1,7 @@
 //! The arena a function's operations are written into while it is being traced.
 //!
-//! One per [`Program::trace`](super::Program::trace) call, kept on a thread-local stack so that a trace may start another.
+//! One per [`Program::trace`](super::Program::trace) call, kept on a thread-local stack so that a trace may start
+//! another.
 
 use std::cell::RefCell;
 use std::sync::atomic::{AtomicU64, Ordering};
