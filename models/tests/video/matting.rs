@@ -115,7 +115,7 @@ fn the_object_without_its_shadow() {
         // Nothing of the shadow, well away from the outline: the hole included, for the floor shows through it.
         for ((y, x), &a) in frame.alpha.indexed_iter() {
             let r = (x as f64 + 0.5 - 48.0).hypot(y as f64 + 0.5 - 44.0);
-            assert!(!(r > 22.5 || r < 5.5) || a == 0.0, "{name}: alpha {a} at ({x}, {y})");
+            assert!((5.5..=22.5).contains(&r) || a == 0.0, "{name}: alpha {a} at ({x}, {y})");
         }
         println!("{name}: IoU {quality:.4}");
     }
@@ -130,8 +130,8 @@ fn no_fringe_of_the_background() {
     for ((y, x), &a) in frame.alpha.indexed_iter() {
         let truth = coverage(x, y);
         if truth > 0.05 && truth < 0.95 {
-            for c in 0..3 {
-                let clean = f64::from(a) * srgb(BLUE[c]) + 1.0 - f64::from(a);
+            for (c, &blue) in BLUE.iter().enumerate() {
+                let clean = f64::from(a) * srgb(blue) + 1.0 - f64::from(a);
                 error += (f64::from(frame.rgb[[y, x, c]]) - clean).abs();
             }
             error += (f64::from(a) - truth).abs();
