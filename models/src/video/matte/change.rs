@@ -1,7 +1,7 @@
 //! How much each pixel changed against the plate, beyond what a shadow does.
 
 /// Light added before taking ratios, so that dark pixels do not drown in noise (share of full scale).
-pub(super) const FLOOR: f32 = 0.02;
+pub(super) const FLOOR: f32 = 0.04;
 /// A shadow leaves at least this share of the plate's light …
 const DARKEST_SHADOW: f32 = 0.12;
 /// … and light reflected by the object adds at most this share.
