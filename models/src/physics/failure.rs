@@ -1,7 +1,6 @@
 //! Naming what went wrong when a substep breaks down.
 
-use gradreel::scalar::Real;
-use gradreel::{Error, ErrorKind};
+use gradreel::{Element, Error, ErrorKind};
 
 use super::row::Number;
 use super::state::{F, State, V};
@@ -28,8 +27,8 @@ pub(crate) fn failure<T: Number>(
     next: &State<T>,
     records: &[Record<T>],
 ) -> Error {
-    let v = next.read(particle, V).map(Real::to_f64);
-    let x = next.read(particle, 0).map(Real::to_f64);
+    let v = next.read(particle, V).map(Element::to_f64);
+    let x = next.read(particle, 0).map(Element::to_f64);
     if v.iter().any(|v| !v.is_finite()) {
         return not_finite(moment, particle, now, next, records);
     }
@@ -63,12 +62,12 @@ fn not_finite<T: Number>(
 ) -> Error {
     let source = records.iter().position(|record| record.iter().any(|value| !value.is_finite()));
     let culprit = source.unwrap_or(particle);
-    let f: [[f64; 3]; 3] = std::array::from_fn(|row| next.read(culprit, F + 3 * row).map(Real::to_f64));
+    let f: [[f64; 3]; 3] = std::array::from_fn(|row| next.read(culprit, F + 3 * row).map(Element::to_f64));
     let volume = f[0][0] * (f[1][1] * f[2][2] - f[1][2] * f[2][1]) - f[0][1] * (f[1][0] * f[2][2] - f[1][2] * f[2][0])
         + f[0][2] * (f[1][0] * f[2][1] - f[1][1] * f[2][0]);
     let found = match source {
         Some(_) => format!("a stress that is not finite; the particle's volume ratio det F is {volume:.4e}"),
-        None => format!("velocity {:?} m/s", next.read(particle, V).map(Real::to_f64)),
+        None => format!("velocity {:?} m/s", next.read(particle, V).map(Element::to_f64)),
     };
     Error::new(ErrorKind::Physics, "the simulation became unstable: a velocity is not finite")
         .at(place(moment, culprit, now))
@@ -78,7 +77,7 @@ fn not_finite<T: Number>(
 }
 
 fn place<T: Number>(moment: Moment<'_>, particle: usize, now: &State<T>) -> String {
-    let x = now.read(particle, 0).map(Real::to_f64);
+    let x = now.read(particle, 0).map(Element::to_f64);
     let Moment { substep, dt, labels } = moment;
     let label = labels.get(particle).map_or(particle, |&label| label as usize);
     format!("particle {label}, substep {substep}, t = {:.6} s, position {x:.4?} m", substep as f64 * dt)
