@@ -1,8 +1,6 @@
 //! Naming what went wrong when a substep breaks down.
 
-use gradreel::Element;
-
-use gradreel::{Error, ErrorKind};
+use gradreel::{Element, Error, ErrorKind};
 
 use super::row::Number;
 use super::state::{F, State, V};

@@ -1,7 +1,6 @@
 //! A whole simulation as one op of the tape.
 
-use gradreel::scalar::Real;
-use gradreel::{Backward, DType, Element, Error, ErrorKind, Forward, Op, Result, Spec, Tensor, Var};
+use gradreel::{Backward, DType, Error, ErrorKind, Forward, Op, Result, Spec, Tensor, Var};
 
 use super::lattice::Lattice;
 use super::law::Law;
@@ -122,7 +121,7 @@ impl Op for Rollout {
 }
 
 impl Rollout {
-    fn forward<T: Number + Element>(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward<T: Number>(&self, inputs: &[Tensor]) -> Result<Forward> {
         let positions: Vec<[T; 3]> = triples(&inputs[0]);
         finite("positions", inputs[0].slice::<T>())?;
         let velocities: Vec<[T; 3]> = triples(&inputs[1]);
@@ -137,7 +136,7 @@ impl Rollout {
             _ => order.iter().map(|&p| velocities[p as usize]).collect(),
         };
         let start = State::at_rest(&x, &v)?;
-        let mut output = vec![[<T as Real>::ZERO; 3]; self.schedule.frames * n];
+        let mut output = vec![[T::ZERO; 3]; self.schedule.frames * n];
         let trajectory = rayon::scope(|_| {
             Trajectory::forward(&mut simulation, start, self.schedule, self.remat, |frame, state| {
                 for (p, &label) in order.iter().enumerate() {
@@ -149,7 +148,7 @@ impl Rollout {
         Ok(Forward::with_residual(output, Kept { trajectory, order }))
     }
 
-    fn backward<T: Number + Element>(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
+    fn backward<T: Number>(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
         let Kept { trajectory, order } = cx.residual::<Kept<T>>();
         let inputs = cx.inputs().iter().map(|var| var.value().cloned()).collect::<Result<Vec<Tensor>>>()?;
         let n = order.len();
@@ -178,7 +177,7 @@ impl Rollout {
             let tensor = if input.len() == width && n != 1 {
                 Tensor::from_vec(total(&cotangent, width), input.shape())
             } else {
-                let mut back = vec![<T as Real>::ZERO; cotangent.len()];
+                let mut back = vec![T::ZERO; cotangent.len()];
                 for (p, &label) in order.iter().enumerate() {
                     back[label as usize * width..][..width].copy_from_slice(&cotangent[p * width..][..width]);
                 }
@@ -191,7 +190,7 @@ impl Rollout {
 
     /// The simulation, with density and parameters in the caller's order beside it.
     #[allow(clippy::type_complexity)] // three things, taken apart at once
-    fn simulation<T: Number + Element>(
+    fn simulation<T: Number>(
         &self,
         inputs: &[Tensor],
         n: usize,
@@ -227,15 +226,13 @@ fn grid_order<T: Number>(positions: &[[T; 3]], dx: f64) -> Vec<u32> {
 }
 
 /// A tensor of triples.
-fn triples<T: Number + Element>(tensor: &Tensor) -> Vec<[T; 3]> {
+fn triples<T: Number>(tensor: &Tensor) -> Vec<[T; 3]> {
     tensor.slice::<T>().as_chunks().0.to_vec()
 }
 
 /// Sums over particles, in `f64`, in grid order.
 fn total<T: Number>(values: &[T], width: usize) -> Vec<T> {
-    (0..width)
-        .map(|k| T::from_f64(values.iter().skip(k).step_by(width).map(|&value| Element::to_f64(value)).sum()))
-        .collect()
+    (0..width).map(|k| T::from_f64(values.iter().skip(k).step_by(width).map(|&value| value.to_f64()).sum())).collect()
 }
 
 fn finite<T: Number>(name: &str, values: &[T]) -> Result<()> {

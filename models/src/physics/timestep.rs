@@ -96,7 +96,9 @@ impl Schedule {
             }
             let place = format!("particle {particle}: {} with {values:?}, density {density} kg/m³", law.name());
             if !sound.is_finite() {
-                return Err(Error::new(ErrorKind::Physics, "the material has no speed of sound").at(place).found(sound));
+                return Err(Error::new(ErrorKind::Physics, "the material has no speed of sound")
+                    .at(place)
+                    .found(sound));
             }
             let substeps = Self::stable(world, self.frames, self.frame_dt, sound, 0.0, CFL).substeps;
             return Err(Error::new(ErrorKind::Physics, "the substep is too long for this material")

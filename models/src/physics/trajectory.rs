@@ -77,7 +77,11 @@ impl<T: Number> Trajectory<T> {
             None => Ok(cotangent),
             Some(particle) => Err(Error::new(ErrorKind::NonFinite, "a gradient of the rollout is not finite")
                 .at(format!("particle {particle} in grid order, at the start"))
-                .found(format!("position {:?}, velocity {:?}", cotangent.read(particle, 0), cotangent.read(particle, V)))
+                .found(format!(
+                    "position {:?}, velocity {:?}",
+                    cotangent.read(particle, 0),
+                    cotangent.read(particle, V)
+                ))
                 .wanted("finite gradients")
                 .fix("look for a non-finite gradient of the loss, or shorten the rollout")),
         }

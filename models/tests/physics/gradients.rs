@@ -10,7 +10,8 @@ fn check(drop: &Drop, input: usize, name: &str, step: f64) {
     assert!(motion.iter().skip(1).step_by(3).any(|&y| y < 0.05), "the body must touch the ground");
     let gradient = &gradients[input];
     for direction in 0..3 {
-        let along: Vec<f64> = (0..gradient.len()).map(|i| (2.1 * i as f64 + f64::from(direction) + 0.5).sin()).collect();
+        let along: Vec<f64> =
+            (0..gradient.len()).map(|i| (2.1 * i as f64 + f64::from(direction) + 0.5).sin()).collect();
         let loss = |by: f64| {
             let mut moved = drop.clone();
             for (value, along) in moved.inputs()[input].iter_mut().zip(&along) {

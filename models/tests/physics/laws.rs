@@ -92,9 +92,8 @@ fn generated_derivatives_agree_with_central_differences() {
         for (name, f) in states() {
             let x = inputs(&law, f);
             let scale = law.parameters()[0].start;
-            let cotangent: Vec<f64> = (0..18)
-                .map(|k| (1.0 + 0.7 * f64::from(k)).sin() / if k < 9 { 1.0 } else { scale })
-                .collect();
+            let cotangent: Vec<f64> =
+                (0..18).map(|k| (1.0 + 0.7 * f64::from(k)).sin() / if k < 9 { 1.0 } else { scale }).collect();
             let objective = |x: &[f64]| -> f64 { evaluate(&law, x).iter().zip(&cotangent).map(|(y, g)| y * g).sum() };
             let gradient = run(&reverse, &[x.as_slice(), &cotangent].concat(), x.len());
             for k in (0..x.len()).filter(|&k| k != 18) {

@@ -106,15 +106,9 @@ pub fn cube(side: usize, dx: f64, corner: [f64; 3]) -> Vec<[f64; 3]> {
     let mut positions = Vec::new();
     for i in 0..side * side * side {
         let index = [i / (side * side), i / side % side, i % side];
-        positions.push(std::array::from_fn(|a| {
-            corner[a] + dx / 2.0 * (index[a] as f64 + 0.5 + wobble(3 * i + a))
-        }));
+        positions.push(std::array::from_fn(|a| corner[a] + dx / 2.0 * (index[a] as f64 + 0.5 + wobble(3 * i + a))));
     }
     positions
-}
-
-pub fn narrow(values: &[[f64; 3]]) -> Vec<[f32; 3]> {
-    values.iter().map(|v| v.map(|x| x as f32)).collect()
 }
 
 /// Largest absolute difference.

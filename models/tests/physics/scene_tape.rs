@@ -45,7 +45,8 @@ impl Drop {
             .into_iter()
             .enumerate()
             .map(|(index, values)| {
-                let shape = if index == 0 || (index == 1 && values.len() > 3) { vec![n, 3] } else { vec![values.len()] };
+                let shape =
+                    if index == 0 || (index == 1 && values.len() > 3) { vec![n, 3] } else { vec![values.len()] };
                 let shape: &[usize] = &shape;
                 tape.leaf(match single {
                     true => Tensor::from_vec(values.iter().map(|&x| x as f32).collect(), shape),

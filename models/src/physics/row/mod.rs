@@ -92,6 +92,7 @@ impl Level {
     }
 
     /// All levels this machine can run, best first.
+    #[cfg(test)]
     pub fn available() -> Vec<Self> {
         match Self::detect() {
             Self::Avx512 => vec![Self::Avx512, Self::Avx2, Self::Portable],
