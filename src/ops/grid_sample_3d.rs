@@ -17,7 +17,7 @@ pub(super) const ENTRY: Entry = Entry {
     cases: || {
         let lattice = Lattice { origin: [-0.5, 0.0, 0.25], spacing: 0.2, dims: [4, 3, 5] };
         let grid = uniform(1, [4, 3, 5, 2], -1.0..1.0);
-        vec![Case::new(GridSample3d { lattice }, [grid, uniform(2, [9, 3], -0.7..0.9)])]
+        vec![Case::new(GridSample3d { lattice }, [grid, uniform(2, [60, 3], -0.6..1.1)])]
     },
 };
 

@@ -17,7 +17,7 @@ pub(super) const ENTRY: Entry = Entry {
         let lattice = Lattice { origin: [-0.5, 0.0, 0.25], spacing: 0.2, dims: [4, 3, 5] };
         vec![Case::new(
             GridScatter3d { lattice },
-            [uniform(1, [9, 2], -1.0..1.0), uniform(2, [9, 3], -0.7..0.9)],
+            [uniform(1, [60, 2], -1.0..1.0), uniform(2, [60, 3], -0.6..1.1)],
         )]
     },
 };

@@ -114,7 +114,11 @@ impl Tape {
         let wanted: Vec<_> = operands.iter().map(|(node, _)| node.is_some()).collect();
         let output = var(Some(node), output);
         let cx = Backward { gradient, inputs: &inputs, wanted: &wanted, output: &output, residual: residual.as_ref(), live };
-        let cotangents = op.vjp(&cx)?;
+        // a fault inside the derivative is reported for the op whose derivative it is, at the line that applied the op
+        self.0.borrow_mut().anomaly = false;
+        let cotangents = op.vjp(&cx);
+        self.0.borrow_mut().anomaly = anomaly;
+        let cotangents = cotangents?;
         assert_eq!(cotangents.len(), inputs.len(), "{}: vjp must speak of every operand", op.name());
         let mut arrived = Vec::with_capacity(inputs.len());
         for (index, cotangent) in cotangents.into_iter().enumerate() {

@@ -1,6 +1,6 @@
 //! Fitting the voxels to the first frame by differentiable volume rendering.
 
-use std::rc::Rc;
+use std::sync::Arc;
 
 use gradreel::optim::{Adam, Params};
 use gradreel::{DType, Result, Tape, Tensor};
@@ -51,7 +51,7 @@ pub fn fit(
     mut adam: Adam,
     done: usize,
     target: &Target,
-    rays: &Rc<Rays>,
+    rays: &Arc<Rays>,
     surface: &Surface,
     splat: &Splat,
     settings: &FitSettings,

@@ -3,7 +3,7 @@
 //! Composed of single ops this would hold some fifteen arrays of all samples (tens of millions a frame set); fused, a ray's
 //! samples live in registers and are visited once more in the backward pass.
 
-use std::rc::Rc;
+use std::sync::Arc;
 
 use gradreel::ops::Lattice;
 use gradreel::scalar::Real;
@@ -46,14 +46,14 @@ const PARTS: usize = 8;
 ///
 /// # Errors
 /// [`ErrorKind::Shape`] when the grid is not that of the lattice.
-pub fn march(grid: &Var, lattice: Lattice, rays: &Rc<Rays>, surface: &Surface) -> Result<Var> {
+pub fn march(grid: &Var, lattice: Lattice, rays: &Arc<Rays>, surface: &Surface) -> Result<Var> {
     grid.apply(March { lattice, rays: rays.clone(), surface: surface.clone() }, &[])
 }
 
 #[derive(Debug)]
 struct March {
     lattice: Lattice,
-    rays: Rc<Rays>,
+    rays: Arc<Rays>,
     surface: Surface,
 }
 

@@ -1,0 +1,1 @@
+//! Identify: geometry, velocity and material, each by gradients from the pixels.
