@@ -111,7 +111,7 @@ unsafe fn advance_body<T: Number, R: Row<T>>(
         let mut sound = true;
         for axis in 0..3 {
             let v = found.sum[axis];
-            x[axis] = x[axis] + limits.dt * v;
+            x[axis] += limits.dt * v;
             next[axis * BLOCK + i] = x[axis];
             next[(V + axis) * BLOCK + i] = v;
             sound &= v.abs() <= limits.speed;
@@ -165,9 +165,9 @@ unsafe fn collect_body<T: Number, R: Row<T>>(
         let mut on_mass = mass[i] + found.sum[3];
         for axis in 0..3 {
             let at = axis * BLOCK + i;
-            cotangent[at] = cotangent[at] + found.position[axis];
+            cotangent[at] += found.position[axis];
             cotangent[(V + axis) * BLOCK + i] = scattered[3] * found.sum[axis];
-            on_mass = on_mass + now[(V + axis) * BLOCK + i] * found.sum[axis];
+            on_mass += now[(V + axis) * BLOCK + i] * found.sum[axis];
         }
         for k in 0..9 {
             affine[k * BLOCK + i] = found.moment[k];

@@ -260,7 +260,7 @@ impl<'a, T: Number> Simulation<'a, T> {
                 cotangent[F * BLOCK..].copy_from_slice(on_f);
                 cotangent[C * BLOCK..F * BLOCK].copy_from_slice(on_c);
                 for (sum, &term) in values.iter_mut().zip(on_values) {
-                    *sum = *sum + term;
+                    *sum += term;
                 }
             });
         Ok(())
