@@ -7,9 +7,10 @@ use super::law::Law;
 use super::remat::Remat;
 use super::row::Number;
 use super::state::{State, V};
-use super::substep::{Simulation, Values};
+use super::substep::Simulation;
 use super::timestep::Schedule;
 use super::trajectory::Trajectory;
+use super::values::{Values, check_values};
 use super::world::World;
 
 /// Simulates particles and returns where they are at every frame; differentiable in everything it takes.
@@ -209,6 +210,8 @@ impl Rollout {
             Values::Each(each) => Values::Each(order.iter().map(|&p| each[p as usize]).collect()),
         };
         let (density, parameters) = (&values[0], &values[1..]);
+        // In the caller's order, so that errors name the caller's particles.
+        check_values(&self.law, density, parameters, n)?;
         let in_order = parameters.iter().map(sorted).collect();
         let mut simulation =
             Simulation::new(&self.world, &self.law, self.schedule.dt(), n, &sorted(density), in_order)?;

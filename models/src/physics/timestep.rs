@@ -4,7 +4,7 @@ use gradreel::{Error, ErrorKind, Result};
 
 use super::law::Law;
 use super::row::Number;
-use super::substep::Values;
+use super::values::Values;
 use super::world::World;
 
 /// The share of a cell that waves and particles may cross in one substep, unless told otherwise.
