@@ -47,6 +47,12 @@ impl Schedule {
         Self { frames, frame_dt, substeps: steps.map_or(1, |n| n as usize) }
     }
 
+    /// The same frames with substeps half as long: what to try when a rollout became unstable.
+    #[must_use]
+    pub fn halved(self) -> Self {
+        Self { substeps: 2 * self.substeps, ..self }
+    }
+
     /// The substep \[s\].
     pub fn dt(&self) -> f64 {
         self.frame_dt / self.substeps as f64
@@ -108,5 +114,25 @@ impl Schedule {
                 .fix(format!("use at least {substeps} substeps per frame instead of {}", self.substeps)));
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_number_of_substeps_climbs_in_few_steps_and_never_falls_short() {
+        let world = World::new(0.02);
+        let mut counts = Vec::new();
+        for speed in 1..400 {
+            let schedule = Schedule::stable(&world, 2, 1.0 / 24.0, f64::from(speed), 1.0, CFL);
+            assert!(schedule.dt() * (f64::from(speed) + 1.0) <= CFL * world.dx * (1.0 + 1e-12));
+            assert_eq!(schedule.halved().dt(), schedule.dt() / 2.0);
+            counts.push(schedule.substeps);
+        }
+        assert!(counts.is_sorted());
+        counts.dedup();
+        assert!(counts.len() < 32, "{counts:?}");
     }
 }

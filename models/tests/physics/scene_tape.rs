@@ -37,7 +37,17 @@ impl Drop {
     }
 
     /// The loss (weighted positions of all frames), the motion, and the gradients of the five inputs.
-    pub fn run(mut self, remat: Remat, single: bool) -> Result<(f64, Vec<f64>, Vec<Vec<f64>>)> {
+    pub fn run(self, remat: Remat, single: bool) -> Result<(f64, Vec<f64>, Vec<Vec<f64>>)> {
+        self.run_weighted(remat, single, |i| (0.3 * i as f64).sin() + 0.2)
+    }
+
+    /// As [`Drop::run`], with a weight for each coordinate.
+    pub fn run_weighted(
+        mut self,
+        remat: Remat,
+        single: bool,
+        weight: impl Fn(usize) -> f64,
+    ) -> Result<(f64, Vec<f64>, Vec<Vec<f64>>)> {
         let tape = Tape::new();
         let n = self.positions.len() / 3;
         let leaves: Vec<Var> = self
@@ -61,7 +71,7 @@ impl Drop {
             parameters: leaves[3..].to_vec(),
         };
         let motion = rollout(&self.world, &Law::of(NeoHookean), self.schedule, remat, &body)?;
-        let weights = (0..motion.len()).map(|i| (0.3 * i as f64).sin() + 0.2).collect();
+        let weights = (0..motion.len()).map(weight).collect();
         let weights = Tensor::from_vec::<f64>(weights, motion.shape()).cast(motion.dtype())?;
         let loss = (&motion * &tape.constant(weights)).sum_all();
         let gradients = loss.backward()?;
