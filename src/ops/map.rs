@@ -37,9 +37,8 @@ impl<const N: usize> Pointwise<N> {
         }
         let names: Vec<String> = (0..N).map(|i| format!("x{i}")).collect();
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
-        let program = Program::trace(self.name, &names, &["y"], |x| {
-            vec![(self.function)(std::array::from_fn(|i| x[i]))]
-        });
+        let program =
+            Program::trace(self.name, &names, &["y"], |x| vec![(self.function)(std::array::from_fn(|i| x[i]))]);
         let map = Rc::new(Map::new(program));
         TRACED.with_borrow_mut(|known| known.insert(self.name, map.clone()));
         map
@@ -122,9 +121,8 @@ impl Op for Map {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let wrong = |what: &str| {
-            Error::new(ErrorKind::Shape, format!("{}: {what}", self.name())).found(format!("{inputs:?}"))
-        };
+        let wrong =
+            |what: &str| Error::new(ErrorKind::Shape, format!("{}: {what}", self.name())).found(format!("{inputs:?}"));
         if inputs.len() != self.program.inputs().len() {
             return Err(wrong("wrong number of operands").wanted(self.program.inputs().len()));
         }

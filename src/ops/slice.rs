@@ -41,7 +41,8 @@ impl Op for Slice {
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
         let mut dims = inputs[0].shape.dims().to_vec();
-        let fits = dims.get(self.axis).is_some_and(|&size| self.range.start <= self.range.end && self.range.end <= size);
+        let fits =
+            dims.get(self.axis).is_some_and(|&size| self.range.start <= self.range.end && self.range.end <= size);
         if !fits {
             return Err(Error::new(ErrorKind::Shape, "slice: the range is outside the axis")
                 .found(format!("{:?} along axis {} of {:?}", self.range, self.axis, inputs[0])));

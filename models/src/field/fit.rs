@@ -24,7 +24,7 @@ pub struct FitSettings {
 
 impl Default for FitSettings {
     fn default() -> Self {
-        Self { iterations: 200, density_rate: 0.2, colour_rate: 0.05, volume_weight: 1e-3 }
+        Self { iterations: 200, density_rate: 0.2, colour_rate: 0.05, volume_weight: 0.0 }
     }
 }
 

@@ -3,7 +3,7 @@
 //! A *clip* is a folder in the layout of the PAC-NeRF data set: `all_data.json` lists one entry per image (time,
 //! camera-to-world matrix, intrinsics) and `data/r_{camera}_{frame}.png` holds the images. [`Clip::open`] reads it into
 //! memory: one [`Camera`] per view, and per camera and frame a [`Frame`], the object alone on white with its coverage
-//! `alpha`. [`inspect`] looks at the same folder without insisting that it is complete.
+//! `alpha`. [`inspect()`] looks at the same folder without insisting that it is complete.
 //!
 //! | file | meaning |
 //! |---|---|

@@ -56,7 +56,9 @@ impl GpuBuffer {
             let _ = send.send(outcome);
         });
         let failed = |found: String| {
-            Error::new(ErrorKind::Device, "a result could not be read back from the GPU").at(self.gpu.name()).found(found)
+            Error::new(ErrorKind::Device, "a result could not be read back from the GPU")
+                .at(self.gpu.name())
+                .found(found)
         };
         device.poll(wgpu::PollType::wait_indefinitely()).map_err(|e| failed(e.to_string()))?;
         receive.recv().map_err(|e| failed(e.to_string()))?.map_err(|e| failed(e.to_string()))?;

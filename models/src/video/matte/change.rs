@@ -1,7 +1,7 @@
 //! How much each pixel changed against the plate, beyond what a shadow does.
 
 /// Light added before taking ratios, so that dark pixels do not drown in noise (share of full scale).
-pub(super) const FLOOR: f32 = 0.02;
+pub(super) const FLOOR: f32 = 0.04;
 /// A shadow leaves at least this share of the plate's light …
 const DARKEST_SHADOW: f32 = 0.12;
 /// … and light reflected by the object adds at most this share.
@@ -17,7 +17,7 @@ pub(super) struct Change {
     pub hue: Vec<[f32; 3]>,
     /// Evidence for the object, `sqrt(|hue|² + 3 e²)`; `e` is by how much the brightness leaves the range of shadows.
     pub evidence: Vec<f32>,
-    /// Standard deviation of the evidence where nothing happened.
+    /// Standard deviation of the hue, per dimension, where nothing happened.
     pub noise: f32,
 }
 
@@ -39,19 +39,21 @@ impl Change {
             change.hue.push(hue);
             change.evidence.push((hue.iter().map(|h| h * h).sum::<f32>() + 3.0 * excess * excess).sqrt());
         }
-        change.noise = noise(&change.evidence);
+        change.noise = noise(&change.hue);
         change
     }
 }
 
-/// From the calmer half of the pixels that changed at all: the object rarely covers more than half of an image, and
-/// pixels that are equal to the last bit (a rendered sky) say nothing about noise.
-fn noise(evidence: &[f32]) -> f32 {
-    let mut changed: Vec<f32> = evidence.iter().copied().filter(|&e| e > 0.0).collect();
-    if changed.is_empty() {
+/// From differences of neighbouring pixels, of which only few cross an outline. Pixels equal to the plate to the last
+/// bit (a rendered sky) say nothing about noise.
+fn noise(hue: &[[f32; 3]]) -> f32 {
+    let changed = |h: &[f32; 3]| *h != [0.0; 3];
+    let step = |pair: &[[f32; 3]]| (0..3).map(|c| (pair[0][c] - pair[1][c]).powi(2)).sum::<f32>().sqrt();
+    let mut steps: Vec<f32> = hue.windows(2).filter(|pair| pair.iter().all(changed)).map(step).collect();
+    if steps.is_empty() {
         return 0.0;
     }
-    let quarter = changed.len() / 4;
-    // |N(0, σ²)| in two dimensions (hue) has its lower quartile at 0.76 σ.
-    *changed.select_nth_unstable_by(quarter, f32::total_cmp).1 / 0.76
+    let middle = steps.len() / 2;
+    // Hue has two dimensions: the length of a difference of two samples has its median at 1.18 √2 σ.
+    *steps.select_nth_unstable_by(middle, f32::total_cmp).1 / 1.67
 }

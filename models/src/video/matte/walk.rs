@@ -17,7 +17,7 @@ const BRIGHTNESS_SHARE: f32 = 0.5;
 /// Least coupling of neighbours, so that nothing is cut off altogether.
 const LEAK: f32 = 1e-3;
 /// Strength of the prior in an image of 320 pixels; its square root is the reciprocal of the reach in pixels.
-const PRIOR: f32 = 0.02;
+const PRIOR: f32 = 0.01;
 /// Over-relaxation of the sweeps.
 const OVER: f32 = 1.8;
 
