@@ -154,3 +154,60 @@ fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
 fn without(v: [f64; 3], n: [f64; 3], amount: f64) -> [f64; 3] {
     [v[0] - n[0] * amount, v[1] - n[1] * amount, v[2] - n[2] * amount]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A node inside all of them, one after the other.
+    fn pile(contact: Contact) -> Vec<Collider> {
+        vec![
+            Collider::plane([0.0; 3], [0.3, 1.0, -0.2], contact),
+            Collider::cylinder([-1.0, 0.0, 0.0], [1.0, 0.1, 0.0], 0.5, contact),
+        ]
+    }
+
+    #[test]
+    fn adjoints_agree_with_central_differences() {
+        let (x, g) = ([0.1, -0.1, 0.05], [0.7, -0.4, 0.9]);
+        for contact in [Contact::Sticky, Contact::Slip, Contact::Separate] {
+            for v in [[0.3, -1.0, 0.2], [0.3, 1.0, -0.2], [-1.0, 0.1, 0.8]] {
+                let colliders = pile(contact);
+                assert!(colliders.iter().all(|collider| collider.normal(x).is_some()));
+                let (after, before) = collide_vjp(&colliders, x, v, g);
+                assert_eq!(after, collide(&colliders, x, v));
+                for axis in 0..3 {
+                    let along = |by: f64| {
+                        let mut v = v;
+                        v[axis] += by;
+                        dot(g, collide(&colliders, x, v))
+                    };
+                    let difference = (along(1e-6) - along(-1e-6)) / 2e-6;
+                    assert!(
+                        (before[axis] - difference).abs() < 1e-8,
+                        "{contact:?}: {before:?}, axis {axis}: {difference}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn only_separate_contact_lets_go() {
+        let (x, away) = ([0.0, -0.1, 0.0], [0.5, 1.0, 0.0]);
+        let ground = |contact| Collider::plane([0.0; 3], [0.0, 1.0, 0.0], contact).collide(x, away);
+        assert_eq!(ground(Contact::Sticky), [0.0; 3]);
+        assert_eq!(ground(Contact::Slip), [0.5, 0.0, 0.0]);
+        assert_eq!(ground(Contact::Separate), away);
+    }
+
+    #[test]
+    fn a_cylinder_ends_where_it_ends() {
+        let rod = Collider::cylinder([0.0; 3], [1.0, 0.0, 0.0], 0.1, Contact::Sticky);
+        assert!(rod.normal([0.5, 0.09, 0.0]).is_some());
+        assert!(rod.normal([0.5, 0.11, 0.0]).is_none());
+        assert!(rod.normal([1.01, 0.0, 0.0]).is_none());
+        let n = rod.normal([0.5, 0.0, 0.05]).unwrap();
+        approx::assert_abs_diff_eq!(n[2], 1.0, epsilon = 1e-5);
+    }
+}

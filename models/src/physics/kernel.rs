@@ -2,7 +2,7 @@
 
 use super::lattice::Lattice;
 use super::row::{Level, Number, Row};
-use super::state::{BLOCK, C, V, widen};
+use super::state::{BLOCK, C, V};
 use super::transfer::{Record, gather, pull, push};
 
 /// Declares a function that runs `$body` with the best rows of this machine.
@@ -102,29 +102,40 @@ unsafe fn advance_body<T: Number, R: Row<T>>(
     len: usize,
     next: &mut [T],
 ) -> Motion<T> {
+    let len = len.min(BLOCK);
     let (now, next) = (&now[..C * BLOCK], &mut next[..(C + 9) * BLOCK]);
     let four = T::from_f64(4.0) * lattice.inverse_dx * lattice.inverse_dx;
-    let mut motion = Motion { extent: [[T::INFINITY; 3], [-T::INFINITY; 3]], broken: None };
-    for i in 0..len.min(BLOCK) {
-        let mut x = [now[i], now[BLOCK + i], now[2 * BLOCK + i]];
-        let found = unsafe { gather::<T, R>(lattice, grid, x) };
-        let mut sound = true;
+    for i in 0..len {
+        let found = unsafe { gather::<T, R>(lattice, grid, [now[i], now[BLOCK + i], now[2 * BLOCK + i]]) };
         for axis in 0..3 {
-            let v = found.sum[axis];
-            x[axis] = x[axis] + limits.dt * v;
-            next[axis * BLOCK + i] = x[axis];
-            next[(V + axis) * BLOCK + i] = v;
-            sound &= v.abs() <= limits.speed;
-            sound &= x[axis] >= limits.bounds[0][axis] && x[axis] <= limits.bounds[1][axis];
+            next[(V + axis) * BLOCK + i] = found.sum[axis];
         }
         for k in 0..9 {
             next[(C + k) * BLOCK + i] = four * found.moment[k];
         }
-        motion.extent = widen(motion.extent, x);
-        if !sound && motion.broken.is_none() {
-            motion.broken = Some(i);
-        }
     }
+    // The rest array by array, which compilers vectorise.
+    let mut motion = Motion { extent: [[T::INFINITY; 3], [-T::INFINITY; 3]], broken: None };
+    let mut broken = [false; BLOCK];
+    let (x_next, v_next) = next.split_at_mut(V * BLOCK);
+    for axis in 0..3 {
+        let (x, v) = (&now[axis * BLOCK..][..len], &v_next[axis * BLOCK..][..len]);
+        let x_next = &mut x_next[axis * BLOCK..][..len];
+        let [low, high] = [limits.bounds[0][axis], limits.bounds[1][axis]];
+        let (mut least, mut most) = (T::INFINITY, -T::INFINITY);
+        for i in 0..len {
+            let moved = x[i] + limits.dt * v[i];
+            x_next[i] = moved;
+            least = if moved < least { moved } else { least };
+            most = if moved > most { moved } else { most };
+            // Written so that NaN breaks the limits.
+            let sound = (v[i].abs() <= limits.speed) & (moved >= low) & (moved <= high);
+            broken[i] |= !sound;
+        }
+        motion.extent[0][axis] = least;
+        motion.extent[1][axis] = most;
+    }
+    motion.broken = broken[..len].iter().position(|&broken| broken);
     motion
 }
 
@@ -165,9 +176,9 @@ unsafe fn collect_body<T: Number, R: Row<T>>(
         let mut on_mass = mass[i] + found.sum[3];
         for axis in 0..3 {
             let at = axis * BLOCK + i;
-            cotangent[at] = cotangent[at] + found.position[axis];
+            cotangent[at] += found.position[axis];
             cotangent[(V + axis) * BLOCK + i] = scattered[3] * found.sum[axis];
-            on_mass = on_mass + now[(V + axis) * BLOCK + i] * found.sum[axis];
+            on_mass += now[(V + axis) * BLOCK + i] * found.sum[axis];
         }
         for k in 0..9 {
             affine[k * BLOCK + i] = found.moment[k];

@@ -43,8 +43,8 @@ impl<T: Number> Lattice<T> {
                 .fix("remove stray particles, give the world bounds, or raise the limit")
         };
         let mut lattice = Self::of_spacing(dx);
-        let far = f64::from(1 << 28) * dx;
-        if extent.iter().flatten().any(|x| x.to_f64().abs() > far) {
+        let far = (T::SPLITTABLE - 1.0) * dx;
+        if !extent.iter().flatten().all(|x| x.to_f64().abs() < far) {
             return Err(too_large(format!("coordinates beyond {far:.3e} m")));
         }
         let (low, high) = (lattice.locate(extent[0]).0, lattice.locate(extent[1]).0);
@@ -79,10 +79,9 @@ impl<T: Number> Lattice<T> {
         let mut fraction = x;
         for axis in 0..3 {
             let scaled = x[axis] * self.inverse_dx;
-            let shifted = (scaled - T::from_f64(0.5)).to_f64();
-            let towards_zero = shifted as i32;
-            base[axis] = towards_zero - i32::from(f64::from(towards_zero) > shifted);
-            fraction[axis] = scaled - T::from_f64(f64::from(base[axis]));
+            let (integer, floor) = (scaled - T::from_f64(0.5)).split();
+            base[axis] = integer;
+            fraction[axis] = scaled - floor;
         }
         (base, fraction)
     }

@@ -33,6 +33,7 @@ mod substep;
 mod timestep;
 mod trajectory;
 mod transfer;
+mod values;
 mod world;
 
 pub use collider::{Collider, Contact, Region};
@@ -43,6 +44,7 @@ pub use remat::Remat;
 pub use rollout::{Body, Rollout, rollout};
 pub use row::Number;
 pub use state::State;
-pub use substep::{Simulation, ValueGradients, Values};
+pub use substep::Simulation;
 pub use timestep::{CFL, CFL_LIMIT, Schedule};
+pub use values::{ValueGradients, Values};
 pub use world::World;

@@ -7,9 +7,10 @@ use super::law::Law;
 use super::remat::Remat;
 use super::row::Number;
 use super::state::{State, V};
-use super::substep::{Simulation, Values};
+use super::substep::Simulation;
 use super::timestep::Schedule;
 use super::trajectory::Trajectory;
+use super::values::{Values, check_values};
 use super::world::World;
 
 /// Simulates particles and returns where they are at every frame; differentiable in everything it takes.
@@ -50,6 +51,33 @@ pub struct Body {
 
 /// Simulates a body of one material; see [`Rollout`].
 ///
+/// ```
+/// use gradreel::{Tape, Tensor};
+/// use gradreel_models::physics::{Body, CFL, Collider, Law, Remat, Schedule, World, materials::NeoHookean, rollout};
+///
+/// let world = World { colliders: vec![Collider::ground(0.0)], ..World::new(0.02) };
+/// let law = Law::of(NeoHookean);
+/// let sound = law.wave_speed(&[1e4, 0.3], 1000.0);
+/// let schedule = Schedule::stable(&world, 3, 1.0 / 60.0, sound, 2.0, CFL);
+///
+/// let tape = Tape::new();
+/// let cube = (0..64).flat_map(|i| [i / 16, i / 4 % 4, i % 4].map(|k| 0.02 + 0.01 * k as f32)).collect();
+/// let young = tape.leaf(Tensor::from_vec(vec![1e4_f32], [1]));
+/// let body = Body {
+///     positions: tape.constant(Tensor::from_vec(cube, [64, 3])),
+///     velocity: tape.constant(Tensor::from_vec(vec![0.0_f32, -2.0, 0.0], [3])),
+///     density: tape.constant(Tensor::from_vec(vec![1000.0_f32], [1])),
+///     parameters: vec![young.clone(), tape.constant(Tensor::from_vec(vec![0.3_f32], [1]))],
+/// };
+/// let motion = rollout(&world, &law, schedule, Remat::default(), &body)?;
+/// assert_eq!(motion.dims(), [3, 64, 3]);
+///
+/// // How the sum of squares of all coordinates would change with stiffness: m²/Pa.
+/// let gradients = motion.square().sum_all().backward()?;
+/// assert!(gradients.wrt(&young)?.item()? != 0.0);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
+///
 /// # Errors
 ///
 /// [`ErrorKind::Physics`] when the simulation breaks down, naming particle, substep, time and position;
@@ -75,9 +103,7 @@ impl Op for Rollout {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let parameters = self.law.parameters();
-        let names = ["positions", "velocity", "density"].into_iter().chain(parameters.iter().map(|p| p.name));
-        let names: Vec<&str> = names.collect();
+        let names = self.input_names();
         let fault = |what: String| Error::new(ErrorKind::Shape, what).at("rollout");
         if inputs.len() != names.len() {
             return Err(fault("wrong number of inputs".into()).found(inputs.len()).wanted(format!("{names:?}")));
@@ -113,6 +139,12 @@ impl Op for Rollout {
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
         cx.first_order_only(self.name())?;
+        if self.remat.is_none() {
+            return Err(Error::new(ErrorKind::NoGradient, "this rollout kept nothing for its backward pass")
+                .at("rollout")
+                .found("Rollout::remat is None")
+                .fix("choose a Remat"));
+        }
         match cx.gradient().dtype() {
             DType::F64 => self.backward::<f64>(cx),
             _ => self.backward::<f32>(cx),
@@ -123,9 +155,9 @@ impl Op for Rollout {
 impl Rollout {
     fn forward<T: Number>(&self, inputs: &[Tensor]) -> Result<Forward> {
         let positions: Vec<[T; 3]> = triples(&inputs[0]);
-        finite("positions", inputs[0].slice::<T>())?;
+        finite("positions", inputs[0].slice::<T>(), 3)?;
         let velocities: Vec<[T; 3]> = triples(&inputs[1]);
-        finite("velocity", inputs[1].slice::<T>())?;
+        finite("velocity", inputs[1].slice::<T>(), 3)?;
         let n = positions.len();
         let order = grid_order(&positions, self.world.dx);
         let (mut simulation, density, parameters) = self.simulation::<T>(inputs, n, &order)?;
@@ -172,20 +204,29 @@ impl Rollout {
             cotangents.push(triples.into_flattened());
         }
         cotangents.extend(per_particle);
-        let spread = |(cotangent, input): (Vec<T>, &Tensor)| {
-            let width = cotangent.len() / n.max(1);
-            let tensor = if input.len() == width && n != 1 {
-                Tensor::from_vec(total(&cotangent, width), input.shape())
+        let mut gradients = Vec::with_capacity(inputs.len());
+        for (index, (cotangent, input)) in cotangents.into_iter().zip(&inputs).enumerate() {
+            let name = format!("gradient of {}", self.input_names()[index]);
+            let width = if index < 2 { 3 } else { 1 };
+            let gradient = if input.len() == width {
+                total(&cotangent, width)
             } else {
                 let mut back = vec![T::ZERO; cotangent.len()];
                 for (p, &label) in order.iter().enumerate() {
                     back[label as usize * width..][..width].copy_from_slice(&cotangent[p * width..][..width]);
                 }
-                Tensor::from_vec(back, input.shape())
+                back
             };
-            Some(tape.constant(tensor))
-        };
-        Ok(cotangents.into_iter().zip(&inputs).map(spread).collect())
+            finite(&name, &gradient, width)?;
+            gradients.push(Some(tape.constant(Tensor::from_vec(gradient, input.shape()))));
+        }
+        Ok(gradients)
+    }
+
+    /// What the inputs are called, in order.
+    fn input_names(&self) -> Vec<&'static str> {
+        let parameters = self.law.parameters().iter().map(|parameter| parameter.name);
+        ["positions", "velocity", "density"].into_iter().chain(parameters).collect()
     }
 
     /// The simulation, with density and parameters in the caller's order beside it.
@@ -209,6 +250,8 @@ impl Rollout {
             Values::Each(each) => Values::Each(order.iter().map(|&p| each[p as usize]).collect()),
         };
         let (density, parameters) = (&values[0], &values[1..]);
+        // In the caller's order, so that errors name the caller's particles.
+        check_values(&self.law, density, parameters, n)?;
         let in_order = parameters.iter().map(sorted).collect();
         let mut simulation =
             Simulation::new(&self.world, &self.law, self.schedule.dt(), n, &sorted(density), in_order)?;
@@ -235,11 +278,11 @@ fn total<T: Number>(values: &[T], width: usize) -> Vec<T> {
     (0..width).map(|k| T::from_f64(values.iter().skip(k).step_by(width).map(|&value| value.to_f64()).sum())).collect()
 }
 
-fn finite<T: Number>(name: &str, values: &[T]) -> Result<()> {
+fn finite<T: Number>(name: &str, values: &[T], width: usize) -> Result<()> {
     match values.iter().position(|value| !value.is_finite()) {
         None => Ok(()),
         Some(at) => Err(Error::new(ErrorKind::NonFinite, format!("'{name}' of the rollout is not finite"))
-            .at(format!("particle {}, axis {}", at / 3, ["x", "y", "z"][at % 3]))
+            .at(format!("row {}, column {}", at / width, at % width))
             .found(values[at])
             .wanted("finite numbers")),
     }

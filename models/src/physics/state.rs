@@ -137,7 +137,7 @@ impl<T: Number> State<T> {
     pub(crate) fn add_to_position(&mut self, particle: usize, value: [T; 3]) {
         for (axis, value) in value.into_iter().enumerate() {
             let at = &mut self.values[Self::index(particle, axis)];
-            *at = *at + value;
+            *at += value;
         }
     }
 

@@ -17,63 +17,11 @@ use super::law::{Block, Law, PARAMETER_LIMIT};
 use super::row::{Level, Number};
 use super::state::{BLOCK, C, COMPONENTS, F, State, V, widen};
 use super::transfer::{Record, record};
+use super::values::{ValueGradients, Values, check_values};
 use super::world::World;
 
 /// Numbers per block of particles.
 const STRIDE: usize = COMPONENTS * BLOCK;
-
-/// One value for all particles, or one each.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Values<T> {
-    /// The same for all.
-    Same(T),
-    /// One per particle.
-    Each(Vec<T>),
-}
-
-impl<T: Number> Values<T> {
-    /// The value of a particle.
-    pub fn get(&self, particle: usize) -> T {
-        match self {
-            Self::Same(value) => *value,
-            Self::Each(values) => values[particle],
-        }
-    }
-
-    /// The values of a block.
-    fn block(&self, block: usize, len: usize) -> Lanes<'_, T> {
-        match self {
-            Self::Same(value) => Lanes::Same(*value),
-            Self::Each(values) => Lanes::Each(&values[block * BLOCK..][..len]),
-        }
-    }
-
-    fn check(&self, name: &str, particles: usize) -> Result<()> {
-        let all = match self {
-            Self::Same(value) => std::slice::from_ref(value),
-            Self::Each(values) => {
-                assert_eq!(values.len(), particles, "{name}: one value per particle");
-                values
-            }
-        };
-        match all.iter().position(|value| !value.is_finite()) {
-            None => Ok(()),
-            Some(at) => Err(Error::new(ErrorKind::NonFinite, format!("a value of '{name}' is not finite"))
-                .at(format!("entry {at}"))
-                .found(all[at])
-                .wanted("finite numbers")),
-        }
-    }
-}
-
-/// Gradients with respect to density and parameters, per particle.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ValueGradients<T> {
-    /// Per kg/m³.
-    pub density: Vec<T>,
-    /// Per unit of each parameter, in the material's order.
-    pub parameters: Vec<Vec<T>>,
-}
 
 /// A material in a world with a fixed substep: steps states forwards and cotangents backwards.
 #[derive(Debug)]
@@ -125,17 +73,7 @@ impl<'a, T: Number> Simulation<'a, T> {
         if !(dt.is_finite() && dt > 0.0) {
             return Err(Error::new(ErrorKind::Input, "the substep must be positive").found(format!("{dt} s")));
         }
-        let wanted = law.parameters().len();
-        assert!(parameters.len() == wanted, "{} takes {wanted} parameters, not {}", law.name(), parameters.len());
-        density.check("density", particles)?;
-        if let Some(p) = (0..particles).find(|&p| density.get(p) <= T::ZERO) {
-            return Err(Error::new(ErrorKind::Input, "the density must be positive")
-                .at(format!("particle {p}"))
-                .found(format!("{} kg/m³", density.get(p))));
-        }
-        for (values, parameter) in parameters.iter().zip(law.parameters()) {
-            values.check(parameter.name, particles)?;
-        }
+        let wanted = check_values(law, density, &parameters, particles)?;
         let volume = T::from_f64(world.particle_volume);
         let mass = match density {
             Values::Same(density) => Values::Same(*density * volume),
@@ -202,14 +140,18 @@ impl<'a, T: Number> Simulation<'a, T> {
                 let _flush = Flush::start();
                 *motion = advance(level, &lattice, grid, &limits, now, block_len(particles, block), next);
             });
-        next.extent = self.motions[0].extent;
+        // A state that broke down stays unusable.
+        next.extent = [[T::INFINITY; 3]; 2];
         for (block, motion) in self.motions.iter().enumerate() {
             if let Some(at) = motion.broken {
                 let moment = Moment { substep: self.substep, dt: self.dt, labels: &self.labels };
                 return Err(failure(self.world, moment, block * BLOCK + at, now, next, &self.scattered));
             }
-            next.extent = widen(widen(next.extent, motion.extent[0]), motion.extent[1]);
         }
+        next.extent = self.motions.iter().fold(self.motions[0].extent, |extent, motion| {
+            let [low, high] = motion.extent;
+            widen(widen(extent, low), high)
+        });
         self.substep += 1;
         Ok(())
     }
@@ -260,7 +202,7 @@ impl<'a, T: Number> Simulation<'a, T> {
                 cotangent[F * BLOCK..].copy_from_slice(on_f);
                 cotangent[C * BLOCK..F * BLOCK].copy_from_slice(on_c);
                 for (sum, &term) in values.iter_mut().zip(on_values) {
-                    *sum = *sum + term;
+                    *sum += term;
                 }
             });
         Ok(())

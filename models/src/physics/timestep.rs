@@ -4,7 +4,7 @@ use gradreel::{Error, ErrorKind, Result};
 
 use super::law::Law;
 use super::row::Number;
-use super::substep::Values;
+use super::values::Values;
 use super::world::World;
 
 /// The share of a cell that waves and particles may cross in one substep, unless told otherwise.
@@ -45,6 +45,12 @@ impl Schedule {
         let least = (frame_dt * (sound + speed) / (cfl * world.dx)).ceil().clamp(1.0, f64::from(1 << 24));
         let steps = (0..).map(|k| 2_f64.powf(f64::from(k) / 4.0).ceil()).find(|&n| n >= least);
         Self { frames, frame_dt, substeps: steps.map_or(1, |n| n as usize) }
+    }
+
+    /// The same frames with substeps half as long: what to try when a rollout became unstable.
+    #[must_use]
+    pub fn halved(self) -> Self {
+        Self { substeps: 2 * self.substeps, ..self }
     }
 
     /// The substep \[s\].
@@ -108,5 +114,25 @@ impl Schedule {
                 .fix(format!("use at least {substeps} substeps per frame instead of {}", self.substeps)));
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_number_of_substeps_climbs_in_few_steps_and_never_falls_short() {
+        let world = World::new(0.02);
+        let mut counts = Vec::new();
+        for speed in 1..400 {
+            let schedule = Schedule::stable(&world, 2, 1.0 / 24.0, f64::from(speed), 1.0, CFL);
+            assert!(schedule.dt() * (f64::from(speed) + 1.0) <= CFL * world.dx * (1.0 + 1e-12));
+            assert_eq!(schedule.halved().dt(), schedule.dt() / 2.0);
+            counts.push(schedule.substeps);
+        }
+        assert!(counts.is_sorted());
+        counts.dedup();
+        assert!(counts.len() < 32, "{counts:?}");
     }
 }

@@ -1,7 +1,7 @@
 //! Simulations that cannot work, and what the user reads then.
 
-use gradreel::{Error, ErrorKind};
-use gradreel_models::physics::{Remat, Schedule};
+use gradreel::{Error, ErrorKind, Tape, Tensor};
+use gradreel_models::physics::{Law, Remat, Rollout, Schedule, materials::NeoHookean};
 
 use crate::scene_tape::Drop;
 
@@ -89,4 +89,33 @@ fn shapes_that_do_not_fit_are_explained() {
     let mut drop = Drop::new(3);
     drop.density = vec![1000.0; 2];
     refused(drop, ErrorKind::Shape, &["density", "[1] or [27]"]);
+}
+
+#[test]
+fn a_gradient_that_is_not_finite_is_named() {
+    let drop = Drop::new(3);
+    let error = drop.run_weighted(Remat::None, false, |i| if i == 100 { f64::NAN } else { 1.0 }).unwrap_err();
+    assert_eq!(error.kind(), ErrorKind::NonFinite, "{error}");
+    assert!(error.to_string().contains("gradient of positions"), "{error}");
+}
+
+#[test]
+fn a_rollout_that_kept_nothing_has_no_gradient() {
+    let (drop, tape) = (Drop::new(3), Tape::new());
+    let leaf = |values: Vec<f64>, shape: &[usize]| tape.leaf(Tensor::from_vec(values, shape));
+    let op = Rollout { world: drop.world, law: Law::of(NeoHookean), schedule: drop.schedule, remat: None };
+    let positions = leaf(drop.positions, &[27, 3]);
+    let others = [drop.density, drop.young, drop.poisson].map(|values| leaf(values, &[1]));
+    let velocity = leaf(drop.velocity, &[3]);
+    let motion = positions.apply(op, &[&velocity, &others[0], &others[1], &others[2]]).unwrap();
+    let error = motion.sum_all().backward().err().unwrap();
+    assert_eq!(error.kind(), ErrorKind::NoGradient, "{error}");
+}
+
+#[test]
+fn nobody_to_simulate_is_no_fault() {
+    let drop = Drop { positions: Vec::new(), ..Drop::new(1) };
+    let (loss, motion, gradients) = drop.run(Remat::default(), true).unwrap();
+    assert_eq!((loss, motion.len()), (0.0, 0));
+    assert_eq!(gradients, vec![vec![], vec![0.0; 3], vec![0.0], vec![0.0], vec![0.0]]);
 }

@@ -1,6 +1,7 @@
 //! Gradients of a rollout through contact against central differences.
 
-use gradreel_models::physics::Remat;
+use gradreel::scalar::Mat3;
+use gradreel_models::physics::{Given, Law, Material, Parameter, Point, Remat};
 
 use crate::scene_tape::Drop;
 
@@ -60,4 +61,42 @@ fn single_precision_follows_double_precision() {
     for (index, (found, wanted)) in found.iter().zip(&wanted).enumerate() {
         crate::scene::close_norm(&format!("input {index}"), found, wanted, 1e-3);
     }
+}
+
+/// A fluid: forgets shear (return map), resists compression, and is viscous (stress of the velocity gradient).
+#[derive(Debug)]
+struct Syrup;
+
+impl Material for Syrup {
+    fn name(&self) -> &str {
+        "syrup"
+    }
+
+    fn parameters(&self) -> Vec<Parameter> {
+        vec![Parameter::log10("bulk", "K", "Pa", [1e3, 1e6]), Parameter::log10("viscosity", "η", "Pa s", [1.0, 1e3])]
+    }
+
+    fn return_map(&self, point: &Point, _: &Given) -> Option<Mat3> {
+        Some(Mat3::eye() * point.f.det().powf(1.0 / 3.0))
+    }
+
+    fn stress(&self, point: &Point, given: &Given) -> Mat3 {
+        Mat3::eye() * (given["bulk"] * point.f.det().ln()) + (point.c + point.c.t()) * given["viscosity"]
+    }
+
+    fn wave_speed(&self, values: &[f64], density: f64) -> f64 {
+        (values[0] / density).sqrt()
+    }
+}
+
+#[test]
+fn a_law_of_the_users_own_with_return_map_and_viscosity() {
+    let mut drop = Drop::new(4);
+    drop.law = Law::of(Syrup);
+    (drop.young, drop.poisson) = (vec![2e5], vec![30.0]);
+    check(&drop, 0, "positions", 1e-6);
+    check(&drop, 1, "velocity", 1e-5);
+    check(&drop, 2, "density", 1e-2);
+    check(&drop, 3, "bulk", 2.0);
+    check(&drop, 4, "viscosity", 1e-3);
 }

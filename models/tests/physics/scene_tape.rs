@@ -9,6 +9,7 @@ use crate::scene::cube;
 #[derive(Debug, Clone)]
 pub struct Drop {
     pub world: World,
+    pub law: Law,
     pub schedule: Schedule,
     pub positions: Vec<f64>,
     pub velocity: Vec<f64>,
@@ -22,6 +23,7 @@ impl Drop {
         let dx = 0.04;
         Self {
             world: World { colliders: vec![Collider::ground(0.0)], ..World::new(dx) },
+            law: Law::of(NeoHookean),
             schedule: Schedule { frames: 4, frame_dt: 6e-3, substeps: 24 },
             positions: cube(side, dx, [0.013, 0.047, -0.021]).into_flattened(),
             velocity: vec![0.3, -2.0, 0.1],
@@ -37,7 +39,17 @@ impl Drop {
     }
 
     /// The loss (weighted positions of all frames), the motion, and the gradients of the five inputs.
-    pub fn run(mut self, remat: Remat, single: bool) -> Result<(f64, Vec<f64>, Vec<Vec<f64>>)> {
+    pub fn run(self, remat: Remat, single: bool) -> Result<(f64, Vec<f64>, Vec<Vec<f64>>)> {
+        self.run_weighted(remat, single, |i| (0.3 * i as f64).sin() + 0.2)
+    }
+
+    /// As [`Drop::run`], with a weight for each coordinate.
+    pub fn run_weighted(
+        mut self,
+        remat: Remat,
+        single: bool,
+        weight: impl Fn(usize) -> f64,
+    ) -> Result<(f64, Vec<f64>, Vec<Vec<f64>>)> {
         let tape = Tape::new();
         let n = self.positions.len() / 3;
         let leaves: Vec<Var> = self
@@ -60,8 +72,8 @@ impl Drop {
             density: leaves[2].clone(),
             parameters: leaves[3..].to_vec(),
         };
-        let motion = rollout(&self.world, &Law::of(NeoHookean), self.schedule, remat, &body)?;
-        let weights = (0..motion.len()).map(|i| (0.3 * i as f64).sin() + 0.2).collect();
+        let motion = rollout(&self.world, &self.law, self.schedule, remat, &body)?;
+        let weights = (0..motion.len()).map(weight).collect();
         let weights = Tensor::from_vec::<f64>(weights, motion.shape()).cast(motion.dtype())?;
         let loss = (&motion * &tape.constant(weights)).sum_all();
         let gradients = loss.backward()?;

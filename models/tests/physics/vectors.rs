@@ -134,18 +134,18 @@ fn trajectory<T: Number>(name: &str, tolerances: [f64; 4], gradient: f64) {
 
 #[test]
 fn trajectory_of_an_elastic_block() {
-    trajectory::<f64>("traj_elastic", [1e-12; 4].map(|t| t * 10.0), 1e-7);
+    trajectory::<f64>("traj_elastic", [1e-12; 4], 1e-7);
     trajectory::<f32>("traj_elastic", [2e-6, 1e-4, 2e-3, 1e-4], 1e-4);
 }
 
 #[test]
 fn trajectory_of_particles_of_different_opacity() {
-    trajectory::<f64>("traj_elastic_soft_alpha", [1e-12; 4].map(|t| t * 10.0), 1e-7);
+    trajectory::<f64>("traj_elastic_soft_alpha", [1e-12; 4], 1e-7);
     trajectory::<f32>("traj_elastic_soft_alpha", [2e-6, 1e-4, 2e-3, 1e-4], 1e-4);
 }
 
 #[test]
 fn trajectory_over_a_slippery_slope_and_a_sticky_rod() {
-    trajectory::<f64>("traj_elastic_slip_cylinder", [1e-12; 4].map(|t| t * 10.0), 1e-7);
+    trajectory::<f64>("traj_elastic_slip_cylinder", [1e-12; 4], 1e-7);
     trajectory::<f32>("traj_elastic_slip_cylinder", [2e-6, 1e-4, 2e-3, 1e-4], 1e-4);
 }

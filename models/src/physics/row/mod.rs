@@ -13,10 +13,35 @@ mod x86;
 use gradreel::scalar::Real;
 
 /// A number the transfers can be instantiated for: `f32` or `f64`, with its row types.
-pub trait Number: Real + Rows {}
+pub trait Number: Real + Rows {
+    /// Numbers below this can be split (see [`Number::split`]).
+    const SPLITTABLE: f64;
 
-impl Number for f32 {}
-impl Number for f64 {}
+    /// The largest integer not above it, as both types. For magnitudes below [`Number::SPLITTABLE`]; meaningless beyond.
+    fn split(self) -> (i32, Self);
+}
+
+/// Adding 1.5 · 2^(mantissa bits) leaves the nearest integer in the lowest bits: no conversion, no branch.
+macro_rules! number {
+    ($float:ident, $mantissa:literal) => {
+        impl Number for $float {
+            const SPLITTABLE: f64 = (1_u64 << if $mantissa < 32 { $mantissa - 2 } else { 29 }) as f64;
+
+            #[inline(always)]
+            fn split(self) -> (i32, Self) {
+                const SHIFT: $float = 1.5 * (1_u64 << $mantissa) as $float;
+                let shifted = self + SHIFT;
+                let nearest = shifted - SHIFT;
+                let above = nearest > self;
+                let integer = shifted.to_bits().wrapping_sub(SHIFT.to_bits()) as i32 - i32::from(above);
+                (integer, nearest - if above { 1.0 } else { 0.0 })
+            }
+        }
+    };
+}
+
+number!(f32, 23);
+number!(f64, 52);
 
 /// The row types of a number, one per instruction set.
 pub trait Rows: Sized {
@@ -99,5 +124,30 @@ impl Level {
             Self::Avx2 => vec![Self::Avx2, Self::Portable],
             Self::Portable => vec![Self::Portable],
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn splitting_is_the_floor() {
+        fn check<T: Number>() {
+            for quarter in -40..40 {
+                for nudge in [-1e-3, 0.0, 1e-3] {
+                    let x = T::from_f64(f64::from(quarter) / 4.0 + nudge);
+                    let (integer, same) = x.split();
+                    assert_eq!(same, x.floor());
+                    assert_eq!(f64::from(integer), x.floor().to_f64());
+                }
+            }
+            for x in [-0.9, 0.9].map(|x| T::from_f64(x * T::SPLITTABLE)) {
+                assert_eq!(f64::from(x.split().0), x.floor().to_f64());
+            }
+            let _anything = T::from_f64(f64::NAN).split();
+        }
+        check::<f32>();
+        check::<f64>();
     }
 }

@@ -69,7 +69,7 @@ impl<T: Real> Row<T> for [T; 12] {
     #[inline(always)]
     unsafe fn add(mut self, other: Self) -> Self {
         for i in 0..12 {
-            self[i] = self[i] + other[i];
+            self[i] += other[i];
         }
         self
     }
@@ -77,7 +77,7 @@ impl<T: Real> Row<T> for [T; 12] {
     #[inline(always)]
     unsafe fn mul(mut self, other: Self) -> Self {
         for i in 0..12 {
-            self[i] = self[i] * other[i];
+            self[i] *= other[i];
         }
         self
     }
