@@ -1,1 +1,3 @@
 //! Report: what a person opens after a run.
+
+pub mod run_folder;
