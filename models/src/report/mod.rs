@@ -1,3 +1,4 @@
 //! Report: what a person opens after a run.
 
+pub mod ply;
 pub mod run_folder;
