@@ -1,4 +1,6 @@
 //! Report: what a person opens after a run.
 
+pub mod animation;
+mod palette;
 pub mod ply;
 pub mod run_folder;
