@@ -3,4 +3,5 @@
 pub mod animation;
 mod palette;
 pub mod ply;
+pub mod png_file;
 pub mod run_folder;
