@@ -4,4 +4,5 @@ pub mod animation;
 mod palette;
 pub mod ply;
 pub mod png_file;
+pub mod quantity;
 pub mod run_folder;
