@@ -4,5 +4,6 @@ pub mod animation;
 mod palette;
 pub mod ply;
 pub mod png_file;
+pub mod progress;
 pub mod quantity;
 pub mod run_folder;
