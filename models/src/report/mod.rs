@@ -1,6 +1,7 @@
 //! Report: what a person opens after a run.
 
 pub mod animation;
+pub mod interrupt;
 mod palette;
 pub mod ply;
 pub mod png_file;
