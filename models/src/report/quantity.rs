@@ -67,7 +67,7 @@ impl Quantity {
     }
 }
 
-/// `value = digits · 10^exponent` with `1 ≤ |digits| < 10`, rounded to three digits; zero and non-finite values as they are.
+/// `value = digits · 10^exponent` with `1 ≤ |digits| < 10`, rounded to three digits; zero, NaN and ∞ as they are.
 fn three_digits(value: f64) -> (f64, i32) {
     let text = format!("{value:.2e}");
     let split = text.split_once('e').and_then(|(digits, e)| Some((digits.parse().ok()?, e.parse().ok()?)));
