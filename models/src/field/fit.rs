@@ -22,7 +22,7 @@ pub struct FitSettings {
 
 impl Default for FitSettings {
     fn default() -> Self {
-        Self { iterations: 200, density_rate: 0.2, colour_rate: 0.05 }
+        Self { iterations: 80, density_rate: 0.2, colour_rate: 0.05 }
     }
 }
 

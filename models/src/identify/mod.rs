@@ -12,10 +12,14 @@ mod config;
 mod contact;
 mod estimate;
 mod problem;
+mod reconstruct;
+mod run;
 mod unknowns;
 
 pub use config::{ClipConfig, Config, EstimateConfig, GeometryConfig, MaterialConfig, WorldConfig};
 pub use contact::first_contact;
 pub use estimate::{Evaluation, estimate};
 pub use problem::{Observed, Problem};
-pub use unknowns::{Free, Unknowns};
+pub use reconstruct::{Reconstruction, reconstruct};
+pub use run::{HistoryRow, Run, State};
+pub use unknowns::{Bound, Free, Unknowns};

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use gradreel::{DType, ErrorKind, Result, Tape, Var};
 
-use crate::identify::{Config, Free, Unknowns};
+use crate::identify::{Bound, Config, Free, Unknowns};
 use crate::particles::Particles;
 use crate::physics::{Body, Collider, Law, Remat, Schedule, World, rollout};
 use crate::render::{Rays, Splat, Surface, Target, render};
@@ -95,7 +95,7 @@ impl<'a> Problem<'a> {
     ///
     /// # Errors
     /// What the rollout returns.
-    pub fn motion(&self, tape: &Tape, bound: &super::unknowns::Bound, schedule: Schedule) -> Result<Var> {
+    pub fn motion(&self, tape: &Tape, bound: &Bound, schedule: Schedule) -> Result<Var> {
         let count = self.particles.len();
         let opacity = tape.constant(self.particles.opacity(self.dtype)?).reshape([count]);
         let parameters = self.law.parameters();

@@ -74,6 +74,18 @@ impl Unknowns {
         moved
     }
 
+    /// Constants of a tape for them: nothing is differentiated.
+    ///
+    /// # Errors
+    /// Never for `f32` and `f64`.
+    pub fn constants(&self, tape: &Tape, dtype: DType) -> Result<Bound> {
+        let constant = |values: &[f64]| -> Result<Var> {
+            Ok(tape.constant(Tensor::from_vec(values.to_vec(), [values.len()]).cast(dtype)?))
+        };
+        let parameters = self.parameters.iter().map(|value| constant(&[*value])).collect::<Result<_>>()?;
+        Ok(Bound { leaves: Vec::new(), velocity: constant(&self.velocity)?, parameters })
+    }
+
     /// Variables of a tape for them; the free ones are leaves.
     ///
     /// # Errors
