@@ -11,3 +11,4 @@ pub mod physics;
 pub mod render;
 pub mod identify;
 pub mod report;
+pub mod cli;

@@ -1,1 +1,5 @@
-fn main() {}
+//! The `gradreel` command.
+
+fn main() -> std::process::ExitCode {
+    gradreel_models::cli::main().into()
+}

@@ -15,6 +15,7 @@
 //! Source: Hu et al., *A Moving Least Squares Material Point Method*, 2018; Jiang et al., *The Affine Particle-In-Cell
 //! Method*, 2015.
 
+mod check;
 mod collider;
 mod denormals;
 mod failure;

@@ -1,0 +1,48 @@
+//! `gradreel gradcheck`: derivatives against central differences, as tables.
+
+use gradreel::ops::registry;
+use gradreel::{DType, Error, ErrorKind, Result, Tensor, Var, gradcheck};
+
+use crate::physics::materials;
+
+/// Arguments of `gradreel gradcheck`.
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// Only ops and materials whose name contains this
+    filter: Option<String>,
+}
+
+/// Checks every op of the registry and the stress of every material; fails if one table has a FAIL.
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    let wanted = |name: &str| arguments.filter.as_deref().is_none_or(|part| name.contains(part));
+    let (mut passed, mut failed) = (0, 0);
+    let mut count = |report: gradreel::GradReport| {
+        print!("{report}");
+        if report.passed() { passed += 1 } else { failed += 1 }
+    };
+    for entry in registry().into_iter().filter(|entry| wanted(entry.name)) {
+        for case in (entry.cases)() {
+            let names: Vec<String> = (0..case.inputs.len()).map(|i| format!("x{i}")).collect();
+            let differentiable: Vec<usize> = (0..names.len())
+                .filter(|&i| case.inputs[i].dtype() == DType::F64 && !case.inputs[i].is_empty())
+                .collect();
+            let inputs: Vec<(&str, Tensor)> =
+                differentiable.iter().map(|&i| (names[i].as_str(), case.inputs[i].clone())).collect();
+            count(gradcheck(entry.name, &inputs, |tape, vars| {
+                let mut operands: Vec<Var> = case.inputs.iter().map(|x| tape.constant(x.clone())).collect();
+                differentiable.iter().zip(vars).for_each(|(&i, var)| operands[i] = var.clone());
+                tape.apply(case.op.clone(), &operands.iter().collect::<Vec<_>>())
+            })?);
+        }
+    }
+    for law in materials::all().into_iter().filter(|law| wanted(law.name())) {
+        count(law.gradcheck()?);
+    }
+    println!("{passed} passed, {failed} failed");
+    match (passed + failed, failed) {
+        (0, _) => Err(Error::new(ErrorKind::Input, "no op or material has such a name")
+            .found(arguments.filter.as_deref().unwrap_or_default())),
+        (_, 0) => Ok(()),
+        _ => Err(Error::new(ErrorKind::NoGradient, "a derivative is wrong; see the rows marked FAIL")),
+    }
+}

@@ -1,0 +1,57 @@
+//! The command line.
+
+mod check;
+mod gradcheck;
+mod reconstruct;
+
+use clap::{Parser, Subcommand};
+use gradreel::{ErrorKind, Result};
+
+/// From a video of a collision to shape, motion and material.
+#[derive(Parser)]
+#[command(name = "gradreel", version, about, long_about = LONG_ABOUT, max_term_width = 120)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const LONG_ABOUT: &str = "\
+gradreel reconstructs an object that falls and bounces in a video: its 3D shape, its motion, and the numbers of its material \
+(Young's modulus [Pa], Poisson ratio, initial velocity [m/s]). One gradient tape runs from the pixels through volume \
+rendering and a differentiable material point simulation to those numbers.
+
+Try it on the clip that comes with the sources:
+
+    gradreel reconstruct examples/clips/bird
+
+Exit codes: 0 done, 1 the computation failed, 2 the input cannot be used, 130 stopped by Ctrl-C.";
+
+#[derive(Subcommand)]
+enum Command {
+    /// Reconstruct shape, motion and material of the object in a clip
+    Reconstruct(reconstruct::Arguments),
+    /// Look at a clip: what is there, what is missing, what will be assumed
+    Check(check::Arguments),
+    /// Check derivatives of ops and materials against central differences, and print the tables
+    Gradcheck(gradcheck::Arguments),
+}
+
+/// Runs the command line and returns the exit code.
+pub fn main() -> u8 {
+    let outcome = match Cli::parse().command {
+        Command::Reconstruct(arguments) => reconstruct::run(&arguments),
+        Command::Check(arguments) => check::run(&arguments),
+        Command::Gradcheck(arguments) => gradcheck::run(&arguments),
+    };
+    exit_code(outcome)
+}
+
+fn exit_code(outcome: Result<()>) -> u8 {
+    let Err(error) = outcome else { return 0 };
+    eprintln!("error: {error}");
+    match error.kind() {
+        ErrorKind::Input => 2,
+        ErrorKind::Interrupted => 130,
+        _ => 1,
+    }
+}

@@ -1,0 +1,137 @@
+//! `gradreel reconstruct`: the main job.
+
+use std::path::{Path, PathBuf};
+
+use gradreel::{Error, ErrorKind, Result};
+
+use crate::identify::{Config, Reconstruction, Run, reconstruct};
+use crate::report::interrupt;
+use crate::report::progress::Progress;
+use crate::report::quantity::Quantity;
+use crate::report::reconstruction::{publish, quantities};
+use crate::report::run_folder::{RunFolder, next_free};
+use crate::video::{Clip, OpenOptions};
+
+/// Arguments of `gradreel reconstruct`.
+#[derive(clap::Args)]
+#[command(after_long_help = EXAMPLES)]
+pub(super) struct Arguments {
+    /// Folder of the clip: all_data.json and data/r_{camera}_{frame}.png (PAC-NeRF layout)
+    clip: PathBuf,
+    /// Folder for the results [default: runs/<clip>, runs/<clip>-2, …]
+    #[arg(long, value_name = "FOLDER")]
+    out: Option<PathBuf>,
+    /// Go on with the run in --out where it was interrupted
+    #[arg(long, requires = "out")]
+    resume: bool,
+    /// Settings as TOML; what it does not name keeps its default (see config.toml of any run)
+    #[arg(long, value_name = "FILE", conflicts_with = "resume")]
+    config: Option<PathBuf>,
+    /// Use these cameras only, for example 0,3,5
+    #[arg(long, value_delimiter = ',', value_name = "NUMBERS", conflicts_with = "resume")]
+    cameras: Option<Vec<i64>>,
+    /// Use the first so many frames only
+    #[arg(long, value_name = "COUNT", conflicts_with = "resume")]
+    frames: Option<usize>,
+    /// Young's modulus to start from [Pa]
+    #[arg(long, value_name = "PA", conflicts_with = "resume")]
+    young: Option<f64>,
+    /// Poisson ratio to start from
+    #[arg(long, value_name = "RATIO", allow_negative_numbers = true, conflicts_with = "resume")]
+    poisson: Option<f64>,
+    /// Density of the object [kg/m³]; a wrong one scales Young's modulus alike
+    #[arg(long, value_name = "KG/M3", conflicts_with = "resume")]
+    density: Option<f64>,
+    /// Height of the ground [m]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, conflicts_with = "resume")]
+    ground: Option<f64>,
+    /// Grid spacing of the simulation [m] [default: 0.02, or one that gives about ten thousand particles]
+    #[arg(long, value_name = "M", conflicts_with = "resume")]
+    dx: Option<f64>,
+    /// No progress on stderr
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  gradreel reconstruct examples/clips/bird                     the bundled clip, about two minutes on two cores
+  gradreel reconstruct my/clip --cameras 0,4 --out runs/two    two cameras only
+  gradreel reconstruct my/clip --out runs/two --resume         go on after Ctrl-C
+
+Look at a clip first with `gradreel check my/clip`. The results are in index.html of the output folder.";
+
+/// Reconstructs a clip into a folder.
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    interrupt::install()?;
+    let progress = Progress::new(arguments.quiet);
+    let (mut run, clip) = if arguments.resume { resume(arguments)? } else { begin(arguments)? };
+    if !arguments.quiet {
+        eprintln!("{}: {} cameras, {} frames → {}", clip.name, clip.cameras.len(), clip.frame_count(), run.folder.root().display());
+    }
+    let found = reconstruct(&clip, &mut run, &progress).map_err(|error| match error.kind() {
+        ErrorKind::Interrupted => error.fix(format!(
+            "go on with `gradreel reconstruct {} --out {} --resume`",
+            arguments.clip.display(),
+            run.folder.root().display()
+        )),
+        _ => error,
+    })?;
+    publish(&found, &run, &clip, &progress)?;
+    summarise(&found, &run);
+    Ok(())
+}
+
+fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
+    let mut config = match &arguments.config {
+        None => Config::default(),
+        Some(path) => {
+            let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, "read the configuration", &e))?;
+            Config::parse(&text).map_err(|e| e.at(path.display()))?
+        }
+    };
+    if let Some(cameras) = &arguments.cameras {
+        config.clip.cameras.clone_from(cameras);
+    }
+    let start = &mut config.material.start;
+    arguments.young.map(|value| start.insert("young".into(), value));
+    arguments.poisson.map(|value| start.insert("poisson".into(), value));
+    config.clip.frames = arguments.frames.unwrap_or(config.clip.frames);
+    config.world.density = arguments.density.unwrap_or(config.world.density);
+    config.world.ground = arguments.ground.unwrap_or(config.world.ground);
+    config.geometry.dx = arguments.dx.unwrap_or(config.geometry.dx);
+    config.check()?;
+    // the clip first: a folder that cannot be read leaves no trace
+    let clip = open(&arguments.clip, &config)?;
+    let folder = arguments.out.clone().unwrap_or_else(|| next_free(Path::new("runs"), &clip.name));
+    Ok((Run::create(RunFolder::create(&folder)?, config)?, clip))
+}
+
+fn resume(arguments: &Arguments) -> Result<(Run, Clip)> {
+    let folder = arguments.out.as_deref().unwrap_or(Path::new("."));
+    let run = Run::open(RunFolder::open(folder)?)?;
+    let clip = open(&arguments.clip, &run.config)?;
+    Ok((run, clip))
+}
+
+fn open(path: &Path, config: &Config) -> Result<Clip> {
+    let options = OpenOptions {
+        cameras: Some(config.clip.cameras.clone()).filter(|cameras| !cameras.is_empty()),
+        max_frames: Some(config.clip.frames).filter(|&frames| frames > 0),
+        ..OpenOptions::default()
+    };
+    let clip = Clip::open(path, &options)?;
+    if clip.frame_count() < 2 {
+        return Err(Error::new(ErrorKind::Input, "a clip needs at least two frames to show motion")
+            .at(path.display())
+            .found(clip.frame_count()));
+    }
+    Ok(clip)
+}
+
+fn summarise(found: &Reconstruction, run: &Run) {
+    println!();
+    let line = |q: &Quantity| println!("  {:<22} {:>12}", q.label, q.readable());
+    quantities(found, run).iter().for_each(line);
+    println!("\n  open {}", run.folder.path("index.html").display());
+}

@@ -1,0 +1,68 @@
+//! Gradient check of a material: the derivative of its traced law against central differences in `f64`.
+
+use gradreel::ops::{Map, uniform};
+use gradreel::scalar::{Program, Scalar};
+use gradreel::{GradReport, Result, Tensor, Var, gradcheck};
+
+use super::law::Law;
+
+/// States checked: random ones around rest, and rest itself, where all principal stretches coincide.
+const STATES: usize = 12;
+
+impl Law {
+    /// Checks the derivative of projected deformation and stress with respect to deformation gradient, velocity gradient and
+    /// every parameter; the last state is exactly at rest.
+    ///
+    /// ```
+    /// use gradreel_models::physics::materials;
+    ///
+    /// let report = materials::find("neo_hookean").unwrap().gradcheck()?;
+    /// println!("{report}");
+    /// assert!(report.passed());
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// What [`gradcheck`] returns.
+    pub fn gradcheck(&self) -> Result<GradReport> {
+        let program = self.program();
+        let names: Vec<&str> = program.inputs().iter().map(String::as_str).collect();
+        let fixed = names.iter().position(|name| *name == "dt").unwrap_or(names.len());
+        // stresses are of the order of the stiffest parameter; F is of order 1
+        let stiffness = self.parameters().iter().filter(|p| p.unit == "Pa").map(|p| p.start).fold(1.0, f64::max);
+        let whole = Program::trace(&format!("{}_contracted", self.name()), &names, &["y"], |x| {
+            let outputs = program.apply(x);
+            let sum = outputs.iter().enumerate().fold(Scalar::from(0.0), |sum, (i, y)| {
+                let scale = if i < 9 { 1.0 } else { 1.0 / stiffness };
+                sum + *y * (scale * (0.6 + 0.1 * i as f64))
+            });
+            vec![sum]
+        });
+        let mut inputs: Vec<(&str, Tensor)> = Vec::new();
+        for (i, name) in names.iter().enumerate() {
+            let values = match i {
+                0..9 => {
+                    let rest = f64::from(u8::from(i % 4 == 0));
+                    perturbed(i, rest, 0.15)
+                }
+                9..18 => perturbed(i, 0.0, 2.0),
+                _ if i == fixed => vec![1e-3; STATES],
+                _ => {
+                    let p = &self.parameters()[i - fixed - 1];
+                    vec![p.start; STATES]
+                }
+            };
+            inputs.push((name, Tensor::from_vec(values, [STATES])));
+        }
+        let map = std::rc::Rc::new(Map::new(whole));
+        gradcheck(self.name(), &inputs, |tape, vars| tape.apply(map.clone(), &vars.iter().collect::<Vec<&Var>>()))
+    }
+}
+
+/// `centre` with noise of this size; the last entry has none.
+fn perturbed(seed: usize, centre: f64, size: f64) -> Vec<f64> {
+    let noise = uniform(seed as u64 + 1, [STATES], -size..size);
+    let mut values: Vec<f64> = noise.slice::<f64>().iter().map(|n| centre + n).collect();
+    values[STATES - 1] = centre;
+    values
+}

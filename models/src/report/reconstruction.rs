@@ -1,0 +1,309 @@
+//! Everything a finished (or interrupted) reconstruction leaves in its folder.
+
+use std::collections::BTreeMap;
+
+use gradreel::{Result, Tape, Tensor};
+
+use crate::identify::{HistoryRow, Reconstruction, Run};
+use crate::render::{Rays, Splat, render};
+use crate::report::animation::{Picture, gif};
+use crate::report::page::{Headline, Page, Scene};
+use crate::report::plot::{Plot, Series};
+use crate::report::ply::ply;
+use crate::report::png_file::png;
+use crate::report::progress::Progress;
+use crate::report::quantity::{Quantity, parameters_json};
+use crate::video::{Camera, Clip};
+
+/// Cameras shown in the animation at most.
+const SHOWN_CAMERAS: usize = 2;
+
+/// Writes particles, pictures, plots, `parameters.json` and `index.html`; returns the quality figures.
+///
+/// `clip` is the clip at its own resolution.
+///
+/// # Errors
+/// What simulating, rendering and writing return.
+pub fn publish(found: &Reconstruction, run: &Run, clip: &Clip, progress: &Progress) -> Result<BTreeMap<String, f64>> {
+    let motion = found.motion(run)?;
+    let frames = clip.frame_count();
+    let bar = progress.stage("writing the results", frames as u64 + 1);
+    let positions: Vec<Vec<[f32; 3]>> = (0..frames).map(|frame| frame_positions(&motion, frame)).collect();
+    let colours: Vec<[u8; 3]> =
+        found.particles.colour.iter().map(|c| c.map(|v| (255.0 * v).round().clamp(0.0, 255.0) as u8)).collect();
+    for (frame, points) in positions.iter().enumerate() {
+        run.folder.write(&format!("particles/frame_{frame:03}.ply"), &ply(points, Some(&colours))?)?;
+    }
+    let shown: Vec<usize> = spread(clip.cameras.len(), SHOWN_CAMERAS);
+    let mut pictures = Vec::with_capacity(frames);
+    let mut agreement = Agreement::default();
+    for (frame, points) in positions.iter().enumerate() {
+        let mut tiles = Vec::new();
+        for (index, camera) in clip.cameras.iter().enumerate() {
+            let rgba = picture_of(found, run, points, camera)?;
+            let image = &clip.frames[index][frame];
+            agreement.add(&rgba, &image.rgb, &image.alpha, &image.weight);
+            if shown.contains(&index) {
+                let filmed: Vec<f32> = image.rgb.iter().copied().collect();
+                tiles.push(Picture::from_unit(camera.width, camera.height, &filmed)?);
+                let on_white: Vec<f32> =
+                    rgba.chunks(4).flat_map(|p| [0, 1, 2].map(|c| p[c] + 1.0 - p[3])).collect();
+                tiles.push(Picture::from_unit(camera.width, camera.height, &on_white)?);
+            }
+        }
+        pictures.push(Picture::grid(2, &tiles));
+        bar.set(frame as u64 + 1, "");
+    }
+    let rate = if clip.frame_dt() > 0.0 { 1.0 / clip.frame_dt() } else { 1.0 };
+    let animation = gif(&pictures, (rate / 3.0).clamp(2.0, 12.0))?;
+    run.folder.write("input_and_reconstruction.gif", &animation)?;
+    if let Some(last) = pictures.last() {
+        run.folder.write("last_frame.png", &png(last)?)?;
+    }
+    let mut quality = agreement.figures();
+    quality.insert("particles".into(), found.particles.len() as f64);
+    quality.insert("volume_m3".into(), found.particles.volume());
+    let quantities = quantities(found, run);
+    let assumed = assumed(run);
+    run.folder.write("parameters.json", &parameters_json(found.law.name(), &quantities, &assumed, &quality)?)?;
+    let plots = plots(found, run);
+    for plot in &plots {
+        let name = plot.title.to_lowercase().replace([' ', '\''], "_");
+        run.folder.write(&format!("plots/{name}.svg"), plot.svg().as_bytes())?;
+    }
+    let page = Page {
+        title: &clip.name,
+        subtitle: format!(
+            "{} cameras, {frames} frames at {rate:.3} frames/s; {} particles of {}",
+            clip.cameras.len(),
+            found.particles.len(),
+            found.law.name().replace('_', "-")
+        ),
+        headlines: quantities.iter().map(headline).collect(),
+        animation: Some(&animation),
+        animation_caption: "Left: the clip, background removed. Right: the reconstruction. Slowed to a third.".into(),
+        scene: Some(Scene {
+            frames: positions,
+            colours,
+            frame_dt: clip.frame_dt(),
+            ground: run.config.world.ground as f32,
+            cameras: clip.cameras.iter().map(|camera| camera.c2w).collect(),
+        }),
+        plots,
+        notes: notes(run, &assumed, &quality),
+        timings: run.state.finished.iter().cloned().zip(run.state.seconds.iter().copied()).collect(),
+        config_toml: run.config.to_toml()?,
+        files: files(),
+    };
+    run.folder.write("index.html", page.html().as_bytes())?;
+    bar.finish(&format!("{}", run.folder.path("index.html").display()));
+    Ok(quality)
+}
+
+fn frame_positions(motion: &Tensor, frame: usize) -> Vec<[f32; 3]> {
+    let count = motion.dims()[1];
+    let part = &motion.slice::<f32>()[frame * count * 3..(frame + 1) * count * 3];
+    part.chunks(3).map(|x| [x[0], x[1], x[2]]).collect()
+}
+
+/// Premultiplied colour and coverage of every pixel of a camera.
+fn picture_of(found: &Reconstruction, run: &Run, points: &[[f32; 3]], camera: &Camera) -> Result<Vec<f32>> {
+    let particles = &found.particles;
+    let tape = Tape::new();
+    let positions = tape.constant(Tensor::from_vec(points.as_flattened().to_vec(), [points.len(), 3]));
+    let opacity = tape.constant(particles.opacity(gradreel::DType::F32)?);
+    let colour = tape.constant(particles.colour(gradreel::DType::F32)?);
+    let rays = std::sync::Arc::new(Rays::of_camera(camera));
+    let splat = Splat { spacing: 2.0 * particles.spacing, particle_spacing: particles.spacing };
+    let pixels = render(&positions, &opacity, &colour, &rays, &splat, &run.config.surface)?;
+    Ok(pixels.value()?.slice::<f32>().to_vec())
+}
+
+/// Up to `count` of `0..len`, spread evenly.
+fn spread(len: usize, count: usize) -> Vec<usize> {
+    let count = count.min(len);
+    (0..count).map(|i| i * len / count).collect()
+}
+
+/// How well rendered pixels agree with filmed ones.
+#[derive(Default)]
+struct Agreement {
+    squared: f64,
+    values: f64,
+    both: f64,
+    either: f64,
+}
+
+impl Agreement {
+    fn add(
+        &mut self,
+        rgba: &[f32],
+        rgb: &ndarray::Array3<f32>,
+        alpha: &ndarray::Array2<f32>,
+        weight: &ndarray::Array2<f32>,
+    ) {
+        for (pixel, ((row, column), &alpha)) in rgba.chunks(4).zip(alpha.indexed_iter()) {
+            if weight[[row, column]] == 0.0 || (alpha == 0.0 && pixel[3] == 0.0) {
+                continue;
+            }
+            for c in 0..3 {
+                let residual = pixel[c] + 1.0 - pixel[3] - rgb[[row, column, c]];
+                self.squared += f64::from(residual * residual);
+                self.values += 1.0;
+            }
+            self.both += f64::from(alpha.min(pixel[3]));
+            self.either += f64::from(alpha.max(pixel[3]));
+        }
+    }
+
+    fn figures(&self) -> BTreeMap<String, f64> {
+        let mut figures = BTreeMap::new();
+        if self.values > 0.0 && self.either > 0.0 {
+            let error = (self.squared / self.values).max(1e-12);
+            figures.insert("psnr_on_object_db".into(), -10.0 * error.log10());
+            figures.insert("silhouette_iou".into(), self.both / self.either);
+        }
+        figures
+    }
+}
+
+/// The estimates with units, labels and starting values.
+pub fn quantities(found: &Reconstruction, run: &Run) -> Vec<Quantity> {
+    let material = found.law.parameters().into_iter().zip(&found.unknowns.parameters).map(|(p, &value)| Quantity {
+        name: p.name.into(),
+        label: match p.name {
+            "young" => "Young's modulus".into(),
+            "poisson" => "Poisson ratio".into(),
+            other => other.replace('_', " "),
+        },
+        symbol: p.symbol.into(),
+        unit: p.unit.into(),
+        value,
+        start: Some(run.config.material.start.get(p.name).copied().unwrap_or(p.start)),
+        source: "fitted".into(),
+    });
+    let velocity = ["x", "y", "z"].into_iter().zip(found.unknowns.velocity).map(|(axis, value)| Quantity {
+        name: format!("velocity_{axis}"),
+        label: format!("Initial velocity, {axis}"),
+        symbol: format!("v_{axis}"),
+        unit: "m/s".into(),
+        value,
+        start: Some(0.0),
+        source: "fitted".into(),
+    });
+    material.chain(velocity).collect()
+}
+
+fn assumed(run: &Run) -> Vec<Quantity> {
+    let quantity = |name: &str, label: &str, symbol: &str, unit: &str, value: f64| Quantity {
+        name: name.into(),
+        label: label.into(),
+        symbol: symbol.into(),
+        unit: unit.into(),
+        value,
+        start: None,
+        source: "assumed".into(),
+    };
+    let world = &run.config.world;
+    vec![
+        quantity("density", "Density", "ρ", "kg/m³", world.density),
+        quantity("gravity_y", "Gravity, y", "g_y", "m/s²", world.gravity[1]),
+        quantity("ground", "Height of the sticky ground", "y_0", "m", world.ground),
+        quantity("dx", "Grid spacing", "dx", "m", run.config.geometry.dx),
+    ]
+}
+
+fn headline(quantity: &Quantity) -> Headline {
+    Headline {
+        symbol: quantity.symbol.clone(),
+        label: quantity.label.clone(),
+        readable: quantity.readable(),
+        exact: format!("{:.5e} {}", quantity.value, quantity.unit),
+        note: quantity.start.map_or_else(String::new, |start| format!("fitted; started at {start} {}", quantity.unit)),
+    }
+}
+
+fn notes(run: &Run, assumed: &[Quantity], quality: &BTreeMap<String, f64>) -> Vec<(String, String)> {
+    let mut notes: Vec<(String, String)> =
+        assumed.iter().map(|q| (q.label.clone(), format!("{} (assumed)", q.readable()))).collect();
+    notes.push((
+        "Young's modulus and density".into(),
+        "motion shows their ratio only: a body of twice the density with twice the modulus moves alike".into(),
+    ));
+    if let Some(contact) = run.state.contact {
+        notes.push(("First frame in contact".into(), contact.to_string()));
+    }
+    let figure = |name: &str| quality.get(name).copied();
+    if let (Some(iou), Some(psnr)) = (figure("silhouette_iou"), figure("psnr_on_object_db")) {
+        notes.push(("Agreement with the clip".into(), format!("silhouette IoU {iou:.3}, PSNR on the object {psnr:.1} dB")));
+    }
+    notes.extend(run.state.notes.iter().map(|note| ("Note".into(), note.clone())));
+    notes
+}
+
+fn plots(found: &Reconstruction, run: &Run) -> Vec<Plot> {
+    let history = &run.state.history;
+    let mut stages: Vec<&str> = Vec::new();
+    history.iter().for_each(|row| {
+        if !stages.contains(&row.stage.as_str()) {
+            stages.push(&row.stage);
+        }
+    });
+    let series = |of: &dyn Fn(&HistoryRow) -> Option<f64>, keep: &dyn Fn(&str) -> bool| -> Vec<Series> {
+        let one = |stage: &&str| Series {
+            label: (*stage).to_owned(),
+            points: history
+                .iter()
+                .enumerate()
+                .filter(|(_, row)| row.stage == **stage)
+                .filter_map(|(i, row)| Some((i as f64 + 1.0, of(row)?)))
+                .collect(),
+        };
+        stages.iter().filter(|stage| keep(stage)).map(one).collect()
+    };
+    let plot = |title: &str, y_label: String, log_y: bool, series: Vec<Series>| Plot {
+        title: title.into(),
+        x_label: "evaluation".into(),
+        y_label,
+        log_y,
+        series,
+        reference: None,
+    };
+    let mut plots = vec![plot("Loss", "loss per pixel of object".into(), true, series(&|row| row.loss, &|_| true))];
+    for (index, p) in found.law.parameters().iter().enumerate() {
+        let log = p.map == crate::physics::Map::Log10;
+        let y_label = if p.unit == "-" { p.symbol.to_owned() } else { format!("{} [{}]", p.symbol, p.unit) };
+        let title = match p.name {
+            "young" => "Young's modulus",
+            "poisson" => "Poisson ratio",
+            other => other,
+        };
+        let of = |row: &HistoryRow| row.unknowns.parameters.get(index).copied();
+        plots.push(plot(title, y_label, log, series(&of, &|stage| stage.starts_with("material"))));
+    }
+    let axis = |a: usize, name: &str| Series {
+        label: name.into(),
+        points: history
+            .iter()
+            .enumerate()
+            .filter(|(_, row)| row.stage.starts_with("velocity"))
+            .map(|(i, row)| (i as f64 + 1.0, row.unknowns.velocity[a]))
+            .collect(),
+    };
+    plots.push(plot("Initial velocity", "v [m/s]".into(), false, vec![axis(0, "x"), axis(1, "y"), axis(2, "z")]));
+    plots
+}
+
+fn files() -> Vec<(String, String)> {
+    [
+        ("parameters.json", "every estimate with its SI unit, what was assumed, how well it fits"),
+        ("input_and_reconstruction.gif", "the clip beside its reconstruction"),
+        ("particles/", "one PLY file a frame: positions in metres (y up) with colours"),
+        ("plots/", "convergence as SVG"),
+        ("config.toml", "the resolved configuration; pass it with --config to repeat the run"),
+        ("state.json", "every evaluation, and where --resume goes on"),
+        ("field.safetensors", "the voxels of the first frame"),
+    ]
+    .map(|(link, what)| (link.to_owned(), what.to_owned()))
+    .to_vec()
+}
