@@ -1,10 +1,15 @@
 //! Report: what a person opens after a run.
 
 pub mod animation;
+pub mod base64;
 pub mod interrupt;
+mod markup;
+pub mod page;
 mod palette;
+pub mod plot;
 pub mod ply;
 pub mod png_file;
 pub mod progress;
 pub mod quantity;
+pub mod reconstruction;
 pub mod run_folder;
