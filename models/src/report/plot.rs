@@ -8,10 +8,10 @@ mod axis;
 
 use axis::Axis;
 
-const WIDTH: f64 = 640.0;
-const LEFT: f64 = 70.0;
-const RIGHT: f64 = 20.0;
-const FIELD: f64 = 230.0;
+const WIDTH: f64 = 520.0;
+const LEFT: f64 = 64.0;
+const RIGHT: f64 = 16.0;
+const FIELD: f64 = 210.0;
 const BELOW: f64 = 50.0;
 /// Room given to one character of the legend, which is set in 12 px.
 const CHARACTER: f64 = 6.7;
@@ -47,7 +47,7 @@ pub struct Plot {
 }
 
 impl Plot {
-    /// The plot as one SVG element, 640 units wide, which can stand inside a page or be a file of its own.
+    /// The plot as one SVG element, 520 units wide, which can stand inside a page or be a file of its own.
     ///
     /// Text and lines take the colour of the surrounding text. A point that is not finite (or not positive on a
     /// logarithmic axis) interrupts its curve and is counted in a line beneath the plot.
@@ -182,7 +182,7 @@ fn frame(body: &mut String, x: &Axis, y: &Axis, top: f64) {
         grid_line(body, &format!("M{LEFT} {py:.2}H{}", WIDTH - RIGHT));
         text(body, LEFT - 8.0, py + 4.0, "end", 0.75, &label);
     }
-    for (value, label) in x.ticks(7) {
+    for (value, label) in x.ticks(6) {
         let px = LEFT + (WIDTH - LEFT - RIGHT) * x.place(value);
         grid_line(body, &format!("M{px:.2} {top}V{bottom}"));
         text(body, px, bottom + 20.0, "middle", 0.75, &label);

@@ -32,7 +32,7 @@
   const cameras = scene.cameras.filter((rows) => rows.flat().every((x) => x !== null));
   const eyeOf = (rows) => rows.map((row) => row[3]);
   const gridStep = (() => {
-    const rough = size / 5, decade = 10 ** Math.floor(Math.log10(rough));
+    const rough = size / 8, decade = 10 ** Math.floor(Math.log10(rough));
     return decade * [1, 2, 5, 10].find((m) => m * decade >= rough);
   })();
 
@@ -41,7 +41,7 @@
     const [cx, cz] = [centre[0], centre[2]].map((x) => Math.round(x / gridStep) * gridStep);
     const put = (x, z) => {
       const r = Math.hypot(x - centre[0], z - centre[2]) / (reach * gridStep);
-      vertices.push(x, scene.ground, z, 0.55 * clamp(1 - r, 0, 1));
+      vertices.push(x, scene.ground, z, 0.7 * clamp(1 - r, 0, 1));
     };
     for (let line = -reach; line <= reach; line++) {
       for (let part = 0; part < parts; part++) {
@@ -76,7 +76,8 @@
     attribute vec3 now, next, tint;
     uniform mat4 clip;
     uniform vec3 low, extent;
-    uniform float blend, pixels, floorHeight, shadow;
+    uniform float blend, pixels, floorHeight;
+    uniform mediump float shadow;
     varying vec3 colour;
     void main() {
       colour = tint;
@@ -88,7 +89,7 @@
     }`;
   const PARTICLE_FRAGMENT = `
     precision mediump float;
-    uniform float shadow;
+    uniform mediump float shadow;
     varying vec3 colour;
     void main() {
       vec2 c = 2.0 * gl_PointCoord - 1.0;
@@ -97,7 +98,7 @@
       vec3 normal = vec3(c.x, -c.y, sqrt(1.0 - r2));
       float light = 0.62 + 0.46 * max(dot(normal, normalize(vec3(-0.45, 0.75, 0.6))), 0.0);
       vec3 shaded = colour * light * (1.0 - 0.25 * r2 * r2);
-      gl_FragColor = shadow > 0.5 ? vec4(0.0, 0.0, 0.0, 0.2) : vec4(shaded, 1.0);
+      gl_FragColor = shadow > 0.5 ? vec4(0.0, 0.0, 0.0, 0.28) : vec4(shaded, 1.0);
     }`;
   const LINE_VERTEX = `
     attribute vec4 vertex;

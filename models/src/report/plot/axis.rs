@@ -45,22 +45,24 @@ impl Axis {
         if self.log { self.log_ticks(wanted) } else { linear_ticks(self.low, self.high, wanted) }
     }
 
-    /// Whole decades; where fewer than two fit, also 2 and 5 of each; where these are too few, evenly spaced values.
+    /// Whole decades; where fewer than three fit, also 2 and 5 of each; where these are too few, evenly spaced values.
     fn log_ticks(&self, wanted: usize) -> Vec<(f64, String)> {
         let (first, last) = (self.low.ceil() as i32, self.high.floor() as i32);
+        let value = |mantissa: f64, k: i32| mantissa * 10f64.powf(f64::from(k));
+        // The smallest positive number is not a power of ten: a power below it rounds to zero.
+        let shown = |v: f64| Self::shows(true, v) && (self.low..=self.high).contains(&v.log10());
         let decades = last - first + 1;
-        if decades >= 2 {
+        if decades >= 3 {
             let stride = (decades + MOST_DECADES - 1) / MOST_DECADES;
-            let kept = (first..=last).filter(|k| k.rem_euclid(stride) == 0);
-            return kept.map(|k| (10f64.powi(k), power_of_ten(k))).collect();
+            let kept = (first..=last).filter(|k| k.rem_euclid(stride) == 0).map(|k| (1.0, k));
+            return labelled(kept.filter(|&(m, k)| shown(value(m, k))).collect());
         }
-        let inside = |v: f64| (self.low..=self.high).contains(&v.log10());
-        let steps: Vec<f64> = (first - 1..=last + 1)
-            .flat_map(|k| [1.0, 2.0, 5.0].map(|m| m * 10f64.powi(k)))
-            .filter(|&v| inside(v))
+        let steps: Vec<(f64, i32)> = (first - 1..=last + 1)
+            .flat_map(|k| [1.0, 2.0, 5.0].map(|m| (m, k)))
+            .filter(|&(m, k)| shown(value(m, k)))
             .collect();
         if steps.len() >= 3 {
-            return steps.into_iter().map(|v| (v, number(v, v))).collect();
+            return labelled(steps);
         }
         linear_ticks(10f64.powf(self.low), 10f64.powf(self.high), wanted)
     }
@@ -70,10 +72,10 @@ impl Axis {
 fn linear_ticks(low: f64, high: f64, wanted: usize) -> Vec<(f64, String)> {
     let rough = (high / wanted as f64 - low / wanted as f64).max(f64::MIN_POSITIVE);
     let decade = 10f64.powf(rough.log10().floor());
-    let step = decade * [1.0, 2.0, 5.0].into_iter().find(|m| m * decade >= rough * 0.999).unwrap_or(10.0);
+    let step = decade * [1.0, 2.0, 5.0].into_iter().find(|m| rough / decade <= 1.45 * m).unwrap_or(10.0);
     let (first, last) = ((low / step).ceil(), (high / step).floor());
-    // Beyond 2⁵³ steps from zero neighbouring ticks are no longer distinct numbers.
-    if !step.is_finite() || first.abs().max(last.abs()) > 2f64.powi(53) {
+    // Beyond 2⁵³ steps from zero neighbouring ticks are no longer distinct; near the smallest numbers steps lose digits.
+    if !(1e-290..=f64::MAX).contains(&step) || first.abs().max(last.abs()) > 2f64.powi(53) {
         return Vec::new();
     }
     let largest = low.abs().max(high.abs());
@@ -81,52 +83,45 @@ fn linear_ticks(low: f64, high: f64, wanted: usize) -> Vec<(f64, String)> {
     (0..=count).map(|i| (first + i as f64) * step).map(|v| (v, tick_label(v, step, largest))).collect()
 }
 
-/// A tick label: all labels of one axis share their digits after the point or their way of writing powers.
+/// A tick label; all labels of one axis share their digits after the point and their power of ten.
 fn tick_label(value: f64, step: f64, largest: f64) -> String {
     if value == 0.0 {
         return "0".to_string();
     }
-    if (1e-3..1e5).contains(&largest) { fixed(value, step) } else { number(value, step) }
-}
-
-fn fixed(value: f64, step: f64) -> String {
-    let decimals = (-(step * 1.0001).log10().floor()).max(0.0) as usize;
-    minus(&format!("{value:.decimals$}"))
-}
-
-/// `2×10⁶`, or plain digits between 0.001 and 100 000.
-fn number(value: f64, step: f64) -> String {
-    let size = value.abs();
-    if (1e-3..1e5).contains(&size) {
+    if (1e-3..1e5).contains(&largest) {
         return fixed(value, step);
     }
-    let mut exponent = (size * 1.000_001).log10().floor() as i32;
-    if exponent < -300 {
-        exponent = -300;
-    }
+    let exponent = largest.log10().floor() as i32;
     let power = 10f64.powi(exponent);
-    let mantissa = fixed(value / power, step / power);
-    if mantissa == "1" { power_of_ten(exponent) } else { format!("{mantissa}×{}", power_of_ten(exponent)) }
+    format!("{}×{}", fixed(value / power, step / power), power_of_ten(exponent))
 }
 
-/// `10⁻³`; plain digits from 0.01 to 1000.
+/// The value with as many digits after the point as the step needs, and a true minus sign.
+fn fixed(value: f64, step: f64) -> String {
+    let decimals = (-(step * 1.0001).log10().floor()).max(0.0) as usize;
+    format!("{value:.decimals$}").replace('-', "−")
+}
+
+/// Ticks at `m × 10ᵏ`: in plain digits where all lie from 0.001 to 50 000, otherwise all with powers of ten.
+fn labelled(ticks: Vec<(f64, i32)>) -> Vec<(f64, String)> {
+    let plain = ticks.iter().all(|(_, k)| (-3..=4).contains(k));
+    let label = |m: f64, k: i32| match plain {
+        true => fixed(m * 10f64.powi(k), 10f64.powi(k)),
+        false if m == 1.0 => power_of_ten(k),
+        false => format!("{m}×{}", power_of_ten(k)),
+    };
+    ticks.into_iter().map(|(m, k)| (m * 10f64.powf(f64::from(k)), label(m, k))).collect()
+}
+
+/// `10⁻³`.
 fn power_of_ten(exponent: i32) -> String {
-    match exponent {
-        -2 => "0.01".to_string(),
-        -1 => "0.1".to_string(),
-        0..=3 => format!("{}", 10i32.pow(exponent.unsigned_abs())),
-        _ => {
-            let digits = exponent.to_string();
-            let raised = digits.chars().map(|c| match c.to_digit(10) {
-                Some(d) => ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'][d as usize],
-                None => '⁻',
-            });
-            std::iter::once('1').chain(std::iter::once('0')).chain(raised).collect()
-        }
-    }
-}
-
-/// The text with a true minus sign.
-fn minus(text: &str) -> String {
-    text.replace('-', "−")
+    let raised = exponent
+        .to_string()
+        .chars()
+        .map(|c| match c.to_digit(10) {
+            Some(d) => ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'][d as usize],
+            None => '⁻',
+        })
+        .collect::<String>();
+    format!("10{raised}")
 }
