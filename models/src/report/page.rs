@@ -167,7 +167,8 @@ fn player(scene: &Scene) -> String {
     let data = scene.data().to_string().replace('<', "\\u003c");
     let content = format!(
         "<div id=\"player\" hidden>\n\
-         <canvas id=\"view\" tabindex=\"0\" role=\"img\" aria-label=\"Moving particles in three dimensions\"></canvas>\n\
+         <canvas id=\"view\" tabindex=\"0\" role=\"img\" \
+         aria-label=\"Moving particles in three dimensions\"></canvas>\n\
          <div class=\"controls\"><button id=\"play\" type=\"button\">Pause</button>\
          <input id=\"time\" type=\"range\" min=\"0\" step=\"any\" value=\"0\" aria-label=\"Time\">\
          <output id=\"clock\"></output>\
@@ -175,8 +176,8 @@ fn player(scene: &Scene) -> String {
          <label id=\"cameras-label\"><input id=\"cameras\" type=\"checkbox\"> Cameras</label>\
          <button id=\"home\" type=\"button\">Reset view</button></div>\n\
          <p class=\"note\" id=\"legend\"></p>\n</div>\n\
-         <p id=\"no-player\" class=\"fallback\">The moving particles cannot be shown here: the player needs JavaScript and \
-         WebGL. The positions of all frames are also in the files of this folder.</p>\n\
+         <p id=\"no-player\" class=\"fallback\">\
+         The moving particles cannot be shown here: the player needs JavaScript and WebGL.</p>\n\
          <script type=\"application/json\" id=\"scene\">{data}</script>\n<script>\n{VIEWER}</script>\n"
     );
     section("card player", "Particles", &content)

@@ -1,5 +1,5 @@
 "use strict";
-// Player of moving particles in plain WebGL. Lengths in metres, y up; a particle is a shaded disc as wide as the spacing.
+// Player of moving particles in plain WebGL. Lengths in metres, y up; a particle is a shaded disc, 1.24 spacings wide.
 (() => {
   const byId = (id) => document.getElementById(id);
   const scene = JSON.parse(byId("scene").textContent);
@@ -147,22 +147,33 @@
   const view = { target: centre, yaw: 0.6, pitch: 0.35, distance: 1 };
   let dirty = true, shown = false;
 
-  const narrowest = () => {
-    const aspect = (canvas.clientWidth / canvas.clientHeight) || 1;
-    return Math.min(FIELD_OF_VIEW, 2 * Math.atan(Math.tan(FIELD_OF_VIEW / 2) * aspect));
+  const corners = () => {
+    const [low, high] = [[...scene.low], add(scene.low, scene.extent)];
+    if (hasGround && scene.ground > low[1] - size) low[1] = Math.min(low[1], scene.ground);
+    return [0, 1, 2, 3, 4, 5, 6, 7].map((n) => [0, 1, 2].map((i) => ((n >> i) & 1 ? high : low)[i]));
   };
-  const fit = (ball) => { view.distance = (1.02 * ball) / Math.sin(narrowest() / 2); dirty = true; };
+  // The least distance from which all points are inside the picture, with a margin.
+  const fit = (points) => {
+    const { back, right, up } = axes();
+    const slope = 0.86 * Math.tan(FIELD_OF_VIEW / 2), aspect = canvas.clientWidth / canvas.clientHeight || 1;
+    const needed = points.map((point) => {
+      const p = add(point, view.target, -1);
+      return dot(p, back) + Math.max(Math.abs(dot(p, up)), Math.abs(dot(p, right)) / aspect) / slope;
+    });
+    view.distance = Math.max(...needed, size);
+    dirty = true;
+  };
   const home = () => {
     Object.assign(view, { target: centre, yaw: 0.6, pitch: 0.35 });
     if (cameras.length > 0) {
       const [x, y, z] = unit(add(eyeOf(cameras[0]), centre, -1));
       Object.assign(view, { yaw: Math.atan2(x, z), pitch: clamp(Math.asin(clamp(y, -1, 1)), 0.22, 1.2) });
     }
-    fit(Math.hypot(...scene.extent) / 2 + radius);
+    fit(corners());
   };
   const showAll = () => {
     view.target = centre;
-    fit(Math.max(...cameras.map((rows) => Math.hypot(...add(eyeOf(rows), centre, -1)))) + 0.15 * size);
+    fit([...corners(), ...cameras.map(eyeOf)]);
   };
   const axes = () => {
     const { yaw, pitch } = view;
@@ -263,7 +274,8 @@
   // ---- time -----------------------------------------------------------------------------------------------------
   const last = scene.frames - 1;
   const dt = scene.dt > 0 ? scene.dt : 0.1;
-  const clock = { frame: 0, playing: last > 0 && !matchMedia("(prefers-reduced-motion: reduce)").matches, rest: 0, speed: 1 };
+  const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
+  const clock = { frame: 0, playing: last > 0 && !calm, rest: 0, speed: 1 };
   const showClock = () => {
     const frame = Math.round(clock.frame), seconds = (clock.frame * dt).toFixed(dt < 0.0095 ? 4 : 3);
     const counted = `frame ${frame + 1} of ${scene.frames}`;

@@ -74,7 +74,7 @@ fn linear_ticks(low: f64, high: f64, wanted: usize) -> Vec<(f64, String)> {
     let decade = 10f64.powf(rough.log10().floor());
     let step = decade * [1.0, 2.0, 5.0].into_iter().find(|m| rough / decade <= 1.45 * m).unwrap_or(10.0);
     let (first, last) = ((low / step).ceil(), (high / step).floor());
-    // Beyond 2⁵³ steps from zero neighbouring ticks are no longer distinct; near the smallest numbers steps lose digits.
+    // Beyond 2⁵³ steps from zero neighbouring ticks are no longer distinct; the smallest numbers have too few digits.
     if !(1e-290..=f64::MAX).contains(&step) || first.abs().max(last.abs()) > 2f64.powi(53) {
         return Vec::new();
     }
