@@ -130,10 +130,10 @@ fn headlines(list: &[Headline]) -> String {
     let mut cards = String::new();
     for Headline { symbol, label, readable, exact, note } in list {
         let [symbol, label, readable, exact] = [symbol, label, readable, exact].map(|t| escape(t));
-        write!(
+        writeln!(
             cards,
             "<article class=\"number\"><h2>{label} <i>{symbol}</i></h2><p class=\"readable\">{readable}</p>\
-             <p class=\"exact\">{exact}</p>{}</article>\n",
+             <p class=\"exact\">{exact}</p>{}</article>",
             paragraph("note", note)
         )
         .expect("a string accepts every write");
@@ -145,7 +145,7 @@ fn headlines(list: &[Headline]) -> String {
 fn animation(gif: &[u8], caption: &str) -> String {
     let size = |at: usize| gif.get(at..at + 2).map_or(0, |b| usize::from(u16::from_le_bytes([b[0], b[1]])));
     let (width, height) = (size(6), size(8));
-    let factor = if width > 0 { (ROOMY / width).max(1) } else { 1 };
+    let factor = ROOMY.checked_div(width).unwrap_or(1).max(1);
     let measures = match width > 0 && height > 0 {
         true => format!(" width=\"{}\" height=\"{}\"", width * factor, height * factor),
         false => String::new(),

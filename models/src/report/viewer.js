@@ -231,7 +231,8 @@
     gl.uniform3fv(uniform("low"), scene.low);
     gl.uniform3fv(uniform("extent"), scene.extent.map((x) => (x * 65535) / STEPS));
     gl.uniform1f(uniform("blend"), clock.frame - frame);
-    gl.uniform1f(uniform("pixels"), (radius * canvas.height) / Math.tan(FIELD_OF_VIEW / 2));
+    const drawn = shadow ? 1.2 * radius : radius; // wide enough for the shadow of a lattice to have no holes
+    gl.uniform1f(uniform("pixels"), (drawn * canvas.height) / Math.tan(FIELD_OF_VIEW / 2));
     gl.uniform1f(uniform("floorHeight"), scene.ground || 0);
     gl.uniform1f(uniform("shadow"), shadow ? 1 : 0);
     const feed = (name, data, type, bytesEach, offset) => {
