@@ -1,0 +1,36 @@
+//! Text from outside made safe to stand inside HTML and SVG.
+
+use std::fmt::Write as _;
+
+/// The text with the characters that mean something in markup replaced, for element content and quoted attributes.
+///
+/// Control characters, which XML forbids, become U+FFFD, so that they stay visible.
+pub(super) fn escape(text: &str) -> String {
+    let mut safe = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '&' => safe.push_str("&amp;"),
+            '<' => safe.push_str("&lt;"),
+            '>' => safe.push_str("&gt;"),
+            '"' => safe.push_str("&quot;"),
+            '\'' => safe.push_str("&#39;"),
+            '\n' | '\t' => safe.push(character),
+            '\u{fffe}' | '\u{ffff}' => safe.push('\u{fffd}'),
+            c if c.is_control() => safe.push('\u{fffd}'),
+            c => safe.push(c),
+        }
+    }
+    safe
+}
+
+/// A relative link to a file beside the page: percent-encoded, and begun with `./`, so that it never names a scheme.
+pub(super) fn relative_link(path: &str) -> String {
+    let mut link = String::from("./");
+    for byte in path.bytes() {
+        match byte {
+            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'.' | b'_' | b'~' | b'/' => link.push(char::from(byte)),
+            _ => write!(link, "%{byte:02X}").expect("a string accepts every write"),
+        }
+    }
+    link
+}

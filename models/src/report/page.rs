@@ -1,0 +1,251 @@
+//! The page a person opens after a run: one HTML file that needs no network and carries everything inside itself.
+
+use std::fmt::Write as _;
+
+use super::base64;
+use super::markup::{escape, relative_link};
+use super::plot::Plot;
+
+mod scene;
+
+pub use scene::Scene;
+
+const STYLE: &str = include_str!("page.css");
+const VIEWER: &str = include_str!("viewer.js");
+/// An animation narrower than this \[px\] is shown enlarged by a whole factor.
+const ROOMY: usize = 720;
+
+/// One number the run was about.
+#[derive(Debug, Clone)]
+pub struct Headline {
+    /// Its symbol: `E`.
+    pub symbol: String,
+    /// Its name: `Young's modulus`.
+    pub label: String,
+    /// The rounded value with a unit fit for reading: `301 kPa`.
+    pub readable: String,
+    /// All digits in the SI unit: `3.0123e5 Pa`.
+    pub exact: String,
+    /// Where it came from: `fitted; started at 10 kPa`.
+    pub note: String,
+}
+
+/// Everything the page shows. A part that is empty is left out.
+///
+/// ```
+/// use gradreel_models::report::page::Page;
+/// let page = Page {
+///     title: "clip <1>",
+///     subtitle: "14 frames, 11 cameras".into(),
+///     headlines: vec![],
+///     animation: None,
+///     animation_caption: String::new(),
+///     scene: None,
+///     plots: vec![],
+///     notes: vec![("scale".into(), "world units are metres".into())],
+///     timings: vec![("physics".into(), 42.0)],
+///     config_toml: "seed = 1".into(),
+///     files: vec![("parameters.json".into(), "the fitted numbers".into())],
+/// };
+/// assert!(page.html().contains("clip &lt;1&gt;"));
+/// ```
+#[derive(Debug, Clone)]
+pub struct Page<'a> {
+    /// Name of the clip or the run.
+    pub title: &'a str,
+    /// One line beneath the title.
+    pub subtitle: String,
+    /// The numbers the run was about, most important first.
+    pub headlines: Vec<Headline>,
+    /// Bytes of a GIF: the input beside the reconstruction.
+    pub animation: Option<&'a [u8]>,
+    /// What the animation shows.
+    pub animation_caption: String,
+    /// The particles, for the player.
+    pub scene: Option<Scene>,
+    /// Convergence plots.
+    pub plots: Vec<Plot>,
+    /// What was measured and what was assumed: name and text.
+    pub notes: Vec<(String, String)>,
+    /// Stages of the run and how long they took \[s\].
+    pub timings: Vec<(String, f64)>,
+    /// The resolved configuration.
+    pub config_toml: String,
+    /// The other files of the folder: link relative to the page, and what the file is.
+    pub files: Vec<(String, String)>,
+}
+
+impl Page<'_> {
+    /// The page as the text of one HTML file.
+    ///
+    /// All text is escaped, so that a clip may be named `<script>`. Pictures and data are embedded; the page forbids
+    /// itself every connection.
+    ///
+    /// # Panics
+    /// If a frame of the scene has a number of particles other than the number of colours.
+    #[track_caller]
+    pub fn html(&self) -> String {
+        let title = escape(self.title);
+        let mut parts = vec![headlines(&self.headlines)];
+        if let Some(gif) = self.animation {
+            parts.push(animation(gif, &self.animation_caption));
+        }
+        if let Some(scene) = self.scene.as_ref() {
+            parts.push(player(scene));
+        }
+        parts.push(plots(&self.plots));
+        parts.push(notes(&self.notes));
+        parts.push(timings(&self.timings));
+        parts.push(files(&self.files));
+        parts.push(config(&self.config_toml));
+        let subtitle = paragraph("subtitle", &self.subtitle);
+        let body = parts.concat();
+        format!(
+            "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+             <meta name=\"color-scheme\" content=\"light dark\">\n\
+             <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; \
+             style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\n\
+             <title>{title} · gradreel</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n\
+             <header><h1>{title}</h1>{subtitle}</header>\n{body}</main>\n\
+             <footer>Made by gradreel. This page holds all it shows and opens without a network.</footer>\n\
+             </body>\n</html>\n"
+        )
+    }
+}
+
+fn paragraph(class: &str, content: &str) -> String {
+    if content.is_empty() { String::new() } else { format!("<p class=\"{class}\">{}</p>\n", escape(content)) }
+}
+
+/// A part of the page under its own heading; nothing where the content is empty.
+fn section(class: &str, heading: &str, content: &str) -> String {
+    if content.is_empty() {
+        return String::new();
+    }
+    format!("<section class=\"{class}\">\n<h2>{heading}</h2>\n{content}</section>\n")
+}
+
+fn headlines(list: &[Headline]) -> String {
+    let mut cards = String::new();
+    for Headline { symbol, label, readable, exact, note } in list {
+        let [symbol, label, readable, exact] = [symbol, label, readable, exact].map(|t| escape(t));
+        writeln!(
+            cards,
+            "<article class=\"number\"><h2>{label} <i>{symbol}</i></h2><p class=\"readable\">{readable}</p>\
+             <p class=\"exact\">{exact}</p>{}</article>",
+            paragraph("note", note)
+        )
+        .expect("a string accepts every write");
+    }
+    if cards.is_empty() { cards } else { format!("<div class=\"numbers\">\n{cards}</div>\n") }
+}
+
+/// The GIF with its true aspect; a small one is enlarged by a whole factor, with its pixels left sharp.
+fn animation(gif: &[u8], caption: &str) -> String {
+    let size = |at: usize| gif.get(at..at + 2).map_or(0, |b| usize::from(u16::from_le_bytes([b[0], b[1]])));
+    let (width, height) = (size(6), size(8));
+    let factor = ROOMY.checked_div(width).unwrap_or(1).max(1);
+    let measures = match width > 0 && height > 0 {
+        true => format!(" width=\"{}\" height=\"{}\"", width * factor, height * factor),
+        false => String::new(),
+    };
+    let class = if factor > 1 { " class=\"enlarged\"" } else { "" };
+    let alt = if caption.is_empty() { "The input beside the reconstruction" } else { caption };
+    let content = format!(
+        "<figure><img{class}{measures} alt=\"{}\" src=\"data:image/gif;base64,{}\">{}</figure>\n",
+        escape(alt),
+        base64::encode(gif),
+        if caption.is_empty() { String::new() } else { format!("<figcaption>{}</figcaption>", escape(caption)) }
+    );
+    section("card animation", "Input and reconstruction", &content)
+}
+
+/// The particle player. The data stand in an inert script element; no `<` survives in it that could end the element.
+#[track_caller]
+fn player(scene: &Scene) -> String {
+    let data = scene.data().to_string().replace('<', "\\u003c");
+    let content = format!(
+        "<div id=\"player\" hidden>\n\
+         <canvas id=\"view\" tabindex=\"0\" role=\"img\" \
+         aria-label=\"Moving particles in three dimensions\"></canvas>\n\
+         <div class=\"controls\"><button id=\"play\" type=\"button\">Pause</button>\
+         <input id=\"time\" type=\"range\" min=\"0\" step=\"any\" value=\"0\" aria-label=\"Time\">\
+         <output id=\"clock\"></output>\
+         <label>Speed <select id=\"speed\"></select></label>\
+         <label id=\"cameras-label\"><input id=\"cameras\" type=\"checkbox\"> Cameras</label>\
+         <button id=\"home\" type=\"button\">Reset view</button></div>\n\
+         <p class=\"note\" id=\"legend\"></p>\n</div>\n\
+         <p id=\"no-player\" class=\"fallback\">\
+         The moving particles cannot be shown here: the player needs JavaScript and WebGL.</p>\n\
+         <script type=\"application/json\" id=\"scene\">{data}</script>\n<script>\n{VIEWER}</script>\n"
+    );
+    section("card player", "Particles", &content)
+}
+
+fn plots(list: &[Plot]) -> String {
+    let figures: String =
+        list.iter().map(|plot| format!("<figure class=\"card\">\n{}</figure>\n", plot.svg())).collect();
+    let content = if figures.is_empty() { figures } else { format!("<div class=\"plots\">\n{figures}</div>\n") };
+    section("convergence", "Convergence", &content)
+}
+
+fn notes(list: &[(String, String)]) -> String {
+    let row =
+        |(name, text): &(String, String)| format!("<tr><th>{}</th><td>{}</td></tr>\n", escape(name), escape(text));
+    let rows: String = list.iter().map(row).collect();
+    let content = if rows.is_empty() { rows } else { format!("<table class=\"notes\">\n{rows}</table>\n") };
+    section("card", "Measured and assumed", &content)
+}
+
+/// Stages with a bar as long as their share of the longest one.
+fn timings(list: &[(String, f64)]) -> String {
+    let longest = list.iter().map(|t| t.1).filter(|s| s.is_finite()).fold(0.0, f64::max);
+    let mut rows = String::new();
+    for (stage, seconds) in list {
+        let share = if longest > 0.0 && seconds.is_finite() { (100.0 * seconds / longest).max(0.0) } else { 0.0 };
+        writeln!(
+            rows,
+            "<tr><th>{}</th><td class=\"bar\"><span style=\"width:{share:.1}%\"></span></td><td>{}</td></tr>",
+            escape(stage),
+            duration(*seconds)
+        )
+        .expect("a string accepts every write");
+    }
+    if list.len() > 1 {
+        let total: f64 = list.iter().map(|t| t.1).sum();
+        writeln!(rows, "<tr class=\"total\"><th>together</th><td></td><td>{}</td></tr>", duration(total))
+            .expect("a string accepts every write");
+    }
+    let content = if rows.is_empty() { rows } else { format!("<table class=\"timings\">\n{rows}</table>\n") };
+    section("card", "Time taken", &content)
+}
+
+/// `0.42 s`, `12.3 s`, `4 min 05 s`, `2 h 07 min`.
+fn duration(seconds: f64) -> String {
+    match seconds {
+        s if !s.is_finite() || s < 0.0 => "unknown".to_string(),
+        s if s < 9.995 => format!("{s:.2} s"),
+        s if s < 59.95 => format!("{s:.1} s"),
+        s if s < 3599.5 => format!("{} min {:02} s", s.round() as u64 / 60, s.round() as u64 % 60),
+        s => format!("{} h {:02} min", (s / 60.0).round() as u64 / 60, (s / 60.0).round() as u64 % 60),
+    }
+}
+
+fn files(list: &[(String, String)]) -> String {
+    let row = |(path, what): &(String, String)| {
+        let (link, name, what) = (relative_link(path), escape(path), escape(what));
+        format!("<tr><th><a href=\"{link}\">{name}</a></th><td>{what}</td></tr>\n")
+    };
+    let rows: String = list.iter().map(row).collect();
+    let content = if rows.is_empty() { rows } else { format!("<table class=\"files\">\n{rows}</table>\n") };
+    section("card", "Files", &content)
+}
+
+fn config(toml: &str) -> String {
+    if toml.is_empty() {
+        return String::new();
+    }
+    let toml = escape(toml);
+    format!("<details class=\"card\"><summary>Configuration</summary>\n<pre><code>{toml}</code></pre></details>\n")
+}
