@@ -43,6 +43,7 @@ use std::rc::Rc;
 pub use grid_sample_3d::Lattice;
 pub use map::{Map, Pointwise};
 
+use crate::backend::gpu::{Kernel, STRIDED};
 use crate::{Key, Op, Shape, Tensor};
 
 /// An op of the crate with the cases its tests feed it.
@@ -110,5 +111,19 @@ pub fn registry() -> Vec<Entry> {
         reshape::ENTRY,
         slice::ENTRY,
         sum::ENTRY,
+    ]
+}
+
+/// Every kernel of the crate but those made around scalar programs ([`Map::kernel`]). Adding one here adds its tests.
+pub fn kernels() -> Vec<&'static Kernel> {
+    vec![
+        &concat::KERNEL,
+        &index_add::KERNEL,
+        &index_select::KERNEL,
+        &matmul::KERNEL,
+        &pad::KERNEL,
+        &STRIDED,
+        &sum::ROWS,
+        &sum::TREE,
     ]
 }
