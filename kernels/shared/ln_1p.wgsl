@@ -1,10 +1,6 @@
-// ln(1 + x) = ln u + (x - (u - 1)) / u with u the rounded 1 + x: the second term is what the rounding lost.
-// Below 1e-3 a series, which does not rely on how the device rounds u.
+// ln(1 + x) without cancellation near 0: there the series in x itself, so that nothing depends on how 1 + x is rounded.
+// (Adding back what the rounding lost, as the CPU does, fails where a driver takes (1 + x) - 1 for x.)
 fn scalar_ln_1p(x: f32) -> f32 {
-    let u = 1.0 + x;
-    let value = scalar_ln(u);
-    let finite = u > 0.0 && u < 3.4028235e38;
-    let lost = (x - (u - 1.0)) / select(1.0, u, finite);
-    let series = x * (1.0 - x * (0.5 - x * (0.33333333 - 0.25 * x)));
-    return select(select(value, value + lost, finite), series, abs(x) < 1e-3);
+    let near = clamp(x, -0.29, 0.41);
+    return select(scalar_ln(1.0 + x), near + scalar_ln_tail(near), x > -0.29 && x < 0.41);
 }

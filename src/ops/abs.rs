@@ -1,7 +1,7 @@
 //! `abs`: `|x|`; the derivative at 0 is 0.
 
-use crate::ops::{Pointwise, uniform};
 use crate::Var;
+use crate::ops::{Pointwise, uniform};
 
 pub(super) const ABS: Pointwise<1> = Pointwise {
     name: "abs",

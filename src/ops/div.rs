@@ -2,8 +2,8 @@
 
 use std::ops;
 
-use crate::ops::{Pointwise, uniform};
 use crate::Var;
+use crate::ops::{Pointwise, uniform};
 
 pub(super) const DIV: Pointwise<2> = Pointwise {
     name: "div",

@@ -63,11 +63,8 @@ impl Lattice {
             let f = x - floor;
             hats[axis] = [(T::from_f64(1.0 - f), T::from_f64(-inverse)), (T::from_f64(f), T::from_f64(inverse))];
         }
-        let mut corners = Corners {
-            nodes: [None; 8],
-            weights: [T::from_f64(0.0); 8],
-            slopes: [[T::from_f64(0.0); 3]; 8],
-        };
+        let mut corners =
+            Corners { nodes: [None; 8], weights: [T::from_f64(0.0); 8], slopes: [[T::from_f64(0.0); 3]; 8] };
         for corner in 0..8 {
             let offset = [corner >> 2 & 1, corner >> 1 & 1, corner & 1];
             let node: [i64; 3] = std::array::from_fn(|a| base[a] + offset[a] as i64);

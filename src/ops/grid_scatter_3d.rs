@@ -15,10 +15,7 @@ pub(super) const ENTRY: Entry = Entry {
     gpu: false,
     cases: || {
         let lattice = Lattice { origin: [-0.5, 0.0, 0.25], spacing: 0.2, dims: [4, 3, 5] };
-        vec![Case::new(
-            GridScatter3d { lattice },
-            [uniform(1, [60, 2], -1.0..1.0), uniform(2, [60, 3], -0.6..1.1)],
-        )]
+        vec![Case::new(GridScatter3d { lattice }, [uniform(1, [60, 2], -1.0..1.0), uniform(2, [60, 3], -0.6..1.1)])]
     },
 };
 

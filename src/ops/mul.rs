@@ -2,8 +2,8 @@
 
 use std::ops;
 
-use crate::ops::{Pointwise, uniform};
 use crate::Var;
+use crate::ops::{Pointwise, uniform};
 
 pub(super) const MUL: Pointwise<2> = Pointwise {
     name: "mul",

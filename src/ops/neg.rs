@@ -1,7 +1,7 @@
 //! `neg`: `−x`.
 
-use crate::ops::{Pointwise, uniform};
 use crate::Var;
+use crate::ops::{Pointwise, uniform};
 
 pub(super) const NEG: Pointwise<1> = Pointwise {
     name: "neg",

@@ -1,8 +1,8 @@
 //! `relu`: `max(x, 0)`; the derivative at 0 is 0. NaN stays NaN.
 
+use crate::Var;
 use crate::ops::{Pointwise, uniform};
 use crate::scalar::Scalar;
-use crate::Var;
 
 pub(super) const RELU: Pointwise<1> = Pointwise {
     name: "relu",

@@ -1,7 +1,7 @@
 //! `sqrt`: The square root; its derivative at 0 is infinite.
 
-use crate::ops::{Pointwise, uniform};
 use crate::Var;
+use crate::ops::{Pointwise, uniform};
 
 pub(super) const SQRT: Pointwise<1> = Pointwise {
     name: "sqrt",

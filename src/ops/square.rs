@@ -1,7 +1,7 @@
 //! `square`: `x²`.
 
-use crate::ops::{Pointwise, uniform};
 use crate::Var;
+use crate::ops::{Pointwise, uniform};
 
 pub(super) const SQUARE: Pointwise<1> = Pointwise {
     name: "square",

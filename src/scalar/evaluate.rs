@@ -1,8 +1,8 @@
 //! Running a program over lanes on the CPU.
 //!
-//! Lanes are taken in blocks of 256, so that the values of a block stay in the first-level cache while every step of the code
-//! passes over them once. Inputs are read, and outputs written, in place; only the last, partial block goes through
-//! padded copies. The scratch memory belongs to the thread and is reused: a call allocates nothing once warm.
+//! Lanes are taken in blocks of 256, so that the values of a block stay in the first-level cache while every step of
+//! the code passes over them once. Inputs are read, and outputs written, in place; only the last, partial block goes
+//! through padded copies. The scratch memory belongs to the thread and is reused: a call allocates nothing once warm.
 
 use std::cell::RefCell;
 
@@ -83,20 +83,20 @@ impl Program {
     #[track_caller]
     fn check_lanes<T>(&self, len: usize, inputs: &[Lanes<'_, T>], outputs: &[&mut [T]]) {
         let name = self.name();
-        let count =
-            |what, found, wanted| assert!(found == wanted, "scalar program {name}: {found} {what}, {wanted} wanted");
-        count("inputs", inputs.len(), self.inputs().len());
-        count("outputs", outputs.len(), self.outputs().len());
-        let length = |which: &str, of: &str, found| {
-            assert!(found == len, "scalar program {name}: {which} {of} has {found} lanes, {len} wanted");
-        };
+        for (what, found, wanted) in
+            [("inputs", inputs.len(), self.inputs().len()), ("outputs", outputs.len(), self.outputs().len())]
+        {
+            assert!(found == wanted, "scalar program {name}: {found} {what}, {wanted} wanted");
+        }
         for (input, of) in inputs.iter().zip(self.inputs()) {
             if let Lanes::Each(values) = input {
-                length("input", of, values.len());
+                let found = values.len();
+                assert!(found == len, "scalar program {name}: input {of} has {found} lanes, {len} wanted");
             }
         }
         for (output, of) in outputs.iter().zip(self.outputs()) {
-            length("output", of, output.len());
+            let found = output.len();
+            assert!(found == len, "scalar program {name}: output {of} has {found} lanes, {len} wanted");
         }
     }
 }
@@ -154,8 +154,9 @@ fn run_blocks<T: Real>(
             let at = if partial { block(inputs.len() + n) } else { output[start..].as_mut_ptr() };
             ports[repeated + n] = Port { at, repeats: false };
         }
-        // SAFETY: the path is available by this function's contract with `run_on`. Ports point at whole blocks of scratch
-        // memory, at one line where they repeat, or at 256 lanes of an input, which no step writes, or of an output.
+        // SAFETY: the path is available by this function's contract with `run_on`. Ports point at whole blocks of
+        // scratch memory, at one line where they repeat, or at 256 lanes of an input, which no step writes, or of an
+        // output.
         unsafe { T::execute(path, &code.steps, ports, lanes) };
         if partial {
             for (n, output) in outputs.iter_mut().enumerate() {

@@ -1,9 +1,10 @@
 //! `exp`, `ln` and what is built on them, for vectors of `f32`, within about two units in the last place.
 //!
-//! Each argument is reduced to a short interval around 0 (`exp`: `x = n ln 2 + r`, `|r| ≤ ln 2 / 2`; `ln`: `x = m · 2ᵉ`,
-//! `√½ ≤ m < √2`) on which a minimax polynomial of the remainder, fitted for this file with Lawson's reweighting, is
-//! accurate below the rounding of `f32`. Subnormal numbers, infinities and NaN come out as in the standard library.
-//! Twin of `kernels/shared/ln.wgsl` and `kernels/shared/exp_m1.wgsl`, which use the same coefficients.
+//! Each argument is reduced to a short interval around 0 (`exp`: `x = n ln 2 + r`, `|r| ≤ ln 2 / 2`;
+//! `ln`: `x = m · 2ᵉ`, `√½ ≤ m < √2`) on which a minimax polynomial of the remainder, fitted for this file with
+//! Lawson's reweighting, is accurate below the rounding of `f32`. Subnormal numbers, infinities and NaN come out
+//! as in the standard library. Twin of `kernels/shared/ln.wgsl` and `kernels/shared/exp_m1.wgsl`, which use the same
+//! coefficients.
 
 use super::lanes::Lane;
 

@@ -1,8 +1,8 @@
 //! The vector type that register code runs over, and the loop that runs it.
 //!
-//! Everything here is generic over [`Lane`] and `inline(always)`, so that it is compiled once per instruction set inside a
-//! function that enables it. Closures and array combinators would not inherit the instruction set: hence plain loops and
-//! macros. Values move by explicit loads and stores; a step may write over one of its operands.
+//! Everything here is generic over [`Lane`] and `inline(always)`, so that it is compiled once per instruction set
+//! inside a function that enables it. Closures and array combinators would not inherit the instruction set: hence plain
+//! loops and macros. Values move by explicit loads and stores; a step may write over one of its operands.
 
 use super::instruction::{Binary, Unary};
 use super::lower::{Op, Step};
@@ -19,8 +19,8 @@ pub struct Port<T> {
 /// A vector of numbers.
 ///
 /// # Safety
-/// Every method must be called with the instruction set of the type enabled. `load` and `store` need a pointer to `WIDTH`
-/// values; alignment does not matter. Conditions are vectors of 0 and 1.
+/// Every method must be called with the instruction set of the type enabled. `load` and `store` need a pointer to
+/// `WIDTH` values; alignment does not matter. Conditions are vectors of 0 and 1.
 pub(super) trait Lane: Copy {
     type Element: Real;
     const WIDTH: usize;

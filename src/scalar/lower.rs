@@ -1,7 +1,7 @@
 //! From nodes to register code: products fused into sums, values assigned to reusable slots.
 //!
-//! Slots are numbered inputs first, then constants, then outputs, then temporaries. An output has its slot to itself, so
-//! that the evaluator can point that slot straight at the caller's memory.
+//! Slots are numbered inputs first, then constants, then outputs, then temporaries. An output has its slot to itself,
+//! so that the evaluator can point that slot straight at the caller's memory.
 
 use std::collections::HashMap;
 

@@ -1,7 +1,7 @@
 //! Vectors as plain arrays: what runs where no instruction set is written out by hand.
 //!
-//! Eight elements, so that the compiler can put them into whatever registers the target has. Products and sums are rounded
-//! separately: a fused multiply-add without hardware for it is a slow library call.
+//! Eight elements, so that the compiler can put them into whatever registers the target has. Products and sums are
+//! rounded separately: a fused multiply-add without hardware for it is a slow library call.
 
 use super::exp_ln::{Lane32, single_precision};
 use super::lanes::{Lane, elementwise};

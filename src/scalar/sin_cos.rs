@@ -1,7 +1,7 @@
 //! Sine and cosine for vectors of `f32`.
 //!
-//! `x = q π/2 + r` with `π/2` in three parts, of which the products with `q` are exact up to |x| = 8192; beyond that, and for
-//! infinities and NaN, the whole vector goes to the standard library. Absolute error below 2⁻²³.
+//! `x = q π/2 + r` with `π/2` in three parts, of which the products with `q` are exact up to |x| = 8192; beyond that,
+//! and for infinities and NaN, the whole vector goes to the standard library. Absolute error below 2⁻²³.
 
 use super::exp_ln::{Lane32, ROUNDER, polynomial};
 use super::lanes::{Lane, elementwise};

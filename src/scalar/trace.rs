@@ -1,6 +1,7 @@
 //! The arena a function's operations are written into while it is being traced.
 //!
-//! One per [`Program::trace`](super::Program::trace) call, kept on a thread-local stack so that a trace may start another.
+//! One per [`Program::trace`](super::Program::trace) call, kept on a thread-local stack so that a trace may start
+//! another.
 
 use std::cell::RefCell;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -38,7 +39,10 @@ impl Trace {
     /// The nodes the outputs depend on, and the outputs' positions among them.
     #[track_caller]
     pub fn close(self, outputs: &[Scalar]) -> (Vec<Node>, Vec<Id>) {
-        let ids: Vec<Id> = outputs.iter().map(|&output| id_of(output)).collect();
+        let mut ids = Vec::with_capacity(outputs.len());
+        for &output in outputs {
+            ids.push(id_of(output));
+        }
         with_innermost(|_, graph| graph.reachable(&ids))
     }
 }
@@ -49,12 +53,14 @@ impl Drop for Trace {
     }
 }
 
+/// Panics outside the borrow, so that the message names the caller's line.
 #[track_caller]
 fn with_innermost<R>(f: impl FnOnce(u64, &mut Graph) -> R) -> R {
-    OPEN.with_borrow_mut(|open| match open.last_mut() {
-        Some((serial, graph)) => f(*serial, graph),
+    let done = OPEN.with_borrow_mut(|open| open.last_mut().map(|(serial, graph)| f(*serial, graph)));
+    match done {
+        Some(result) => result,
         None => panic!("scalar: a traced value is used outside Program::trace; return it from the traced function"),
-    })
+    }
 }
 
 /// The node of a handle in the innermost trace.
@@ -62,14 +68,14 @@ fn with_innermost<R>(f: impl FnOnce(u64, &mut Graph) -> R) -> R {
 fn id_of(x: Scalar) -> Id {
     match x.0 {
         Repr::Const(value) => with_innermost(|_, graph| graph.push(Node::constant(value))),
-        Repr::Node { trace, id } => with_innermost(|serial, _| {
+        Repr::Node { trace, id } => {
             assert!(
-                serial == trace,
+                with_innermost(|serial, _| serial == trace),
                 "scalar: a value of another trace is used here; a traced value lives only inside the call of \
                  Program::trace that made it (to use a program inside another, call Program::apply)"
             );
             id
-        }),
+        }
     }
 }
 

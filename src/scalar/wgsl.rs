@@ -1,8 +1,8 @@
 //! A program as a WGSL function in `f32`.
 //!
-//! Built-in functions of WGSL may be inaccurate (`log` near 1, `tanh` near 0) or drop NaN (`min`, `max`); for these the text
-//! brings functions of its own, from `kernels/shared/`. A literal cannot be infinite or NaN: such constants are made
-//! from bits that are only known when the shader runs.
+//! Built-in functions of WGSL may be inaccurate (`log` near 1, `tanh` near 0) or drop NaN (`min`, `max`); for these the
+//! text brings functions of its own, from `kernels/shared/`. A literal cannot be infinite or NaN: such constants are
+//! made from bits that are only known when the shader runs.
 
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -46,9 +46,9 @@ const BUILT_IN: [&str; 8] = ["abs", "floor", "sqrt", "exp", "sin", "cos", "selec
 impl Program {
     /// The program as a WGSL function, preceded by the functions it calls.
     ///
-    /// `fn <name>(in_<input>: f32, …) -> f32` for one output; for more, the function returns
-    /// `struct <name>_out` with one `f32` member per output. See [`Program::wgsl_name`] and [`Program::wgsl_members`] for
-    /// names that WGSL reserves. To put several programs into one shader, use [`wgsl_module`].
+    /// `fn <name>(in_<input>: f32, …) -> f32` for one output; for more, the function returns `struct <name>_out` with
+    /// one `f32` member per output. See [`Program::wgsl_name`] and [`Program::wgsl_members`] for names that WGSL
+    /// reserves. To put several programs into one shader, use [`wgsl_module`].
     ///
     /// ```
     /// use gradreel::scalar::Program;

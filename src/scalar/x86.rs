@@ -79,8 +79,8 @@ macro_rules! lane {
 }
 
 lane!(F32x8: f32 x 8,
-    _mm256_loadu_ps _mm256_storeu_ps _mm256_set1_ps _mm256_add_ps _mm256_sub_ps _mm256_mul_ps _mm256_div_ps _mm256_sqrt_ps
-    _mm256_fmadd_ps _mm256_fmsub_ps _mm256_fnmadd_ps _mm256_min_ps _mm256_max_ps {
+    _mm256_loadu_ps _mm256_storeu_ps _mm256_set1_ps _mm256_add_ps _mm256_sub_ps _mm256_mul_ps _mm256_div_ps
+    _mm256_sqrt_ps _mm256_fmadd_ps _mm256_fmsub_ps _mm256_fnmadd_ps _mm256_min_ps _mm256_max_ps {
     methods! {
         abs() |x| _mm256_andnot_ps(_mm256_set1_ps(-0.0), x);
         floor() |x| _mm256_floor_ps(x);
@@ -93,8 +93,8 @@ lane!(F32x8: f32 x 8,
 });
 
 lane!(F64x4: f64 x 4,
-    _mm256_loadu_pd _mm256_storeu_pd _mm256_set1_pd _mm256_add_pd _mm256_sub_pd _mm256_mul_pd _mm256_div_pd _mm256_sqrt_pd
-    _mm256_fmadd_pd _mm256_fmsub_pd _mm256_fnmadd_pd _mm256_min_pd _mm256_max_pd {
+    _mm256_loadu_pd _mm256_storeu_pd _mm256_set1_pd _mm256_add_pd _mm256_sub_pd _mm256_mul_pd _mm256_div_pd
+    _mm256_sqrt_pd _mm256_fmadd_pd _mm256_fmsub_pd _mm256_fnmadd_pd _mm256_min_pd _mm256_max_pd {
     methods! {
         abs() |x| _mm256_andnot_pd(_mm256_set1_pd(-0.0), x);
         floor() |x| _mm256_floor_pd(x);
@@ -107,8 +107,8 @@ lane!(F64x4: f64 x 4,
 });
 
 lane!(F32x16: f32 x 16,
-    _mm512_loadu_ps _mm512_storeu_ps _mm512_set1_ps _mm512_add_ps _mm512_sub_ps _mm512_mul_ps _mm512_div_ps _mm512_sqrt_ps
-    _mm512_fmadd_ps _mm512_fmsub_ps _mm512_fnmadd_ps _mm512_min_ps _mm512_max_ps {
+    _mm512_loadu_ps _mm512_storeu_ps _mm512_set1_ps _mm512_add_ps _mm512_sub_ps _mm512_mul_ps _mm512_div_ps
+    _mm512_sqrt_ps _mm512_fmadd_ps _mm512_fmsub_ps _mm512_fnmadd_ps _mm512_min_ps _mm512_max_ps {
     methods! {
         abs() |x| _mm512_abs_ps(x);
         floor() |x| _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(x);
@@ -122,8 +122,8 @@ lane!(F32x16: f32 x 16,
 });
 
 lane!(F64x8: f64 x 8,
-    _mm512_loadu_pd _mm512_storeu_pd _mm512_set1_pd _mm512_add_pd _mm512_sub_pd _mm512_mul_pd _mm512_div_pd _mm512_sqrt_pd
-    _mm512_fmadd_pd _mm512_fmsub_pd _mm512_fnmadd_pd _mm512_min_pd _mm512_max_pd {
+    _mm512_loadu_pd _mm512_storeu_pd _mm512_set1_pd _mm512_add_pd _mm512_sub_pd _mm512_mul_pd _mm512_div_pd
+    _mm512_sqrt_pd _mm512_fmadd_pd _mm512_fmsub_pd _mm512_fnmadd_pd _mm512_min_pd _mm512_max_pd {
     methods! {
         abs() |x| _mm512_abs_pd(x);
         floor() |x| _mm512_roundscale_pd::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(x);

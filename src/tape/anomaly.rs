@@ -11,9 +11,11 @@ pub(super) fn check_value(op: &dyn Op, inputs: &[Tensor], output: &Tensor, place
         return Ok(());
     }
     let ranges = inputs.iter().map(describe).collect::<Result<Vec<_>>>()?;
-    Err(Error::new(ErrorKind::NonFinite, format!("{} made a non-finite value", op.name()))
-        .at(place)
-        .found(format!("{}; operands: {}", describe(output)?, ranges.join(", "))))
+    Err(Error::new(ErrorKind::NonFinite, format!("{} made a non-finite value", op.name())).at(place).found(format!(
+        "{}; operands: {}",
+        describe(output)?,
+        ranges.join(", ")
+    )))
 }
 
 /// Fails if a cotangent is not finite.

@@ -24,7 +24,9 @@ impl Gradients {
                 None => "it is not a leaf, or the result does not depend on it",
             },
         };
-        Err(Error::new(ErrorKind::NoGradient, "no gradient arrived at this variable").at(format!("{leaf:?}")).found(reason))
+        Err(Error::new(ErrorKind::NoGradient, "no gradient arrived at this variable")
+            .at(format!("{leaf:?}"))
+            .found(reason))
     }
 }
 
@@ -39,7 +41,12 @@ impl Var {
     /// When it is not a single number.
     #[track_caller]
     pub fn backward(&self) -> Result<Gradients> {
-        assert_eq!(self.len(), 1, "backward starts at a single number, not at {:?}; reduce it with sum_all", self.spec());
+        assert_eq!(
+            self.len(),
+            1,
+            "backward starts at a single number, not at {:?}; reduce it with sum_all",
+            self.spec()
+        );
         let seed = Tensor::full(1.0, self.shape(), self.dtype()).to_device(&self.device())?;
         let cotangents = self.pull_back(self.tape().constant(seed), false)?;
         let by_node = cotangents.into_iter().map(|g| g.map(|g| g.tensor().clone())).collect();
@@ -113,8 +120,13 @@ impl Tape {
         let inputs: Vec<_> = operands.iter().map(|(node, value)| var(*node, value.clone())).collect();
         let wanted: Vec<_> = operands.iter().map(|(node, _)| node.is_some()).collect();
         let output = var(Some(node), output);
-        let cx = Backward { gradient, inputs: &inputs, wanted: &wanted, output: &output, residual: residual.as_ref(), live };
-        let cotangents = op.vjp(&cx)?;
+        let cx =
+            Backward { gradient, inputs: &inputs, wanted: &wanted, output: &output, residual: residual.as_ref(), live };
+        // a fault inside the derivative is reported for the op whose derivative it is, at the line that applied the op
+        self.0.borrow_mut().anomaly = false;
+        let cotangents = op.vjp(&cx);
+        self.0.borrow_mut().anomaly = anomaly;
+        let cotangents = cotangents?;
         assert_eq!(cotangents.len(), inputs.len(), "{}: vjp must speak of every operand", op.name());
         let mut arrived = Vec::with_capacity(inputs.len());
         for (index, cotangent) in cotangents.into_iter().enumerate() {

@@ -171,7 +171,11 @@ impl fmt::Display for GradReport {
         writeln!(f, "  {:<16} {:>8} {:>11} {:>10}   {:<14} result", "input", "entries", "max |abs|", "max rel", "at")?;
         for row in &self.rows {
             let at = format!("{:?}", row.at);
-            write!(f, "  {:<16} {:>8} {:>11.1e} {:>10.1e}   {at:<14} ", row.input, row.entries, row.max_abs, row.max_rel)?;
+            write!(
+                f,
+                "  {:<16} {:>8} {:>11.1e} {:>10.1e}   {at:<14} ",
+                row.input, row.entries, row.max_abs, row.max_rel
+            )?;
             match row.passed {
                 true => writeln!(f, "ok")?,
                 false => writeln!(f, "FAIL  tape {:.6e}  difference {:.6e}", row.tape, row.difference)?,

@@ -1,9 +1,9 @@
 //! Fitting the voxels to the first frame by differentiable volume rendering.
 
-use std::rc::Rc;
+use std::sync::Arc;
 
 use gradreel::optim::{Adam, Params};
-use gradreel::{DType, Result, Tape, Tensor};
+use gradreel::{Result, Tape, Tensor};
 
 use crate::field::Field;
 use crate::render::{Rays, Splat, Surface, Target, render};
@@ -18,13 +18,11 @@ pub struct FitSettings {
     pub density_rate: f64,
     /// Rate of the raw colour.
     pub colour_rate: f64,
-    /// Weight of the mean opacity in the loss: what no image asks for fades away.
-    pub volume_weight: f64,
 }
 
 impl Default for FitSettings {
     fn default() -> Self {
-        Self { iterations: 200, density_rate: 0.2, colour_rate: 0.05, volume_weight: 1e-3 }
+        Self { iterations: 80, density_rate: 0.2, colour_rate: 0.05 }
     }
 }
 
@@ -40,7 +38,16 @@ pub struct FitState<'a> {
     pub adam: &'a Adam,
 }
 
-/// Fits raw density and colour to one frame, from `start` (a store and an optimiser, both of which a checkpoint can hold) on.
+/// One picture of the voxels: where they are in it, and what was filmed.
+pub struct Pose<'a> {
+    /// Positions of the voxels \[m\], `[voxels, 3]`.
+    pub positions: Tensor,
+    /// The pixels.
+    pub target: &'a Target,
+}
+
+/// Fits raw density and colour to the mean loss of some poses, from `start` (a store and an optimiser, both of which a
+/// checkpoint can hold) on.
 ///
 /// # Errors
 /// What rendering returns, and what `each` returns (an interruption, say), which is called after every iteration.
@@ -49,25 +56,26 @@ pub fn fit(
     field: &Field,
     mut params: Params,
     mut adam: Adam,
-    done: usize,
-    target: &Target,
-    rays: &Rc<Rays>,
+    iterations: std::ops::Range<usize>,
+    poses: &[Pose<'_>],
+    rays: &Arc<Rays>,
     surface: &Surface,
     splat: &Splat,
-    settings: &FitSettings,
     mut each: impl FnMut(FitState<'_>) -> Result<()>,
 ) -> Result<Params> {
-    let positions = Tensor::from(field.centres().into_dyn()).cast(DType::F32)?;
-    for iteration in done + 1..=settings.iterations {
+    for iteration in iterations {
         let tape = Tape::new();
         let bound = params.bind(&tape);
         let (opacity, colour) = (field.opacity(&bound)?, field.colour(&bound)?);
-        let pixels = render(&tape.constant(positions.clone()), &opacity, &colour, rays, splat, surface)?;
-        let photometric = target.loss(&pixels);
-        let loss = &photometric + &(&opacity.mean_all() * settings.volume_weight);
+        let mut total = tape.constant(Tensor::scalar(0.0, opacity.dtype()));
+        for pose in poses {
+            let pixels = render(&tape.constant(pose.positions.clone()), &opacity, &colour, rays, splat, surface)?;
+            total = &total + &pose.target.loss(&pixels);
+        }
+        let loss = &total / poses.len() as f64;
         let gradients = bound.gradients(&loss.backward()?)?;
         adam.step(&mut params, &gradients)?;
-        each(FitState { iteration, loss: photometric.item()?, params: &params, adam: &adam })?;
+        each(FitState { iteration: iteration + 1, loss: loss.item()?, params: &params, adam: &adam })?;
     }
     Ok(params)
 }

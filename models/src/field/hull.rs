@@ -75,7 +75,8 @@ pub fn bounding_sphere(clip: &Clip, frame: usize) -> Result<Sphere> {
             }
         }
     }
-    let solution = matrix.llt(Side::Lower).map_err(|_| no_object("the cameras' central rays are parallel"))?.solve(&right);
+    let solution =
+        matrix.llt(Side::Lower).map_err(|_| no_object("the cameras' central rays are parallel"))?.solve(&right);
     let centre = [solution[(0, 0)], solution[(1, 0)], solution[(2, 0)]];
     let mut radius = 0.0f64;
     for (camera, silhouette) in &views {
@@ -96,9 +97,10 @@ fn silhouette(frame: &Frame) -> Option<Silhouette> {
         return None;
     }
     let mean = mean.map(|m| m / mass);
-    let reach = frame.alpha.indexed_iter().filter(|(_, alpha)| **alpha > 0.5).fold(0.0f64, |reach, ((row, column), _)| {
-        reach.max((column as f64 + 0.5 - mean[0]).hypot(row as f64 + 0.5 - mean[1]))
-    });
+    let reach =
+        frame.alpha.indexed_iter().filter(|(_, alpha)| **alpha > 0.5).fold(0.0f64, |reach, ((row, column), _)| {
+            reach.max((column as f64 + 0.5 - mean[0]).hypot(row as f64 + 0.5 - mean[1]))
+        });
     Some(Silhouette { mean, reach })
 }
 

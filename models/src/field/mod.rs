@@ -8,6 +8,6 @@ mod fit;
 mod hull;
 mod voxels;
 
-pub use fit::{FitSettings, FitState, fit};
+pub use fit::{FitSettings, FitState, Pose, fit};
 pub use hull::{Hull, Sphere, bounding_sphere, hull};
 pub use voxels::Field;

@@ -83,9 +83,8 @@ impl Particles {
     /// The centre of mass \[m\].
     pub fn centre_of_mass(&self) -> [f64; 3] {
         let mass: f64 = self.opacity.iter().sum();
-        [0, 1, 2].map(|axis| {
-            self.positions.iter().zip(&self.opacity).map(|(x, alpha)| alpha * x[axis]).sum::<f64>() / mass
-        })
+        [0, 1, 2]
+            .map(|axis| self.positions.iter().zip(&self.opacity).map(|(x, alpha)| alpha * x[axis]).sum::<f64>() / mass)
     }
 
     /// Positions as a tensor `[particles, 3]` \[m\].

@@ -1,1 +1,50 @@
 //! Physics: the differentiable material point method.
+//!
+//! Particles carry a piece of material each; a grid that is new in every substep lets them exchange momentum. A substep is
+//! MLS-MPM: quadratic B-splines, affine velocities (APIC), no damping. Everything has an exact adjoint: the transfers by
+//! hand, the material by differentiating its scalar program.
+//!
+//! - [`World`]: grid spacing, gravity, [`Collider`]s, limits.
+//! - [`Material`]: one constitutive law, written for one particle; [`Law`]: the same, traced. [`materials`] lists them.
+//! - [`rollout`]: thousands of substeps as one node of the tape, with a [`Schedule`] and [`Remat`].
+//! - [`State`], [`Simulation`]: one substep at a time, forwards and backwards, on plain arrays.
+//!
+//! Units are SI throughout; world y is up; node (0, 0, 0) of the grid is the world's origin. Results do not depend on the
+//! number of threads, bit for bit.
+//!
+//! Source: Hu et al., *A Moving Least Squares Material Point Method*, 2018; Jiang et al., *The Affine Particle-In-Cell
+//! Method*, 2015.
+
+mod collider;
+mod denormals;
+mod failure;
+mod grid;
+mod kernel;
+mod lattice;
+mod law;
+mod material;
+pub mod materials;
+mod parameters;
+mod remat;
+mod rollout;
+mod row;
+mod state;
+mod substep;
+mod timestep;
+mod trajectory;
+mod transfer;
+mod values;
+mod world;
+
+pub use collider::{Collider, Contact, Region};
+pub use law::Law;
+pub use material::{Given, Material, Point};
+pub use parameters::{Map, Parameter, lame};
+pub use remat::Remat;
+pub use rollout::{Body, Rollout, rollout};
+pub use row::Number;
+pub use state::State;
+pub use substep::Simulation;
+pub use timestep::{CFL, CFL_LIMIT, Schedule};
+pub use values::{ValueGradients, Values};
+pub use world::World;

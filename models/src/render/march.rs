@@ -3,7 +3,7 @@
 //! Composed of single ops this would hold some fifteen arrays of all samples (tens of millions a frame set); fused, a ray's
 //! samples live in registers and are visited once more in the backward pass.
 
-use std::rc::Rc;
+use std::sync::Arc;
 
 use gradreel::ops::Lattice;
 use gradreel::scalar::Real;
@@ -14,21 +14,26 @@ use crate::render::Rays;
 
 /// How occupancy becomes opacity.
 ///
-/// The optical depth of one step is `depth · s(o)`, where `s` rises smoothly (a cubic) from 0 at occupancy `½ − width/2` to 1
-/// at `½ + width/2`. The surface is therefore sharp to a fraction of a cell and lies where the occupancy is ½.
-#[derive(Debug, Clone, PartialEq)]
+/// The optical depth of one step is `depth · s(o)`, where `s` rises smoothly (a cubic) from 0 at occupancy `low` to 1 at
+/// `low + width`: the surface is sharp to a fraction of a cell. A silhouette appears where a grazing ray, which passes
+/// several samples of nearly the same occupancy, has lost half of its light; with the default values that is at an
+/// occupancy of ½, where the surface of a filled body is.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Surface {
     /// Step along the ray, in grid spacings.
     pub step: f64,
     /// Optical depth of one step through a filled body.
     pub depth: f64,
-    /// Width of the rise in units of occupancy, in (0, 1].
+    /// Occupancy below which nothing is seen.
+    pub low: f64,
+    /// Width of the rise in units of occupancy.
     pub width: f64,
 }
 
 impl Default for Surface {
     fn default() -> Self {
-        Self { step: 0.5, depth: 3.0, width: 0.7 }
+        Self { step: 0.5, depth: 3.0, low: 0.42, width: 0.4 }
     }
 }
 
@@ -46,14 +51,14 @@ const PARTS: usize = 8;
 ///
 /// # Errors
 /// [`ErrorKind::Shape`] when the grid is not that of the lattice.
-pub fn march(grid: &Var, lattice: Lattice, rays: &Rc<Rays>, surface: &Surface) -> Result<Var> {
+pub fn march(grid: &Var, lattice: Lattice, rays: &Arc<Rays>, surface: &Surface) -> Result<Var> {
     grid.apply(March { lattice, rays: rays.clone(), surface: surface.clone() }, &[])
 }
 
 #[derive(Debug)]
 struct March {
     lattice: Lattice,
-    rays: Rc<Rays>,
+    rays: Arc<Rays>,
     surface: Surface,
 }
 
@@ -96,7 +101,7 @@ impl<'a, T: Real> Scene<'a, T> {
             inverse: real(1.0 / lattice.spacing),
             step: real(surface.step * lattice.spacing),
             depth: real(surface.depth),
-            low: real(0.5 - 0.5 * surface.width),
+            low: real(surface.low),
             steepness: real(1.0 / surface.width),
         }
     }

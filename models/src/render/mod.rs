@@ -9,7 +9,7 @@ mod photometric;
 mod rays;
 mod splat;
 
-use std::rc::Rc;
+use std::sync::Arc;
 
 use gradreel::{Result, Var};
 
@@ -28,7 +28,7 @@ pub fn render(
     positions: &Var,
     opacity: &Var,
     colour: &Var,
-    rays: &Rc<Rays>,
+    rays: &Arc<Rays>,
     settings: &Splat,
     surface: &Surface,
 ) -> Result<Var> {

@@ -15,7 +15,8 @@ pub struct Target {
 }
 
 /// What colour and coverage count in the loss.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Weights {
     /// Weight of a squared colour residual (each of red, green, blue).
     pub colour: f64,

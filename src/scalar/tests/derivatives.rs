@@ -61,7 +61,7 @@ fn every_instruction_matches_differences() {
 fn instructions_defined_below_zero_match_differences_there() {
     for program in every_instruction() {
         if !["ln", "sqrt", "powf"].contains(&program.name()) {
-            for x in [-0.9, -0.35, -2.7] {
+            for x in [-0.9, -0.35, -2.7].into_iter().filter(|&x| x > -1.0 || program.name() != "ln_1p") {
                 check(&program, &[x, -1.1, 0.6][..program.inputs().len()], 2e-8);
             }
         }

@@ -1,0 +1,174 @@
+//! The configuration of a reconstruction: every number that decides its outcome, with defaults.
+
+use gradreel::{Error, ErrorKind, Result};
+use serde::{Deserialize, Serialize};
+
+use crate::field::FitSettings;
+use crate::physics::CFL;
+use crate::render::{Surface, Weights};
+
+/// Everything a reconstruction can be told. A run stores the resolved values as `config.toml`.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// What of the clip is used.
+    pub clip: ClipConfig,
+    /// Voxels and particles.
+    pub geometry: GeometryConfig,
+    /// The world that the object falls into.
+    pub world: WorldConfig,
+    /// The material and where its parameters start.
+    pub material: MaterialConfig,
+    /// What a pixel's residual counts.
+    pub weights: Weights,
+    /// How occupancy becomes opacity.
+    pub surface: Surface,
+    /// Iterations of the estimates.
+    pub estimate: EstimateConfig,
+}
+
+/// What of the clip is used.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ClipConfig {
+    /// Camera numbers; all if empty.
+    pub cameras: Vec<i64>,
+    /// At most so many frames; all if 0.
+    pub frames: usize,
+    /// Images are shrunk by this integer factor; 0 chooses one whose pixels are about a third of a grid cell.
+    pub shrink: usize,
+}
+
+/// Voxels and particles.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct GeometryConfig {
+    /// Grid spacing of the simulation \[m\]; particles and voxels are half as far apart. 0 chooses 0.02 m, or a spacing
+    /// that gives about ten thousand particles if 0.02 m gives fewer than 3 000 or more than 40 000.
+    pub dx: f64,
+    /// Coverage that every camera must see at a voxel of the visual hull; below ½ leaves room around the silhouettes.
+    pub hull_coverage: f32,
+    /// Voxels less opaque than this become no particle.
+    pub least_opacity: f64,
+    /// The fit of the voxels.
+    pub fit: FitSettings,
+}
+
+impl Default for GeometryConfig {
+    fn default() -> Self {
+        Self { dx: 0.0, hull_coverage: 0.3, least_opacity: 0.2, fit: FitSettings::default() }
+    }
+}
+
+/// The world that the object falls into.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct WorldConfig {
+    /// Gravity \[m/s²\].
+    pub gravity: [f64; 3],
+    /// Height of the sticky ground \[m\].
+    pub ground: f64,
+    /// Density of the object \[kg/m³\]. Motion shows stiffness per density only: a wrong density scales E alike.
+    pub density: f64,
+    /// Share of a grid cell that waves may cross in a substep.
+    pub cfl: f64,
+    /// Memory for the states of a rollout \[MiB\].
+    pub memory_mib: usize,
+}
+
+impl Default for WorldConfig {
+    fn default() -> Self {
+        Self { gravity: [0.0, -9.8, 0.0], ground: 0.0, density: 1000.0, cfl: CFL, memory_mib: 1024 }
+    }
+}
+
+/// The material and where its parameters start.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MaterialConfig {
+    /// Name of the material.
+    pub name: String,
+    /// Starting values by parameter name, in SI units.
+    pub start: std::collections::BTreeMap<String, f64>,
+}
+
+impl Default for MaterialConfig {
+    fn default() -> Self {
+        let start = [("young".to_owned(), 1e4), ("poisson".to_owned(), 0.1)];
+        Self { name: "neo_hookean".to_owned(), start: start.into_iter().collect() }
+    }
+}
+
+/// Iterations of the estimates.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct EstimateConfig {
+    /// L-BFGS iterations of the velocity before contact.
+    pub velocity: usize,
+    /// L-BFGS iterations of the material on a grid of twice the spacing, first on the frames around contact, then on all.
+    pub coarse: usize,
+    /// L-BFGS iterations of the material and the velocity together, on the full grid and all frames.
+    pub fine: usize,
+    /// Frames after first contact that the first coarse estimate sees.
+    pub warm_up_frames: usize,
+}
+
+impl Default for EstimateConfig {
+    fn default() -> Self {
+        Self { velocity: 20, coarse: 20, fine: 15, warm_up_frames: 3 }
+    }
+}
+
+impl Config {
+    /// Reads a configuration; what it does not name keeps its default.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] for text that is not TOML, names an unknown setting, or holds a value outside its range.
+    pub fn parse(text: &str) -> Result<Self> {
+        let config: Self = toml::from_str(text).map_err(|e| {
+            Error::new(ErrorKind::Input, "the configuration cannot be read")
+                .found(e.to_string().trim())
+                .fix("compare with the config.toml of any run, which names every setting")
+        })?;
+        config.check()?;
+        Ok(config)
+    }
+
+    /// The configuration as TOML.
+    ///
+    /// # Errors
+    /// Never for values that passed [`Config::check`].
+    pub fn to_toml(&self) -> Result<String> {
+        toml::to_string_pretty(self)
+            .map_err(|e| Error::new(ErrorKind::Io, "the configuration cannot be written").found(e))
+    }
+
+    /// Whether the values make sense.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] naming the first that does not.
+    pub fn check(&self) -> Result<()> {
+        let positive = |x: f64| x > 0.0 && x.is_finite();
+        let fraction = |x: f64| (0.0..=1.0).contains(&x);
+        let rules = [
+            (self.geometry.dx >= 0.0 && self.geometry.dx.is_finite(), "geometry.dx", "0 or a length in metres"),
+            (fraction(f64::from(self.geometry.hull_coverage)), "geometry.hull_coverage", "0 to 1"),
+            (fraction(self.geometry.least_opacity), "geometry.least_opacity", "0 to 1"),
+            (self.world.gravity.iter().all(|g| g.is_finite()), "world.gravity", "three finite numbers in m/s²"),
+            (self.world.ground.is_finite(), "world.ground", "a height in metres"),
+            (positive(self.world.density), "world.density", "a positive density in kg/m³"),
+            (positive(self.world.cfl) && self.world.cfl <= 1.0, "world.cfl", "above 0, at most 1"),
+            (self.world.memory_mib >= 16, "world.memory_mib", "at least 16 MiB"),
+            (positive(self.surface.step) && self.surface.step <= 2.0, "surface.step", "above 0, at most 2 cells"),
+            (positive(self.surface.depth), "surface.depth", "a positive optical depth"),
+            (positive(self.surface.width) && fraction(self.surface.low), "surface.low/width", "within 0 to 1"),
+            (self.weights.colour >= 0.0 && positive(self.weights.coverage), "weights", "not negative"),
+        ];
+        for (holds, name, wanted) in rules {
+            if !holds {
+                return Err(Error::new(ErrorKind::Input, "a setting is outside its range").at(name).wanted(wanted));
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,27 @@
+//! When the object first touches the ground.
+
+use crate::identify::Unknowns;
+use crate::particles::Particles;
+use crate::physics::World;
+
+/// The first frame in which a falling object, had it kept its shape, would be within one grid cell of the ground; the number
+/// of frames if it never is.
+///
+/// Up to that frame the motion is free flight and does not depend on the material.
+pub fn first_contact(
+    particles: &Particles,
+    world: &World,
+    ground: f64,
+    unknowns: &Unknowns,
+    frame_dt: f64,
+    frames: usize,
+) -> usize {
+    let solid = particles.positions.iter().zip(&particles.opacity).filter(|(_, opacity)| **opacity > 0.5);
+    let lowest = solid.map(|(x, _)| x[1]).fold(f64::INFINITY, f64::min) - 0.5 * particles.spacing;
+    (0..frames)
+        .find(|&frame| {
+            let t = frame as f64 * frame_dt;
+            lowest + unknowns.velocity[1] * t + 0.5 * world.gravity[1] * t * t < ground + world.dx
+        })
+        .unwrap_or(frames)
+}

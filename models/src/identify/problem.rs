@@ -1,0 +1,171 @@
+//! The forward model: from unknowns to a loss, on one tape.
+
+use std::sync::Arc;
+
+use gradreel::{DType, ErrorKind, Result, Tape, Var};
+
+use crate::identify::{Bound, Config, Free, Unknowns};
+use crate::particles::Particles;
+use crate::physics::{Body, Collider, Law, Remat, Schedule, World, rollout};
+use crate::render::{Rays, Splat, Surface, Target, render};
+use crate::video::Clip;
+
+/// The pixels of all frames and the rays that belong to them.
+pub struct Observed {
+    /// The rays of all cameras.
+    pub rays: Arc<Rays>,
+    /// One target per frame, in the order of the rays.
+    pub targets: Vec<Target>,
+    /// Time between frames \[s\].
+    pub frame_dt: f64,
+}
+
+impl Observed {
+    /// All pixels of a clip.
+    ///
+    /// # Errors
+    /// Never for `f32` and `f64`.
+    pub fn of(clip: &Clip, config: &Config, dtype: DType) -> Result<Self> {
+        let targets = (0..clip.frame_count()).map(|f| Target::of(clip, f, &config.weights, dtype));
+        Ok(Self {
+            rays: Arc::new(Rays::of_cameras(&clip.cameras)),
+            targets: targets.collect::<Result<_>>()?,
+            frame_dt: clip.frame_dt(),
+        })
+    }
+}
+
+/// What is known: the object at rest, the world, the material's law, and what was filmed.
+pub struct Problem<'a> {
+    /// The object in the first frame.
+    pub particles: &'a Particles,
+    /// What was filmed.
+    pub observed: &'a Observed,
+    /// Grid, gravity, ground.
+    pub world: World,
+    /// The material.
+    pub law: Law,
+    /// How occupancy becomes opacity.
+    pub surface: Surface,
+    /// Density of the filled material \[kg/m³\].
+    pub density: f64,
+    /// Share of a cell that waves may cross in a substep.
+    pub cfl: f64,
+    /// Memory for states.
+    pub remat: Remat,
+    /// Precision of everything on the tape.
+    pub dtype: DType,
+}
+
+impl<'a> Problem<'a> {
+    /// The problem of a configuration for an object whose particles are half a grid cell apart.
+    pub fn new(particles: &'a Particles, observed: &'a Observed, law: Law, config: &Config, dtype: DType) -> Self {
+        let world = World {
+            gravity: config.world.gravity,
+            colliders: vec![Collider::ground(config.world.ground)],
+            particle_volume: particles.spacing.powi(3),
+            ..World::new(2.0 * particles.spacing)
+        };
+        Self {
+            particles,
+            observed,
+            world,
+            law,
+            surface: config.surface.clone(),
+            density: config.world.density,
+            cfl: config.world.cfl,
+            remat: Remat::Auto { bytes: config.world.memory_mib << 20 },
+            dtype,
+        }
+    }
+
+    /// A schedule for `frames` frames that is stable for these unknowns.
+    pub fn schedule(&self, unknowns: &Unknowns, frames: usize) -> Schedule {
+        let norm = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let time = self.observed.frame_dt * frames.saturating_sub(1) as f64;
+        let speed = norm(unknowns.velocity) + norm(self.world.gravity) * time;
+        let sound = self.law.wave_speed(&unknowns.parameters, self.density);
+        Schedule::stable(&self.world, frames, self.observed.frame_dt, sound, speed, self.cfl)
+    }
+
+    /// Positions of the particles at every frame, `[frames, particles, 3]` \[m\], on the tape.
+    ///
+    /// A particle stands for a cube that is filled to the share that its opacity says: density and stiffness are in
+    /// proportion to it.
+    ///
+    /// # Errors
+    /// What the rollout returns.
+    pub fn motion(&self, tape: &Tape, bound: &Bound, schedule: Schedule) -> Result<Var> {
+        let count = self.particles.len();
+        let opacity = tape.constant(self.particles.opacity(self.dtype)?).reshape([count]);
+        let parameters = self.law.parameters();
+        let body = Body {
+            positions: tape.constant(self.particles.positions(self.dtype)?),
+            velocity: bound.velocity.clone(),
+            density: &opacity * self.density,
+            parameters: parameters
+                .iter()
+                .zip(&bound.parameters)
+                .map(|(p, value)| if p.unit == "Pa" { value * &opacity } else { value.clone() })
+                .collect(),
+        };
+        rollout(&self.world, &self.law, schedule, self.remat, &body)
+    }
+
+    /// The loss of the first `frames` frames, averaged over them, on the tape.
+    ///
+    /// # Errors
+    /// What rollout and renderer return.
+    pub fn loss(&self, motion: &Var, frames: usize) -> Result<Var> {
+        let tape = motion.tape();
+        let opacity = tape.constant(self.particles.opacity(self.dtype)?);
+        let colour = tape.constant(self.particles.colour(self.dtype)?);
+        let mut total: Option<Var> = None;
+        for frame in 0..frames {
+            let pixels = self.render(&motion.select(0, frame), &opacity, &colour)?;
+            let loss = self.observed.targets[frame].loss(&pixels);
+            total = Some(total.map_or(loss.clone(), |sum| &sum + &loss));
+        }
+        let total = total.unwrap_or_else(|| tape.constant(gradreel::Tensor::scalar(0.0, self.dtype)));
+        Ok(&total / frames.max(1) as f64)
+    }
+
+    /// The pixels of particles at these positions.
+    ///
+    /// # Errors
+    /// What the renderer returns.
+    pub fn render(&self, positions: &Var, opacity: &Var, colour: &Var) -> Result<Var> {
+        let splat = Splat { spacing: 2.0 * self.particles.spacing, particle_spacing: self.particles.spacing };
+        render(positions, opacity, colour, &self.observed.rays, &splat, &self.surface)
+    }
+
+    /// Loss and gradient in the coordinates of the free unknowns. When the rollout breaks down, it is retried with up to
+    /// eight times the substeps; `notes` is told.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Physics`] when it still breaks down then; what the renderer returns.
+    pub fn evaluate(
+        &self,
+        unknowns: &Unknowns,
+        free: Free,
+        frames: usize,
+        notes: &mut dyn FnMut(String),
+    ) -> Result<(f64, Vec<f64>)> {
+        let mut schedule = self.schedule(unknowns, frames);
+        for retry in 0.. {
+            let tape = Tape::new();
+            let bound = unknowns.bind(&tape, &self.law, free, self.dtype)?;
+            let motion = match self.motion(&tape, &bound, schedule) {
+                Err(error) if error.kind() == ErrorKind::Physics && retry < 3 => {
+                    schedule.substeps *= 2;
+                    notes(format!("retrying with {} substeps a frame: {error}", schedule.substeps));
+                    continue;
+                }
+                motion => motion?,
+            };
+            let loss = self.loss(&motion, frames)?;
+            return Ok((loss.item()?, bound.gradient(&loss)?));
+        }
+        unreachable!("the loop returns")
+    }
+}

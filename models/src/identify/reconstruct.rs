@@ -1,0 +1,318 @@
+//! The stages in order, from a clip to shape, motion and material.
+
+use std::time::Instant;
+
+use gradreel::optim::{Adam, Params};
+use gradreel::{DType, Error, ErrorKind, Result, Tape, Tensor};
+
+use crate::field::{Field, Pose, bounding_sphere, fit, hull};
+use crate::identify::run::{HistoryRow, Run};
+use crate::identify::{Free, Observed, Problem, Unknowns, estimate, first_contact};
+use crate::particles::Particles;
+use crate::physics::{Law, materials};
+use crate::render::Splat;
+use crate::report::interrupt;
+use crate::report::progress::Progress;
+use crate::video::Clip;
+
+/// Precision of a reconstruction.
+pub(crate) const DTYPE: DType = DType::F32;
+
+/// What a reconstruction has found.
+pub struct Reconstruction {
+    /// The object in the first frame.
+    pub particles: Particles,
+    /// Velocity and material.
+    pub unknowns: Unknowns,
+    /// The material's law.
+    pub law: Law,
+    /// The clip at the resolution that was worked at.
+    pub clip: Clip,
+    /// Its pixels.
+    pub observed: Observed,
+}
+
+/// Runs every stage that the run has not finished yet.
+///
+/// # Errors
+/// [`ErrorKind::Input`] for a clip that cannot be used; [`ErrorKind::Physics`] when the simulation breaks down whatever the
+/// step; [`ErrorKind::Interrupted`] when the user stopped it. The run can go on from there.
+pub fn reconstruct(clip: &Clip, run: &mut Run, progress: &Progress) -> Result<Reconstruction> {
+    let law = material(run)?;
+    let spacing = particle_spacing(clip, run)?;
+    let clip = &clip.scaled(shrink_factor(clip, run, 2.0 * spacing)?);
+    let observed = Observed::of(clip, &run.config, DTYPE)?;
+    let start = Unknowns { velocity: [0.0; 3], parameters: starting_values(&law, run)? };
+    let stages = Stages { clip, observed: &observed, law: &law, spacing, progress };
+
+    let mut unknowns = run.state.unknowns.clone().unwrap_or(start);
+    let frames = clip.frame_count();
+    stages.shape(run, "shape", &|_, _| Ok(0..1), &unknowns)?;
+    let few = frames.min(3);
+    stages.unknowns(run, "velocity", Free::Velocity, 1, &|_| few, &mut unknowns)?;
+    stages.contact(run, &unknowns)?;
+    let flight = run.state.contact.unwrap_or(frames).clamp(1, frames);
+    stages.shape(run, "shape in flight", &|_, _| Ok(0..flight), &unknowns)?;
+    stages.unknowns(run, "velocity in flight", Free::Velocity, 1, &|_| flight.max(few), &mut unknowns)?;
+    let warm = (flight + run.config.estimate.warm_up_frames).min(frames);
+    stages.unknowns(run, "material around contact, coarse", Free::Material, 2, &|_| warm, &mut unknowns)?;
+    stages.unknowns(run, "material, coarse", Free::Material, 2, &|_| frames, &mut unknowns)?;
+    stages.unknowns(run, "material", Free::Material, 1, &|_| frames, &mut unknowns)?;
+    if flight >= frames {
+        run.note("the object never touched the ground: the material is not determined by this clip".into());
+    }
+    let particles = stages.particles(run)?;
+    Ok(Reconstruction { particles, unknowns, law, clip: clip.clone(), observed })
+}
+
+/// What all stages share.
+struct Stages<'a> {
+    clip: &'a Clip,
+    observed: &'a Observed,
+    law: &'a Law,
+    spacing: f64,
+    progress: &'a Progress,
+}
+
+impl Stages<'_> {
+    /// Fits the voxels to the frames that the motion reaches in free flight; starts from the hull if there is no field.
+    fn shape(
+        &self,
+        run: &mut Run,
+        stage: &str,
+        frames: &dyn Fn(&Run, &Field) -> Result<std::ops::Range<usize>>,
+        unknowns: &Unknowns,
+    ) -> Result<()> {
+        if run.has_finished(stage) {
+            return Ok(());
+        }
+        let since = Instant::now();
+        let settings = run.config.geometry.fit.clone();
+        let mut adam = Adam::new(settings.colour_rate).with_rate("field.density", settings.density_rate);
+        let (field, params) = if run.state.finished.is_empty() && run.state.fitted == 0 {
+            self.hull(run)?
+        } else {
+            run.load_field(&mut adam)?
+        };
+        let frames = frames(run, &field)?;
+        let centres = field.centres();
+        let gravity = run.config.world.gravity;
+        let poses: Vec<Pose<'_>> = frames
+            .map(|frame| {
+                let t = frame as f64 * self.observed.frame_dt;
+                let shift: [f64; 3] =
+                    std::array::from_fn(|a| unknowns.velocity[a] * t + 0.5 * gravity[a] * t * t);
+                let moved = centres.rows().into_iter().flat_map(|x| [0, 1, 2].map(|a| (x[a] + shift[a]) as f32));
+                let positions = Tensor::from_vec(moved.collect(), [field.len(), 3]);
+                Pose { positions, target: &self.observed.targets[frame] }
+            })
+            .collect();
+        let splat = Splat { spacing: 2.0 * self.spacing, particle_spacing: self.spacing };
+        let bar = self.progress.stage(stage, settings.iterations as u64);
+        let mut last = f64::NAN;
+        let surface = run.config.surface.clone();
+        let done = run.state.fitted;
+        let fitted =
+            fit(&field, params, adam, done..settings.iterations, &poses, &self.observed.rays, &surface, &splat, |s| {
+                last = s.loss;
+                bar.set(s.iteration as u64, &format!("loss {:.5}, {} voxels", s.loss, field.len()));
+                let stop = interrupt::check();
+                if stop.is_err() || s.iteration % SAVE_EVERY == 0 {
+                    run.state.fitted = s.iteration;
+                    run.save_field(&field, s.params, Some(s.adam))?;
+                    run.save()?;
+                }
+                stop
+            })?;
+        run.save_field(&field, &fitted, None)?;
+        bar.finish(&format!("loss {last:.5}, {} voxels", field.len()));
+        run.finish(stage, since)
+    }
+
+    fn hull(&self, run: &mut Run) -> Result<(Field, Params)> {
+        let sphere = bounding_sphere(self.clip, 0)?;
+        if sphere.assumed_depth {
+            run.note("a single camera cannot tell distance: the object was assumed to be where its central ray passes \
+                      nearest to the world's origin, and as deep as it is wide"
+                .into());
+        }
+        let hull = hull(self.clip, 0, &sphere, self.spacing, run.config.geometry.hull_coverage)?;
+        let (field, params) = Field::filling(hull, self.clip);
+        run.save_field(&field, &params, None)?;
+        Ok((field, params))
+    }
+
+    fn particles(&self, run: &Run) -> Result<Particles> {
+        let (field, params) = run.load_field(&mut Adam::new(0.0))?;
+        Particles::of_field(&field, &params, run.config.geometry.least_opacity)
+    }
+
+    /// Estimates the free unknowns on particles and grid of `coarseness` times the spacing.
+    fn unknowns(
+        &self,
+        run: &mut Run,
+        stage: &str,
+        free: Free,
+        coarseness: usize,
+        frames: &dyn Fn(&Run) -> usize,
+        unknowns: &mut Unknowns,
+    ) -> Result<()> {
+        if run.has_finished(stage) {
+            return Ok(());
+        }
+        let since = Instant::now();
+        let fine = self.particles(run)?;
+        let particles = if coarseness == 2 { fine.coarsened() } else { fine };
+        let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
+        let frames = frames(run);
+        let iterations = match (free, coarseness) {
+            (Free::Velocity, _) => run.config.estimate.velocity,
+            (_, 2) => run.config.estimate.coarse,
+            _ => run.config.estimate.fine,
+        };
+        let bar = self.progress.stage(stage, iterations as u64);
+        let mut notes = Vec::new();
+        let mut evaluations = 0;
+        let mut best = f64::INFINITY;
+        let start = unknowns.clone();
+        let estimated = estimate(
+            &problem,
+            &start,
+            free,
+            frames,
+            iterations,
+            &mut |evaluation| {
+                evaluations += 1;
+                run.state.history.push(HistoryRow {
+                    stage: stage.to_owned(),
+                    loss: Some(evaluation.loss).filter(|loss| loss.is_finite()),
+                    unknowns: evaluation.unknowns.clone(),
+                });
+                if evaluation.loss < best {
+                    best = evaluation.loss;
+                    run.state.unknowns = Some(evaluation.unknowns.clone());
+                    *unknowns = evaluation.unknowns.clone();
+                }
+                run.save()?;
+                bar.set(evaluations.min(iterations as u64), &format!("loss {best:.5}  {}", describe(self.law, unknowns)));
+                interrupt::check()
+            },
+            &mut |note| notes.push(note),
+        );
+        notes.into_iter().for_each(|note| run.note(format!("{stage}: {note}")));
+        *unknowns = estimated?.unknowns;
+        run.state.unknowns = Some(unknowns.clone());
+        bar.finish(&format!("loss {best:.5}  {}", describe(self.law, unknowns)));
+        run.finish(stage, since)
+    }
+
+    fn contact(&self, run: &mut Run, unknowns: &Unknowns) -> Result<()> {
+        if run.state.contact.is_some() {
+            return Ok(());
+        }
+        let particles = self.particles(run)?;
+        let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
+        let (ground, frames) = (run.config.world.ground, self.observed.targets.len());
+        let contact = first_contact(&particles, &problem.world, ground, unknowns, self.observed.frame_dt, frames);
+        run.state.contact = Some(contact);
+        run.save()
+    }
+}
+
+impl Reconstruction {
+    /// Positions of the particles in every frame of the clip, `[frames, particles, 3]` \[m\].
+    ///
+    /// # Errors
+    /// What the rollout returns.
+    pub fn motion(&self, run: &Run) -> Result<Tensor> {
+        let problem = Problem::new(&self.particles, &self.observed, self.law.clone(), &run.config, DTYPE);
+        let tape = Tape::new();
+        let frozen = self.unknowns.constants(&tape, DTYPE)?;
+        let schedule = problem.schedule(&self.unknowns, self.clip.frame_count());
+        Ok(problem.motion(&tape, &frozen, schedule)?.value()?.clone())
+    }
+}
+
+/// Velocity and parameters in one line.
+pub(crate) fn describe(law: &Law, unknowns: &Unknowns) -> String {
+    let [x, y, z] = unknowns.velocity;
+    let parameters = law.parameters().into_iter().zip(&unknowns.parameters).map(|(p, value)| {
+        let unit = if p.unit == "-" { "" } else { p.unit };
+        if value.abs() >= 1e3 { format!("{} {value:.3e} {unit}", p.symbol) } else { format!("{} {value:.3}{unit}", p.symbol) }
+    });
+    format!("v ({x:.3}, {y:.3}, {z:.3}) m/s  {}", parameters.collect::<Vec<_>>().join("  "))
+}
+
+/// Iterations of a fit between two savings.
+const SAVE_EVERY: usize = 20;
+
+fn material(run: &Run) -> Result<Law> {
+    let name = &run.config.material.name;
+    materials::find(name).ok_or_else(|| {
+        let known: Vec<_> = materials::all().iter().map(|law| law.name().to_owned()).collect();
+        Error::new(ErrorKind::Input, "there is no material of this name")
+            .at("material.name")
+            .found(name)
+            .wanted(format!("one of {known:?}"))
+    })
+}
+
+fn starting_values(law: &Law, run: &Run) -> Result<Vec<f64>> {
+    let start = &run.config.material.start;
+    let parameters = law.parameters();
+    if let Some(unknown) = start.keys().find(|name| parameters.iter().all(|p| p.name != name.as_str())) {
+        let known: Vec<_> = parameters.iter().map(|p| p.name).collect();
+        return Err(Error::new(ErrorKind::Input, "the material has no parameter of this name")
+            .at("material.start")
+            .found(unknown)
+            .wanted(format!("one of {known:?}")));
+    }
+    parameters
+        .iter()
+        .map(|p| {
+            let value = start.get(p.name).copied().unwrap_or(p.start);
+            if p.map.raw(value).is_finite() {
+                return Ok(value);
+            }
+            Err(Error::new(ErrorKind::Input, "a parameter cannot start there")
+                .at(format!("material.start.{}", p.name))
+                .found(format!("{value} {}", p.unit))
+                .wanted(format!("for example {} {}", p.start, p.unit)))
+        })
+        .collect()
+}
+
+/// Half the configured grid spacing, or the one that the object's size asks for; the latter is stored.
+fn particle_spacing(clip: &Clip, run: &mut Run) -> Result<f64> {
+    if run.config.geometry.dx > 0.0 {
+        return Ok(0.5 * run.config.geometry.dx);
+    }
+    let sphere = bounding_sphere(clip, 0)?;
+    let probe = sphere.radius / 40.0;
+    let volume = hull(clip, 0, &sphere, probe, 0.5)?.voxels.len() as f64 * probe.powi(3);
+    let count = volume / 0.01f64.powi(3);
+    let dx = if (3e3..=4e4).contains(&count) {
+        0.02
+    } else {
+        let exact = 2.0 * (volume / 1e4).cbrt();
+        let digits = 10f64.powf(exact.log10().floor() - 1.0);
+        (exact / digits).round() * digits
+    };
+    run.config.geometry.dx = dx;
+    run.folder.write("config.toml", run.config.to_toml()?.as_bytes())?;
+    Ok(0.5 * dx)
+}
+
+/// The configured factor, or the largest whose pixels are at most a third of a grid cell at the object.
+fn shrink_factor(clip: &Clip, run: &Run, dx: f64) -> Result<usize> {
+    if run.config.clip.shrink > 0 {
+        return Ok(run.config.clip.shrink);
+    }
+    let sphere = bounding_sphere(clip, 0)?;
+    let footprint = clip
+        .cameras
+        .iter()
+        .filter_map(|camera| camera.project(sphere.centre).map(|[_, _, depth]| depth / camera.fx))
+        .fold(0.0f64, f64::max);
+    Ok(((dx / 3.0 / footprint) as usize).max(1))
+}

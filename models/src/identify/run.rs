@@ -1,0 +1,167 @@
+//! A run: its folder, its state, and how it goes on after an interruption.
+
+use std::time::Instant;
+
+use gradreel::io::safetensors::TensorFile;
+use gradreel::ops::Lattice;
+use gradreel::optim::{Adam, Params};
+use gradreel::{Error, ErrorKind, Result, Tensor};
+use serde::{Deserialize, Serialize};
+
+use crate::field::Field;
+use crate::identify::{Config, Unknowns};
+use crate::report::run_folder::RunFolder;
+
+/// What a run has reached; `state.json` in its folder.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub struct State {
+    /// Stages that are finished.
+    pub finished: Vec<String>,
+    /// Seconds that each finished stage took.
+    pub seconds: Vec<f64>,
+    /// The best unknowns so far.
+    pub unknowns: Option<Unknowns>,
+    /// Iterations of the voxels' current fit that are done.
+    pub fitted: usize,
+    /// First frame in contact with the ground, once known.
+    pub contact: Option<usize>,
+    /// Every evaluation of the estimates.
+    pub history: Vec<HistoryRow>,
+    /// What happened that the user should know.
+    pub notes: Vec<String>,
+}
+
+/// One evaluation of an estimate.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct HistoryRow {
+    /// The stage it belongs to.
+    pub stage: String,
+    /// The loss; nothing when the physics broke down there.
+    pub loss: Option<f64>,
+    /// Where.
+    pub unknowns: Unknowns,
+}
+
+/// A folder with the state of a reconstruction.
+pub struct Run {
+    /// Where everything is written.
+    pub folder: RunFolder,
+    /// The resolved configuration.
+    pub config: Config,
+    /// What has been reached.
+    pub state: State,
+}
+
+const STATE: &str = "state.json";
+const CONFIG: &str = "config.toml";
+const FIELD: &str = "field.safetensors";
+
+impl Run {
+    /// A new run in an empty folder.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] when the folder holds something.
+    pub fn create(folder: RunFolder, config: Config) -> Result<Self> {
+        folder.write(CONFIG, config.to_toml()?.as_bytes())?;
+        let run = Self { folder, config, state: State::default() };
+        run.save()?;
+        Ok(run)
+    }
+
+    /// A run that was begun before.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] when the folder holds no run, or its files are damaged.
+    pub fn open(folder: RunFolder) -> Result<Self> {
+        let text = |name: &str| -> Result<String> {
+            String::from_utf8(folder.read(name)?)
+                .map_err(|e| damaged(&folder, name, &e))
+        };
+        let config = Config::parse(&text(CONFIG)?).map_err(|e| e.at(folder.path(CONFIG).display()))?;
+        let state = serde_json::from_str(&text(STATE)?).map_err(|e| damaged(&folder, STATE, &e))?;
+        Ok(Self { folder, config, state })
+    }
+
+    /// Writes the state.
+    ///
+    /// # Errors
+    /// What writing returns.
+    pub fn save(&self) -> Result<()> {
+        let json = serde_json::to_vec_pretty(&self.state)
+            .map_err(|e| Error::new(ErrorKind::Io, "cannot write the state of the run").found(e))?;
+        self.folder.write(STATE, &json)
+    }
+
+    /// Whether a stage is finished.
+    pub fn has_finished(&self, stage: &str) -> bool {
+        self.state.finished.iter().any(|done| done == stage)
+    }
+
+    /// Marks a stage as finished.
+    ///
+    /// # Errors
+    /// What writing returns.
+    pub fn finish(&mut self, stage: &str, since: Instant) -> Result<()> {
+        self.state.finished.push(stage.to_owned());
+        self.state.seconds.push(since.elapsed().as_secs_f64());
+        self.state.fitted = 0;
+        self.save()
+    }
+
+    /// Keeps something the user should know, once.
+    pub fn note(&mut self, text: String) {
+        if !self.state.notes.contains(&text) {
+            self.state.notes.push(text);
+        }
+    }
+
+    /// Writes the voxels with their raw values, and the optimiser if a fit is under way.
+    ///
+    /// # Errors
+    /// What writing returns.
+    pub fn save_field(&self, field: &Field, params: &Params, adam: Option<&Adam>) -> Result<()> {
+        let Lattice { origin, spacing, dims } = field.lattice;
+        let mut file = TensorFile::default();
+        file.metadata.insert("lattice".into(), serde_json::json!([origin, spacing, dims]).to_string());
+        file.tensors.insert("voxels".into(), Tensor::from_vec(field.voxels.clone(), [field.len()]));
+        file.tensors.extend(params.iter().map(|(path, value)| (path.to_owned(), value.clone())));
+        if let Some(adam) = adam {
+            file.tensors.extend(adam.state());
+        }
+        self.folder.write(FIELD, &file.to_bytes()?)
+    }
+
+    /// Reads what [`Run::save_field`] wrote; the optimiser goes on if its state is there.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] when the file is missing or damaged.
+    pub fn load_field(&self, adam: &mut Adam) -> Result<(Field, Params)> {
+        let file = TensorFile::from_bytes(&self.folder.read(FIELD)?).map_err(|e| e.at(self.folder.path(FIELD).display()))?;
+        let lattice = file.metadata.get("lattice").map_or("", String::as_str);
+        let (origin, spacing, dims): ([f64; 3], f64, [usize; 3]) =
+            serde_json::from_str(lattice).map_err(|e| damaged(&self.folder, FIELD, &e))?;
+        let lattice = Lattice { origin, spacing, dims };
+        let voxels = file.get("voxels")?;
+        let nodes = dims.iter().try_fold(1usize, |n, d| n.checked_mul(*d)).unwrap_or(0);
+        let fits = voxels.dtype() == gradreel::DType::U32
+            && voxels.slice::<u32>().iter().all(|v| (*v as usize) < nodes)
+            && file.get("field.density")?.dims() == [voxels.len(), 1]
+            && file.get("field.colour")?.dims() == [voxels.len(), 3];
+        if !fits {
+            return Err(damaged(&self.folder, FIELD, &"tensors that do not belong together"));
+        }
+        if file.tensors.contains_key("adam.steps") {
+            adam.restore(&file.tensors)?;
+        }
+        let field = Field { lattice, voxels: voxels.slice::<u32>().to_vec() };
+        let params = file.tensors.into_iter().filter(|(path, _)| path.starts_with("field.")).collect();
+        Ok((field, params))
+    }
+}
+
+fn damaged(folder: &RunFolder, name: &str, found: &dyn std::fmt::Display) -> Error {
+    Error::new(ErrorKind::Input, "a file of the run is damaged")
+        .at(folder.path(name).display())
+        .found(found)
+        .fix("start again with another --out; nothing here was changed")
+}

@@ -1,0 +1,142 @@
+//! The unknowns of an estimate: velocity and material parameters in the unconstrained form that an optimiser moves.
+
+use gradreel::{DType, Result, Tape, Tensor, Var};
+
+use crate::physics::{Law, Map};
+
+/// One unit of the optimiser's velocity coordinates \[m/s\], so that a unit step is of similar effect in all unknowns.
+const SPEED: f64 = 0.1;
+
+/// Velocity \[m/s\] and material parameters (SI units).
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Unknowns {
+    /// Initial velocity of the whole object \[m/s\].
+    pub velocity: [f64; 3],
+    /// The material's parameters in their order.
+    pub parameters: Vec<f64>,
+}
+
+/// Which unknowns an optimiser moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Free {
+    /// The velocity only.
+    Velocity,
+    /// The material's parameters only.
+    Material,
+    /// Both.
+    Both,
+}
+
+impl Free {
+    fn velocity(self) -> bool {
+        self != Self::Material
+    }
+
+    fn material(self) -> bool {
+        self != Self::Velocity
+    }
+}
+
+/// The unknowns as variables: leaves in unconstrained form, and the physical values that follow from them on the tape.
+pub struct Bound {
+    leaves: Vec<Var>,
+    /// Velocity `[3]` \[m/s\].
+    pub velocity: Var,
+    /// Each parameter as `[1]`, in SI units.
+    pub parameters: Vec<Var>,
+}
+
+impl Unknowns {
+    /// The coordinates of the free unknowns.
+    pub fn coordinates(&self, law: &Law, free: Free) -> Vec<f64> {
+        let mut x = Vec::new();
+        if free.velocity() {
+            x.extend(self.velocity.map(|v| v / SPEED));
+        }
+        if free.material() {
+            x.extend(law.parameters().iter().zip(&self.parameters).map(|(p, value)| p.map.raw(*value)));
+        }
+        x
+    }
+
+    /// The same unknowns with the free ones moved to these coordinates.
+    #[must_use]
+    pub fn moved(&self, law: &Law, free: Free, coordinates: &[f64]) -> Self {
+        let mut moved = self.clone();
+        let mut rest = coordinates;
+        if free.velocity() {
+            moved.velocity = [0, 1, 2].map(|axis| rest[axis] * SPEED);
+            rest = &rest[3..];
+        }
+        if free.material() {
+            moved.parameters = law.parameters().iter().zip(rest).map(|(p, raw)| p.map.value(*raw)).collect();
+        }
+        moved
+    }
+
+    /// Constants of a tape for them: nothing is differentiated.
+    ///
+    /// # Errors
+    /// Never for `f32` and `f64`.
+    pub fn constants(&self, tape: &Tape, dtype: DType) -> Result<Bound> {
+        let constant = |values: &[f64]| -> Result<Var> {
+            Ok(tape.constant(Tensor::from_vec(values.to_vec(), [values.len()]).cast(dtype)?))
+        };
+        let parameters = self.parameters.iter().map(|value| constant(&[*value])).collect::<Result<_>>()?;
+        Ok(Bound { leaves: Vec::new(), velocity: constant(&self.velocity)?, parameters })
+    }
+
+    /// Variables of a tape for them; the free ones are leaves.
+    ///
+    /// # Errors
+    /// Never for `f32` and `f64`.
+    pub fn bind(&self, tape: &Tape, law: &Law, free: Free, dtype: DType) -> Result<Bound> {
+        let tensor = |values: Vec<f64>| {
+            let count = values.len();
+            Tensor::from_vec(values, [count]).cast(dtype)
+        };
+        let mut leaves = Vec::new();
+        let mut make = |value: Tensor, is_free: bool| {
+            if is_free {
+                leaves.push(tape.leaf(value));
+                leaves[leaves.len() - 1].clone()
+            } else {
+                tape.constant(value)
+            }
+        };
+        let raw_velocity = make(tensor(self.velocity.map(|v| v / SPEED).to_vec())?, free.velocity());
+        let velocity = &raw_velocity * SPEED;
+        let mut parameters = Vec::new();
+        for (parameter, value) in law.parameters().iter().zip(&self.parameters) {
+            let raw = make(tensor(vec![parameter.map.raw(*value)])?, free.material());
+            parameters.push(constrained(parameter.map, &raw));
+        }
+        Ok(Bound { leaves, velocity, parameters })
+    }
+}
+
+impl Bound {
+    /// The gradient of a loss in the coordinates of the free unknowns.
+    ///
+    /// # Errors
+    /// What the backward pass returns.
+    pub fn gradient(&self, loss: &Var) -> Result<Vec<f64>> {
+        let gradients = loss.backward()?;
+        let mut all = Vec::new();
+        for leaf in &self.leaves {
+            all.extend(gradients.wrt(leaf)?.to_vec()?);
+        }
+        Ok(all)
+    }
+}
+
+/// The physical value of an unconstrained variable, on the tape.
+fn constrained(map: Map, raw: &Var) -> Var {
+    match map {
+        Map::Log10 => (raw * std::f64::consts::LN_10).exp(),
+        Map::Bounded { low, high } => {
+            let half = 0.5 * (high - low);
+            &(&(raw / half).tanh() * half) + (low + half)
+        }
+    }
+}

@@ -1,0 +1,188 @@
+//! The transfers over whole slabs and blocks, compiled once per instruction set and chosen at run time.
+
+use super::lattice::Lattice;
+use super::row::{Level, Number, Row};
+use super::state::{BLOCK, C, V};
+use super::transfer::{Record, gather, pull, push};
+
+/// Declares a function that runs `$body` with the best rows of this machine.
+macro_rules! by_level {
+    ($(#[$doc:meta])* fn $name:ident($($arg:ident: $type:ty),* $(,)?) $(-> $out:ty)? = $body:ident) => {
+        $(#[$doc])*
+        #[allow(clippy::too_many_arguments)] // plain data of one loop
+        pub(crate) fn $name<T: Number>(level: Level, $($arg: $type),*) $(-> $out)? {
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,fma")]
+            #[allow(clippy::too_many_arguments)]
+            unsafe fn wide<T: Number>($($arg: $type),*) $(-> $out)? {
+                unsafe { $body::<T, T::Wide>($($arg),*) }
+            }
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx2,fma")]
+            #[allow(clippy::too_many_arguments)]
+            unsafe fn middle<T: Number>($($arg: $type),*) $(-> $out)? {
+                unsafe { $body::<T, T::Middle>($($arg),*) }
+            }
+            // SAFETY: `Level` is only made for machines that have it.
+            unsafe {
+                match level {
+                    #[cfg(target_arch = "x86_64")]
+                    Level::Avx512 => wide($($arg),*),
+                    #[cfg(target_arch = "x86_64")]
+                    Level::Avx2 => middle($($arg),*),
+                    _ => $body::<T, T::Portable>($($arg),*),
+                }
+            }
+        }
+    };
+}
+
+by_level! {
+    /// Scatters the records listed in `order` into a region of node planes that starts at `first_plane`.
+    fn scatter(
+        lattice: &Lattice<T>,
+        first_plane: usize,
+        region: &mut [T],
+        records: &[Record<T>],
+        order: &[u32],
+    ) = scatter_body
+}
+
+#[inline(always)]
+unsafe fn scatter_body<T: Number, R: Row<T>>(
+    lattice: &Lattice<T>,
+    first_plane: usize,
+    region: &mut [T],
+    records: &[Record<T>],
+    order: &[u32],
+) {
+    for &particle in order {
+        unsafe { push::<T, R>(lattice, first_plane, region, &records[particle as usize]) };
+    }
+}
+
+/// How a block of particles has moved.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Motion<T> {
+    /// Lowest and highest new coordinates \[m\].
+    pub extent: [[T; 3]; 2],
+    /// The first particle that broke a limit.
+    pub broken: Option<usize>,
+}
+
+/// What a particle may do in one substep.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Limits<T> {
+    /// Substep \[s\].
+    pub dt: T,
+    /// Largest velocity component \[m/s\].
+    pub speed: T,
+    /// Where positions may lie \[m\].
+    pub bounds: [[T; 3]; 2],
+}
+
+by_level! {
+    /// Gathers velocity and affine velocity of the first `len` particles of a block and moves them.
+    fn advance(
+        lattice: &Lattice<T>,
+        grid: &[T],
+        limits: &Limits<T>,
+        now: &[T],
+        len: usize,
+        next: &mut [T],
+    ) -> Motion<T> = advance_body
+}
+
+#[inline(always)]
+unsafe fn advance_body<T: Number, R: Row<T>>(
+    lattice: &Lattice<T>,
+    grid: &[T],
+    limits: &Limits<T>,
+    now: &[T],
+    len: usize,
+    next: &mut [T],
+) -> Motion<T> {
+    let len = len.min(BLOCK);
+    let (now, next) = (&now[..C * BLOCK], &mut next[..(C + 9) * BLOCK]);
+    let four = T::from_f64(4.0) * lattice.inverse_dx * lattice.inverse_dx;
+    for i in 0..len {
+        let found = unsafe { gather::<T, R>(lattice, grid, [now[i], now[BLOCK + i], now[2 * BLOCK + i]]) };
+        for axis in 0..3 {
+            next[(V + axis) * BLOCK + i] = found.sum[axis];
+        }
+        for k in 0..9 {
+            next[(C + k) * BLOCK + i] = four * found.moment[k];
+        }
+    }
+    // The rest array by array, which compilers vectorise.
+    let mut motion = Motion { extent: [[T::INFINITY; 3], [-T::INFINITY; 3]], broken: None };
+    let mut broken = [false; BLOCK];
+    let (x_next, v_next) = next.split_at_mut(V * BLOCK);
+    for axis in 0..3 {
+        let (x, v) = (&now[axis * BLOCK..][..len], &v_next[axis * BLOCK..][..len]);
+        let x_next = &mut x_next[axis * BLOCK..][..len];
+        let [low, high] = [limits.bounds[0][axis], limits.bounds[1][axis]];
+        let (mut least, mut most) = (T::INFINITY, -T::INFINITY);
+        for i in 0..len {
+            let moved = x[i] + limits.dt * v[i];
+            x_next[i] = moved;
+            least = if moved < least { moved } else { least };
+            most = if moved > most { moved } else { most };
+            // Written so that NaN breaks the limits.
+            let sound = (v[i].abs() <= limits.speed) & (moved >= low) & (moved <= high);
+            broken[i] |= !sound;
+        }
+        motion.extent[0][axis] = least;
+        motion.extent[1][axis] = most;
+    }
+    motion.broken = broken[..len].iter().position(|&broken| broken);
+    motion
+}
+
+by_level! {
+    /// Gathers the cotangents that reach a block from the grid.
+    ///
+    /// `cotangent` is the block's cotangent at the end of the substep and becomes, in its position and velocity, that at
+    /// the start. `affine` receives the cotangent of what was scattered (9 arrays), `mass` adds that of the mass.
+    fn collect(
+        lattice: &Lattice<T>,
+        cotangents: &[T],
+        velocities: &[T],
+        scattered: &[Record<T>],
+        gathered: &[Record<T>],
+        now: &[T],
+        cotangent: &mut [T],
+        affine: &mut [T],
+        mass: &mut [T],
+    ) = collect_body
+}
+
+#[inline(always)]
+#[allow(clippy::too_many_arguments)] // plain data of one loop
+unsafe fn collect_body<T: Number, R: Row<T>>(
+    lattice: &Lattice<T>,
+    cotangents: &[T],
+    velocities: &[T],
+    scattered: &[Record<T>],
+    gathered: &[Record<T>],
+    now: &[T],
+    cotangent: &mut [T],
+    affine: &mut [T],
+    mass: &mut [T],
+) {
+    let (now, cotangent, affine) = (&now[..C * BLOCK], &mut cotangent[..C * BLOCK], &mut affine[..9 * BLOCK]);
+    for (i, (scattered, gathered)) in scattered.iter().zip(gathered).enumerate().take(BLOCK) {
+        let found = unsafe { pull::<T, R>(lattice, scattered, cotangents, gathered, velocities) };
+        let mut on_mass = mass[i] + found.sum[3];
+        for axis in 0..3 {
+            let at = axis * BLOCK + i;
+            cotangent[at] += found.position[axis];
+            cotangent[(V + axis) * BLOCK + i] = scattered[3] * found.sum[axis];
+            on_mass += now[(V + axis) * BLOCK + i] * found.sum[axis];
+        }
+        for k in 0..9 {
+            affine[k * BLOCK + i] = found.moment[k];
+        }
+        mass[i] = on_mass;
+    }
+}

@@ -1,0 +1,121 @@
+//! The grid's box: which nodes exist in one substep.
+//!
+//! Node `i` lies at `i · dx` in the world, so that node (0, 0, 0) is the world's origin whatever the box. The box covers
+//! the particles' stencils and follows them; it is a function of the particles' extent alone.
+
+use super::row::Number;
+use gradreel::{Error, ErrorKind, Result};
+
+/// Node planes per slab, the unit of parallel scatter. A stencil reaches two planes into the next slab, so slabs two
+/// apart never touch the same node.
+pub(crate) const SLAB: usize = 4;
+
+/// A dense box of grid nodes.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Lattice<T> {
+    /// Node spacing \[m\].
+    pub dx: T,
+    /// `1/dx` \[1/m\]
+    pub inverse_dx: T,
+    /// World index of the first node. Along x a multiple of [`SLAB`], so that slabs do not depend on the box.
+    pub origin: [i32; 3],
+    /// Nodes per axis.
+    pub shape: [usize; 3],
+    /// Distance, in values, between neighbours along x and y; along z it is 4.
+    pub stride: [usize; 2],
+}
+
+impl<T: Number> Lattice<T> {
+    /// The box for particles inside `extent` (lowest and highest coordinates \[m\]).
+    ///
+    /// # Errors
+    ///
+    /// [`ErrorKind::Physics`] when it would have more than `limit` nodes.
+    pub fn covering(extent: [[T; 3]; 2], dx: f64, limit: usize) -> Result<Self> {
+        let too_large = |nodes: String| {
+            let place: Vec<String> = (0..3)
+                .map(|axis| format!("{:.4}..{:.4} m", extent[0][axis].to_f64(), extent[1][axis].to_f64()))
+                .collect();
+            Error::new(ErrorKind::Physics, "the particles have flown too far apart for the grid")
+                .at(format!("the particles' extent, {}", place.join(" x ")))
+                .found(nodes)
+                .wanted(format!("at most {limit} nodes (World::node_limit)"))
+                .fix("remove stray particles, give the world bounds, or raise the limit")
+        };
+        let mut lattice = Self::of_spacing(dx);
+        let far = (T::SPLITTABLE - 1.0) * dx;
+        if !extent.iter().flatten().all(|x| x.to_f64().abs() < far) {
+            return Err(too_large(format!("coordinates beyond {far:.3e} m")));
+        }
+        let (low, high) = (lattice.locate(extent[0]).0, lattice.locate(extent[1]).0);
+        let slab = SLAB as i32;
+        lattice.origin = [low[0].div_euclid(slab) * slab, low[1], low[2]];
+        // One plane of nodes more along z: a row may carry a fourth node.
+        lattice.shape = std::array::from_fn(|axis| (high[axis] - lattice.origin[axis]) as usize + 3 + axis / 2);
+        let nodes = lattice.shape.iter().map(|&n| n as f64).product::<f64>();
+        if nodes > limit as f64 {
+            let [x, y, z] = lattice.shape;
+            return Err(too_large(format!("a box of {x} x {y} x {z} nodes")));
+        }
+        lattice.stride = [4 * lattice.shape[1] * lattice.shape[2], 4 * lattice.shape[2]];
+        Ok(lattice)
+    }
+
+    /// No nodes yet, only the spacing \[m\].
+    pub fn of_spacing(dx: f64) -> Self {
+        let [dx, inverse_dx] = [dx, 1.0 / dx].map(T::from_f64);
+        Self { dx, inverse_dx, origin: [0; 3], shape: [0; 3], stride: [0; 2] }
+    }
+
+    /// Values in the grid, four per node.
+    pub fn len(&self) -> usize {
+        self.shape[0] * self.stride[0]
+    }
+
+    /// The world index of the lowest node of a stencil, `floor(x/dx − ½)`, and `x/dx` minus it, in `[½, 1½)`.
+    #[inline(always)]
+    pub fn locate(&self, x: [T; 3]) -> ([i32; 3], [T; 3]) {
+        let mut base = [0; 3];
+        let mut fraction = x;
+        for axis in 0..3 {
+            let scaled = x[axis] * self.inverse_dx;
+            let (integer, floor) = (scaled - T::from_f64(0.5)).split();
+            base[axis] = integer;
+            fraction[axis] = scaled - floor;
+        }
+        (base, fraction)
+    }
+
+    /// The slab in which a stencil starts.
+    #[inline(always)]
+    pub fn slab(&self, x: T) -> usize {
+        (self.locate([x; 3]).0[0] - self.origin[0]) as usize / SLAB
+    }
+
+    /// How many slabs there are.
+    pub fn slabs(&self) -> usize {
+        self.shape[0].saturating_sub(2).div_ceil(SLAB)
+    }
+
+    /// Where the stencil that starts at `base` begins in a region of `planes` node planes from `first_plane` on.
+    ///
+    /// # Panics
+    ///
+    /// If nine rows of four nodes from there do not lie in the region. The memory safety of the transfers rests on it.
+    #[inline(always)]
+    pub fn start(&self, base: [i32; 3], first_plane: usize, planes: usize) -> usize {
+        let x = (base[0] - self.origin[0]) as usize;
+        let y = (base[1] - self.origin[1]) as usize;
+        let z = (base[2] - self.origin[2]) as usize;
+        let x = x.wrapping_sub(first_plane);
+        let inside = x < planes && x + 2 < planes && y < self.shape[1] && y + 2 < self.shape[1];
+        assert!(inside && z < self.shape[2] && z + 3 < self.shape[2], "a stencil outside the grid's box");
+        x * self.stride[0] + y * self.stride[1] + 4 * z
+    }
+
+    /// World coordinates of a node \[m\].
+    #[inline(always)]
+    pub fn node(&self, index: [usize; 3]) -> [f64; 3] {
+        std::array::from_fn(|axis| f64::from(self.origin[axis] + index[axis] as i32) * self.dx.to_f64())
+    }
+}

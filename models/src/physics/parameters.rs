@@ -1,0 +1,128 @@
+//! Material parameters: names, units, and the unconstrained numbers that an optimiser moves.
+
+/// A smooth map between an unconstrained number and a physical value.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Map {
+    /// `value = 10^raw`: positive quantities known to an order of magnitude.
+    Log10,
+    /// `value = r/2 · tanh(2 raw/r) + low + r/2` with `r = high − low`: quantities between two limits.
+    Bounded {
+        /// Lower limit, never reached.
+        low: f64,
+        /// Upper limit, never reached.
+        high: f64,
+    },
+}
+
+impl Map {
+    /// The physical value of an unconstrained number.
+    pub fn value(self, raw: f64) -> f64 {
+        match self {
+            Self::Log10 => 10_f64.powf(raw),
+            Self::Bounded { low, high } => {
+                let half = (high - low) / 2.0;
+                half * (raw / half).tanh() + low + half
+            }
+        }
+    }
+
+    /// The unconstrained number of a physical value; NaN for a value outside the map's range.
+    pub fn raw(self, value: f64) -> f64 {
+        match self {
+            Self::Log10 => value.log10(),
+            Self::Bounded { low, high } => {
+                let half = (high - low) / 2.0;
+                half * ((value - low - half) / half).atanh()
+            }
+        }
+    }
+
+    /// `d value / d raw`
+    pub fn derivative(self, raw: f64) -> f64 {
+        match self {
+            Self::Log10 => std::f64::consts::LN_10 * self.value(raw),
+            Self::Bounded { low, high } => 1.0 - (2.0 * raw / (high - low)).tanh().powi(2),
+        }
+    }
+}
+
+/// What is known about a material parameter before anything has been measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Parameter {
+    /// The name in files and errors, for example `young`.
+    pub name: &'static str,
+    /// The symbol in plots, for example `E`.
+    pub symbol: &'static str,
+    /// The SI unit, for example `Pa`; `-` if it has none.
+    pub unit: &'static str,
+    /// The unconstrained form.
+    pub map: Map,
+    /// A plausible value to start from, in `unit`.
+    pub start: f64,
+    /// The range of plausible values, in `unit`.
+    pub prior: [f64; 2],
+}
+
+impl Parameter {
+    /// A positive parameter fitted as its decimal logarithm, starting in the logarithmic middle of `prior`.
+    pub fn log10(name: &'static str, symbol: &'static str, unit: &'static str, prior: [f64; 2]) -> Self {
+        Self { name, symbol, unit, map: Map::Log10, start: (prior[0] * prior[1]).sqrt(), prior }
+    }
+
+    /// A parameter that stays between `limits`, starting in the middle of `prior`.
+    pub fn bounded(
+        name: &'static str,
+        symbol: &'static str,
+        unit: &'static str,
+        limits: [f64; 2],
+        prior: [f64; 2],
+    ) -> Self {
+        let map = Map::Bounded { low: limits[0], high: limits[1] };
+        Self { name, symbol, unit, map, start: (prior[0] + prior[1]) / 2.0, prior }
+    }
+}
+
+/// Lamé's parameters `(μ, λ)` of Young's modulus and Poisson's ratio, for numbers and for traced scalars:
+/// `μ = E/(2(1+ν))`, `λ = Eν/((1+ν)(1−2ν))`.
+pub fn lame<S>(young: S, poisson: S) -> (S, S)
+where
+    S: Copy + std::ops::Mul<Output = S> + std::ops::Div<Output = S> + std::ops::Add<f64, Output = S>,
+    S: std::ops::Mul<f64, Output = S>,
+{
+    let mu = young / ((poisson + 1.0) * 2.0);
+    let lambda = young * poisson / ((poisson + 1.0) * (poisson * -2.0 + 1.0));
+    (mu, lambda)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn maps_invert_and_their_derivatives_are_right() {
+        for (map, value) in [
+            (Map::Log10, 3.2e5),
+            (Map::Bounded { low: -0.45, high: 0.45 }, 0.31),
+            (Map::Bounded { low: 1.0, high: 5.0 }, 4.9),
+        ] {
+            let raw = map.raw(value);
+            approx::assert_relative_eq!(map.value(raw), value, max_relative = 1e-12);
+            let slope = (map.value(raw + 1e-6) - map.value(raw - 1e-6)) / 2e-6;
+            approx::assert_relative_eq!(map.derivative(raw), slope, max_relative = 1e-8);
+        }
+    }
+
+    #[test]
+    fn the_published_form_of_poisson_ratio() {
+        let map = Map::Bounded { low: -0.45, high: 0.45 };
+        approx::assert_relative_eq!(map.value(0.2), 0.45 * (0.2_f64 / 0.45).tanh(), max_relative = 1e-14);
+        assert!(map.raw(0.46).is_nan());
+    }
+
+    #[test]
+    fn lame_parameters_of_a_known_pair() {
+        let (mu, lambda) = lame(2.6, 0.3);
+        approx::assert_relative_eq!(mu, 1.0, max_relative = 1e-14);
+        approx::assert_relative_eq!(lambda, 1.5, max_relative = 1e-14);
+    }
+}

@@ -1,0 +1,289 @@
+//! A whole simulation as one op of the tape.
+
+use gradreel::{Backward, DType, Error, ErrorKind, Forward, Op, Result, Spec, Tensor, Var};
+
+use super::lattice::Lattice;
+use super::law::Law;
+use super::remat::Remat;
+use super::row::Number;
+use super::state::{State, V};
+use super::substep::Simulation;
+use super::timestep::Schedule;
+use super::trajectory::Trajectory;
+use super::values::{Values, check_values};
+use super::world::World;
+
+/// Simulates particles and returns where they are at every frame; differentiable in everything it takes.
+///
+/// | input | shape | unit |
+/// |---|---|---|
+/// | positions | `[n, 3]` | m |
+/// | velocity | `[3]` or `[n, 3]` | m/s |
+/// | density | `[1]` or `[n]` | kg/m³ |
+/// | each parameter of the material | `[1]` or `[n]` | its own |
+///
+/// The output is `[frames, n, 3]` \[m\]; frame 0 is the input. All inputs have the same dtype, `f32` or `f64`, and live on
+/// the CPU.
+#[derive(Debug, Clone)]
+pub struct Rollout {
+    /// Surroundings.
+    pub world: World,
+    /// Material.
+    pub law: Law,
+    /// Times.
+    pub schedule: Schedule,
+    /// What is kept for the backward pass; `None` keeps nothing, for a rollout that is not differentiated.
+    pub remat: Option<Remat>,
+}
+
+/// The inputs of a [`rollout`]; see [`Rollout`] for shapes and units.
+#[derive(Debug, Clone)]
+pub struct Body {
+    /// Positions \[m\].
+    pub positions: Var,
+    /// Velocity \[m/s\].
+    pub velocity: Var,
+    /// Density \[kg/m³\].
+    pub density: Var,
+    /// The material's parameters, in order.
+    pub parameters: Vec<Var>,
+}
+
+/// Simulates a body of one material; see [`Rollout`].
+///
+/// ```
+/// use gradreel::{Tape, Tensor};
+/// use gradreel_models::physics::{Body, CFL, Collider, Law, Remat, Schedule, World, materials::NeoHookean, rollout};
+///
+/// let world = World { colliders: vec![Collider::ground(0.0)], ..World::new(0.02) };
+/// let law = Law::of(NeoHookean);
+/// let sound = law.wave_speed(&[1e4, 0.3], 1000.0);
+/// let schedule = Schedule::stable(&world, 3, 1.0 / 60.0, sound, 2.0, CFL);
+///
+/// let tape = Tape::new();
+/// let cube = (0..64).flat_map(|i| [i / 16, i / 4 % 4, i % 4].map(|k| 0.02 + 0.01 * k as f32)).collect();
+/// let young = tape.leaf(Tensor::from_vec(vec![1e4_f32], [1]));
+/// let body = Body {
+///     positions: tape.constant(Tensor::from_vec(cube, [64, 3])),
+///     velocity: tape.constant(Tensor::from_vec(vec![0.0_f32, -2.0, 0.0], [3])),
+///     density: tape.constant(Tensor::from_vec(vec![1000.0_f32], [1])),
+///     parameters: vec![young.clone(), tape.constant(Tensor::from_vec(vec![0.3_f32], [1]))],
+/// };
+/// let motion = rollout(&world, &law, schedule, Remat::default(), &body)?;
+/// assert_eq!(motion.dims(), [3, 64, 3]);
+///
+/// // How the sum of squares of all coordinates would change with stiffness: m²/Pa.
+/// let gradients = motion.square().sum_all().backward()?;
+/// assert!(gradients.wrt(&young)?.item()? != 0.0);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
+///
+/// # Errors
+///
+/// [`ErrorKind::Physics`] when the simulation breaks down, naming particle, substep, time and position;
+/// [`ErrorKind::NonFinite`] for inputs that are not finite; [`ErrorKind::Shape`] for inputs that do not fit.
+pub fn rollout(world: &World, law: &Law, schedule: Schedule, remat: Remat, body: &Body) -> Result<Var> {
+    let others: Vec<&Var> = [&body.velocity, &body.density].into_iter().chain(&body.parameters).collect();
+    let differentiable = body.positions.is_differentiable() || others.iter().any(|var| var.is_differentiable());
+    let op = Rollout { world: world.clone(), law: law.clone(), schedule, remat: differentiable.then_some(remat) };
+    body.positions.apply(op, &others)
+}
+
+/// What the backward pass needs of the forward pass.
+#[derive(Debug)]
+struct Kept<T> {
+    trajectory: Trajectory<T>,
+    /// The caller's number of each particle in grid order.
+    order: Vec<u32>,
+}
+
+impl Op for Rollout {
+    fn name(&self) -> &str {
+        "rollout"
+    }
+
+    fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
+        let names = self.input_names();
+        let fault = |what: String| Error::new(ErrorKind::Shape, what).at("rollout");
+        if inputs.len() != names.len() {
+            return Err(fault("wrong number of inputs".into()).found(inputs.len()).wanted(format!("{names:?}")));
+        }
+        let n = match inputs[0].shape.dims() {
+            &[n, 3] => n,
+            _ => return Err(fault("positions have the wrong shape".into()).found(&inputs[0].shape).wanted("[n, 3]")),
+        };
+        for (index, (spec, name)) in inputs.iter().zip(&names).enumerate().skip(1) {
+            let dims = spec.shape.dims();
+            let (fits, wanted) = match index {
+                1 => (dims == [3] || dims == [n, 3], format!("[3] or [{n}, 3]")),
+                _ => (dims == [1] || dims == [n], format!("[1] or [{n}]")),
+            };
+            if !fits {
+                return Err(fault(format!("'{name}' has the wrong shape")).found(&spec.shape).wanted(wanted));
+            }
+        }
+        let dtype = inputs[0].dtype;
+        if !dtype.is_real() || inputs.iter().any(|spec| spec.dtype != dtype) {
+            let found: Vec<String> = inputs.iter().map(|spec| spec.dtype.to_string()).collect();
+            return Err(fault("dtypes do not fit".into()).found(found.join(", ")).wanted("all f32, or all f64"));
+        }
+        Ok(Spec::new([self.schedule.frames, n, 3], dtype))
+    }
+
+    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+        match inputs[0].dtype() {
+            DType::F64 => self.forward::<f64>(inputs),
+            _ => self.forward::<f32>(inputs),
+        }
+    }
+
+    fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
+        cx.first_order_only(self.name())?;
+        if self.remat.is_none() {
+            return Err(Error::new(ErrorKind::NoGradient, "this rollout kept nothing for its backward pass")
+                .at("rollout")
+                .found("Rollout::remat is None")
+                .fix("choose a Remat"));
+        }
+        match cx.gradient().dtype() {
+            DType::F64 => self.backward::<f64>(cx),
+            _ => self.backward::<f32>(cx),
+        }
+    }
+}
+
+impl Rollout {
+    fn forward<T: Number>(&self, inputs: &[Tensor]) -> Result<Forward> {
+        let positions: Vec<[T; 3]> = triples(&inputs[0]);
+        finite("positions", inputs[0].slice::<T>(), 3)?;
+        let velocities: Vec<[T; 3]> = triples(&inputs[1]);
+        finite("velocity", inputs[1].slice::<T>(), 3)?;
+        let n = positions.len();
+        let order = grid_order(&positions, self.world.dx);
+        let (mut simulation, density, parameters) = self.simulation::<T>(inputs, n, &order)?;
+        self.schedule.check_waves(&self.world, &self.law, &density, &parameters)?;
+        let x: Vec<[T; 3]> = order.iter().map(|&p| positions[p as usize]).collect();
+        let v: Vec<[T; 3]> = match velocities[..] {
+            [one] if inputs[1].dims().len() == 1 => vec![one; n],
+            _ => order.iter().map(|&p| velocities[p as usize]).collect(),
+        };
+        let start = State::at_rest(&x, &v)?;
+        let mut output = vec![[T::ZERO; 3]; self.schedule.frames * n];
+        let trajectory = rayon::scope(|_| {
+            Trajectory::forward(&mut simulation, start, self.schedule, self.remat, |frame, state| {
+                for (p, &label) in order.iter().enumerate() {
+                    output[frame * n + label as usize] = state.read(p, 0);
+                }
+            })
+        })?;
+        let output = Tensor::from_vec(output.into_flattened(), [self.schedule.frames, n, 3]);
+        Ok(Forward::with_residual(output, Kept { trajectory, order }))
+    }
+
+    fn backward<T: Number>(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
+        let Kept { trajectory, order } = cx.residual::<Kept<T>>();
+        let inputs = cx.inputs().iter().map(|var| var.value().cloned()).collect::<Result<Vec<Tensor>>>()?;
+        let n = order.len();
+        let (mut simulation, ..) = self.simulation::<T>(&inputs, n, order)?;
+        let gradient = cx.gradient().value()?.clone();
+        let frames: &[T] = gradient.slice();
+        let start = rayon::scope(|_| {
+            trajectory.backward(&mut simulation, n, |frame, cotangent| {
+                for (p, &label) in order.iter().enumerate() {
+                    let at = 3 * (frame * n + label as usize);
+                    cotangent.add_to_position(p, [frames[at], frames[at + 1], frames[at + 2]]);
+                }
+            })
+        })?;
+        let values = simulation.value_gradients();
+        let per_particle = std::iter::once(values.density).chain(values.parameters);
+        let tape = cx.input(0).tape();
+        let mut cotangents = Vec::with_capacity(inputs.len());
+        for component in [0, V] {
+            let triples: Vec<[T; 3]> = (0..n).map(|p| start.read(p, component)).collect();
+            cotangents.push(triples.into_flattened());
+        }
+        cotangents.extend(per_particle);
+        let mut gradients = Vec::with_capacity(inputs.len());
+        for (index, (cotangent, input)) in cotangents.into_iter().zip(&inputs).enumerate() {
+            let name = format!("gradient of {}", self.input_names()[index]);
+            let width = if index < 2 { 3 } else { 1 };
+            let gradient = if input.len() == width {
+                total(&cotangent, width)
+            } else {
+                let mut back = vec![T::ZERO; cotangent.len()];
+                for (p, &label) in order.iter().enumerate() {
+                    back[label as usize * width..][..width].copy_from_slice(&cotangent[p * width..][..width]);
+                }
+                back
+            };
+            finite(&name, &gradient, width)?;
+            gradients.push(Some(tape.constant(Tensor::from_vec(gradient, input.shape()))));
+        }
+        Ok(gradients)
+    }
+
+    /// What the inputs are called, in order.
+    fn input_names(&self) -> Vec<&'static str> {
+        let parameters = self.law.parameters().iter().map(|parameter| parameter.name);
+        ["positions", "velocity", "density"].into_iter().chain(parameters).collect()
+    }
+
+    /// The simulation, with density and parameters in the caller's order beside it.
+    #[allow(clippy::type_complexity)] // three things, taken apart at once
+    fn simulation<T: Number>(
+        &self,
+        inputs: &[Tensor],
+        n: usize,
+        order: &[u32],
+    ) -> Result<(Simulation<'_, T>, Values<T>, Vec<Values<T>>)> {
+        self.schedule.check()?;
+        let values: Vec<Values<T>> = inputs[2..]
+            .iter()
+            .map(|input| match input.slice::<T>() {
+                &[one] => Values::Same(one),
+                each => Values::Each(each.to_vec()),
+            })
+            .collect();
+        let sorted = |values: &Values<T>| match values {
+            Values::Same(value) => Values::Same(*value),
+            Values::Each(each) => Values::Each(order.iter().map(|&p| each[p as usize]).collect()),
+        };
+        let (density, parameters) = (&values[0], &values[1..]);
+        // In the caller's order, so that errors name the caller's particles.
+        check_values(&self.law, density, parameters, n)?;
+        let in_order = parameters.iter().map(sorted).collect();
+        let mut simulation =
+            Simulation::new(&self.world, &self.law, self.schedule.dt(), n, &sorted(density), in_order)?;
+        simulation.label(order.to_vec());
+        Ok((simulation, density.clone(), parameters.to_vec()))
+    }
+}
+
+/// Particles sorted by the cell of their stencil, so that neighbours in space are neighbours in memory.
+fn grid_order<T: Number>(positions: &[[T; 3]], dx: f64) -> Vec<u32> {
+    let lattice = Lattice::of_spacing(dx);
+    let mut order: Vec<u32> = (0..positions.len() as u32).collect();
+    order.sort_by_cached_key(|&p| lattice.locate(positions[p as usize]).0);
+    order
+}
+
+/// A tensor of triples.
+fn triples<T: Number>(tensor: &Tensor) -> Vec<[T; 3]> {
+    tensor.slice::<T>().as_chunks().0.to_vec()
+}
+
+/// Sums over particles, in `f64`, in grid order.
+fn total<T: Number>(values: &[T], width: usize) -> Vec<T> {
+    (0..width).map(|k| T::from_f64(values.iter().skip(k).step_by(width).map(|&value| value.to_f64()).sum())).collect()
+}
+
+fn finite<T: Number>(name: &str, values: &[T], width: usize) -> Result<()> {
+    match values.iter().position(|value| !value.is_finite()) {
+        None => Ok(()),
+        Some(at) => Err(Error::new(ErrorKind::NonFinite, format!("'{name}' of the rollout is not finite"))
+            .at(format!("row {}, column {}", at / width, at % width))
+            .found(values[at])
+            .wanted("finite numbers")),
+    }
+}

@@ -1,0 +1,153 @@
+//! A *row*: three neighbouring grid nodes along z, twelve numbers, the unit in which the transfers read and write the grid.
+//!
+//! A node holds `[vx, vy, vz, mass]` (or the like) in four consecutive values and z is the fastest axis, so the three
+//! nodes which a quadratic B-spline touches along z are twelve consecutive values. The 27 nodes around a particle are
+//! nine such rows. A row is one AVX-512 register in `f32`; other machines use two or three registers, or a plain array.
+//! The transfers are written once over [`Row`] and instantiated per instruction set; [`Level::detect`] chooses at run
+//! time, so a program built for the oldest x86-64 still takes the fast path.
+
+mod portable;
+#[cfg(target_arch = "x86_64")]
+mod x86;
+
+use gradreel::scalar::Real;
+
+/// A number the transfers can be instantiated for: `f32` or `f64`, with its row types.
+pub trait Number: Real + Rows {
+    /// Numbers below this can be split (see [`Number::split`]).
+    const SPLITTABLE: f64;
+
+    /// The largest integer not above it, as both types. For magnitudes below [`Number::SPLITTABLE`]; meaningless beyond.
+    fn split(self) -> (i32, Self);
+}
+
+/// Adding 1.5 · 2^(mantissa bits) leaves the nearest integer in the lowest bits: no conversion, no branch.
+macro_rules! number {
+    ($float:ident, $mantissa:literal) => {
+        impl Number for $float {
+            const SPLITTABLE: f64 = (1_u64 << if $mantissa < 32 { $mantissa - 2 } else { 29 }) as f64;
+
+            #[inline(always)]
+            fn split(self) -> (i32, Self) {
+                const SHIFT: $float = 1.5 * (1_u64 << $mantissa) as $float;
+                let shifted = self + SHIFT;
+                let nearest = shifted - SHIFT;
+                let above = nearest > self;
+                let integer = shifted.to_bits().wrapping_sub(SHIFT.to_bits()) as i32 - i32::from(above);
+                (integer, nearest - if above { 1.0 } else { 0.0 })
+            }
+        }
+    };
+}
+
+number!(f32, 23);
+number!(f64, 52);
+
+/// The row types of a number, one per instruction set.
+pub trait Rows: Sized {
+    /// The row used with AVX-512.
+    type Wide: Row<Self>;
+    /// The row used with AVX2 and FMA.
+    type Middle: Row<Self>;
+    /// The row used everywhere else.
+    type Portable: Row<Self>;
+}
+
+/// Twelve numbers: three nodes of four values each.
+///
+/// An implementation may carry a fourth node (as an AVX-512 register does). [`Row::load`] may then read it and
+/// [`Row::store`] may write it; what is written back there is what was read plus zero times something.
+///
+/// # Safety
+///
+/// All functions may only be called on a machine that has the instruction set of the implementation. Pointers must be
+/// valid for 16 values.
+#[allow(clippy::missing_safety_doc)] // said once, above
+pub trait Row<T>: Copy {
+    /// Reads a row.
+    unsafe fn load(from: *const T) -> Self;
+    /// Writes a row.
+    unsafe fn store(self, to: *mut T);
+    /// The same number everywhere.
+    unsafe fn splat(value: T) -> Self;
+    /// One number per node, zero in a fourth node.
+    unsafe fn nodes(values: [T; 3]) -> Self;
+    /// The four values read from a pointer, once per node.
+    unsafe fn repeat(from: *const T) -> Self;
+    /// Zero in the fourth value of every node, unchanged elsewhere.
+    unsafe fn without_mass(self) -> Self;
+    /// `self + other`
+    unsafe fn add(self, other: Self) -> Self;
+    /// `self · other`
+    unsafe fn mul(self, other: Self) -> Self;
+    /// `self · factor + addend`
+    unsafe fn mul_add(self, factor: Self, addend: Self) -> Self;
+    /// The sum of the three nodes.
+    unsafe fn fold(self) -> [T; 4];
+}
+
+/// An instruction set the transfers are compiled for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Level {
+    /// AVX-512 F, VL and DQ.
+    Avx512,
+    /// AVX2 and FMA.
+    Avx2,
+    /// Whatever the target guarantees.
+    Portable,
+}
+
+impl Level {
+    /// The best level of this machine.
+    pub fn detect() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        {
+            let fma = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma");
+            let avx512 = is_x86_feature_detected!("avx512f")
+                && is_x86_feature_detected!("avx512vl")
+                && is_x86_feature_detected!("avx512dq");
+            match (avx512, fma) {
+                (true, true) => Self::Avx512,
+                (false, true) => Self::Avx2,
+                _ => Self::Portable,
+            }
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        Self::Portable
+    }
+
+    /// All levels this machine can run, best first.
+    #[cfg(test)]
+    pub fn available() -> Vec<Self> {
+        match Self::detect() {
+            Self::Avx512 => vec![Self::Avx512, Self::Avx2, Self::Portable],
+            Self::Avx2 => vec![Self::Avx2, Self::Portable],
+            Self::Portable => vec![Self::Portable],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn splitting_is_the_floor() {
+        fn check<T: Number>() {
+            for quarter in -40..40 {
+                for nudge in [-1e-3, 0.0, 1e-3] {
+                    let x = T::from_f64(f64::from(quarter) / 4.0 + nudge);
+                    let (integer, same) = x.split();
+                    assert_eq!(same, x.floor());
+                    assert_eq!(f64::from(integer), x.floor().to_f64());
+                }
+            }
+            for x in [-0.9, 0.9].map(|x| T::from_f64(x * T::SPLITTABLE)) {
+                assert_eq!(f64::from(x.split().0), x.floor().to_f64());
+            }
+            let _anything = T::from_f64(f64::NAN).split();
+        }
+        check::<f32>();
+        check::<f64>();
+    }
+}

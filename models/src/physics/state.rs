@@ -1,0 +1,180 @@
+//! What a substep reads and writes: position, velocity, affine velocity and deformation gradient of every particle.
+
+use super::row::Number;
+use gradreel::{Error, ErrorKind, Result};
+
+/// Particles per block.
+///
+/// A block's numbers lie together, one array of this length per component, so that a material program runs over whole
+/// arrays and a block (24 KiB in `f32`) stays in the first-level cache.
+pub const BLOCK: usize = 256;
+
+/// Numbers per particle: position 3, velocity 3, affine velocity 9, deformation gradient 9.
+pub(crate) const COMPONENTS: usize = 24;
+/// Where the velocity starts.
+pub(crate) const V: usize = 3;
+/// Where the affine velocity starts, row by row.
+pub(crate) const C: usize = 6;
+/// Where the deformation gradient starts, row by row.
+pub(crate) const F: usize = 15;
+
+/// The state of all particles between two substeps, or the cotangent of one.
+///
+/// | part | shape | unit | what |
+/// |---|---|---|---|
+/// | `x` | `[n, 3]` | m | position |
+/// | `v` | `[n, 3]` | m/s | velocity |
+/// | `c` | `[n, 3, 3]` | 1/s | affine velocity, about the velocity gradient |
+/// | `f` | `[n, 3, 3]` | - | deformation gradient |
+///
+/// ```
+/// use gradreel_models::physics::State;
+///
+/// let state = State::at_rest(&[[0.1_f64, 0.2, 0.3]], &[[0.0, -1.0, 0.0]])?;
+/// assert_eq!(state.len(), 1);
+/// assert_eq!(state.positions(), vec![[0.1, 0.2, 0.3]]);
+/// assert_eq!(state.deformation_gradients()[0], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct State<T> {
+    /// Blocks of [`COMPONENTS`] arrays of [`BLOCK`] values.
+    pub(crate) values: Vec<T>,
+    /// Lowest and highest coordinate per axis \[m\].
+    pub(crate) extent: [[T; 3]; 2],
+    len: usize,
+}
+
+impl<T: Number> State<T> {
+    /// Undeformed particles (`f = I`, `c = 0`) at these positions \[m\] with these velocities \[m/s\].
+    ///
+    /// # Errors
+    ///
+    /// [`ErrorKind::NonFinite`] naming the first particle with a number that is not finite.
+    ///
+    /// # Panics
+    ///
+    /// If the two lists differ in length.
+    #[track_caller]
+    pub fn at_rest(positions: &[[T; 3]], velocities: &[[T; 3]]) -> Result<Self> {
+        let (zero, one) = (T::ZERO, T::ONE);
+        let identity = [[one, zero, zero], [zero, one, zero], [zero, zero, one]];
+        let len = positions.len();
+        Self::new(positions, velocities, &vec![[[zero; 3]; 3]; len], &vec![identity; len])
+    }
+
+    /// Particles in any state: positions \[m\], velocities \[m/s\], affine velocities \[1/s\], deformation gradients.
+    ///
+    /// # Errors
+    ///
+    /// As for [`State::at_rest`].
+    ///
+    /// # Panics
+    ///
+    /// If the lists differ in length.
+    #[track_caller]
+    pub fn new(x: &[[T; 3]], v: &[[T; 3]], c: &[[[T; 3]; 3]], f: &[[[T; 3]; 3]]) -> Result<Self> {
+        let len = x.len();
+        let lens = [v.len(), c.len(), f.len()];
+        assert!(lens == [len; 3], "state: {len} positions, but {lens:?} velocities, affine velocities and gradients");
+        let mut state = Self::zeros(len);
+        state.extent = x.first().map_or([[T::ZERO; 3]; 2], |&x| [x, x]);
+        for p in 0..len {
+            let matrices = c[p].as_flattened().iter().chain(f[p].as_flattened());
+            for (component, &value) in x[p].iter().chain(&v[p]).chain(matrices).enumerate() {
+                if !value.is_finite() {
+                    return Err(non_finite(p, component, value));
+                }
+                state.values[Self::index(p, component)] = value;
+            }
+            state.extent = widen(state.extent, x[p]);
+        }
+        Ok(state)
+    }
+
+    /// All zero: the start of a cotangent.
+    pub fn zeros(len: usize) -> Self {
+        let values = vec![T::ZERO; len.div_ceil(BLOCK) * COMPONENTS * BLOCK];
+        Self { values, extent: [[T::ZERO; 3]; 2], len }
+    }
+
+    /// How many particles.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether there is no particle.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Positions \[m\].
+    pub fn positions(&self) -> Vec<[T; 3]> {
+        (0..self.len).map(|p| self.read(p, 0)).collect()
+    }
+
+    /// Velocities \[m/s\].
+    pub fn velocities(&self) -> Vec<[T; 3]> {
+        (0..self.len).map(|p| self.read(p, V)).collect()
+    }
+
+    /// Affine velocities \[1/s\].
+    pub fn affine_velocities(&self) -> Vec<[[T; 3]; 3]> {
+        (0..self.len).map(|p| std::array::from_fn(|row| self.read(p, C + 3 * row))).collect()
+    }
+
+    /// Deformation gradients.
+    pub fn deformation_gradients(&self) -> Vec<[[T; 3]; 3]> {
+        (0..self.len).map(|p| std::array::from_fn(|row| self.read(p, F + 3 * row))).collect()
+    }
+
+    /// Bytes of one such state.
+    pub(crate) fn bytes(len: usize) -> usize {
+        len.div_ceil(BLOCK) * COMPONENTS * BLOCK * size_of::<T>()
+    }
+
+    /// Adds to the positions; used for cotangents of a frame.
+    pub(crate) fn add_to_position(&mut self, particle: usize, value: [T; 3]) {
+        for (axis, value) in value.into_iter().enumerate() {
+            let at = &mut self.values[Self::index(particle, axis)];
+            *at += value;
+        }
+    }
+
+    /// Three values starting at a component.
+    pub(crate) fn read(&self, particle: usize, component: usize) -> [T; 3] {
+        std::array::from_fn(|i| self.values[Self::index(particle, component + i)])
+    }
+
+    /// Where a component of a particle lies in `values`.
+    fn index(particle: usize, component: usize) -> usize {
+        (particle / BLOCK * COMPONENTS + component) * BLOCK + particle % BLOCK
+    }
+}
+
+/// The box that also holds `x`.
+#[inline(always)]
+pub(crate) fn widen<T: Number>([mut low, mut high]: [[T; 3]; 2], x: [T; 3]) -> [[T; 3]; 2] {
+    for axis in 0..3 {
+        if x[axis] < low[axis] {
+            low[axis] = x[axis];
+        }
+        if x[axis] > high[axis] {
+            high[axis] = x[axis];
+        }
+    }
+    [low, high]
+}
+
+fn non_finite<T: Number>(particle: usize, component: usize, value: T) -> Error {
+    let name = match component {
+        ..V => "position",
+        V..C => "velocity",
+        C..F => "affine velocity",
+        _ => "deformation gradient",
+    };
+    Error::new(ErrorKind::NonFinite, format!("a particle starts with a non-finite {name}"))
+        .at(format!("particle {particle}"))
+        .found(value)
+        .wanted("finite numbers")
+}

@@ -1,0 +1,138 @@
+//! How long a substep may be, and the schedule of a rollout.
+
+use gradreel::{Error, ErrorKind, Result};
+
+use super::law::Law;
+use super::row::Number;
+use super::values::Values;
+use super::world::World;
+
+/// The share of a cell that waves and particles may cross in one substep, unless told otherwise.
+///
+/// Explicit MLS-MPM with quadratic B-splines stays stable up to about 1; compression raises the speed of sound, parameters
+/// move while they are fitted, and the error of a trajectory falls with the step: 0.35 leaves room for all three.
+pub const CFL: f64 = 0.35;
+
+/// The share of a cell beyond which a rollout refuses to start.
+pub const CFL_LIMIT: f64 = 1.0;
+
+/// The times of a rollout: frames at equal intervals, each of equal substeps.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Schedule {
+    /// Frames, including frame 0, the start.
+    pub frames: usize,
+    /// Time between frames \[s\].
+    pub frame_dt: f64,
+    /// Substeps between frames.
+    pub substeps: usize,
+}
+
+impl Schedule {
+    /// A schedule whose substep lets nothing cross more than `cfl` cells ([`CFL`] is the recommended value):
+    /// `dt ≤ cfl · dx/(c + v)`, with the speed of sound `c` and the largest particle speed `v` in m/s.
+    ///
+    /// The number of substeps is one of 1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, … (about four per doubling), so that a
+    /// small change of a parameter rarely changes it.
+    ///
+    /// ```
+    /// use gradreel_models::physics::{CFL, Schedule, World};
+    ///
+    /// let schedule = Schedule::stable(&World::new(0.02), 14, 1.0 / 24.0, 36.7, 3.0, CFL);
+    /// assert_eq!(schedule.substeps, 256);
+    /// assert_eq!(schedule, Schedule::stable(&World::new(0.02), 14, 1.0 / 24.0, 37.5, 3.0, CFL));
+    /// ```
+    pub fn stable(world: &World, frames: usize, frame_dt: f64, sound: f64, speed: f64, cfl: f64) -> Self {
+        let least = (frame_dt * (sound + speed) / (cfl * world.dx)).ceil().clamp(1.0, f64::from(1 << 24));
+        let steps = (0..).map(|k| 2_f64.powf(f64::from(k) / 4.0).ceil()).find(|&n| n >= least);
+        Self { frames, frame_dt, substeps: steps.map_or(1, |n| n as usize) }
+    }
+
+    /// The same frames with substeps half as long: what to try when a rollout became unstable.
+    #[must_use]
+    pub fn halved(self) -> Self {
+        Self { substeps: 2 * self.substeps, ..self }
+    }
+
+    /// The substep \[s\].
+    pub fn dt(&self) -> f64 {
+        self.frame_dt / self.substeps as f64
+    }
+
+    /// All substeps of the rollout.
+    pub fn steps(&self) -> usize {
+        self.frames.saturating_sub(1) * self.substeps
+    }
+
+    /// Whether the numbers make sense.
+    ///
+    /// # Errors
+    ///
+    /// [`ErrorKind::Input`] without frames or substeps, or with a frame time that is not positive.
+    pub(crate) fn check(&self) -> Result<()> {
+        if self.frames > 0 && self.substeps > 0 && self.frame_dt.is_finite() && self.frame_dt > 0.0 {
+            return Ok(());
+        }
+        Err(Error::new(ErrorKind::Input, "the schedule has no time in it")
+            .at("Schedule")
+            .found(format!("{self:?}"))
+            .wanted("at least one frame, one substep per frame, and a positive frame time"))
+    }
+
+    /// Whether sound crosses less than a cell per substep, for every particle.
+    ///
+    /// # Errors
+    ///
+    /// [`ErrorKind::Physics`] naming the particle and both numbers, or parameters without a wave speed.
+    pub(crate) fn check_waves<T: Number>(
+        &self,
+        world: &World,
+        law: &Law,
+        density: &Values<T>,
+        parameters: &[Values<T>],
+    ) -> Result<()> {
+        let all = std::iter::once(density).chain(parameters);
+        let particles = all.map(|values| if let Values::Each(v) = values { v.len() } else { 1 }).max().unwrap_or(1);
+        let dt = self.dt();
+        for particle in 0..particles {
+            let values: Vec<f64> = parameters.iter().map(|values| values.get(particle).to_f64()).collect();
+            let density = density.get(particle).to_f64();
+            let sound = law.wave_speed(&values, density);
+            if sound * dt <= CFL_LIMIT * world.dx {
+                continue;
+            }
+            let place = format!("particle {particle}: {} with {values:?}, density {density} kg/m³", law.name());
+            if !sound.is_finite() {
+                return Err(Error::new(ErrorKind::Physics, "the material has no speed of sound")
+                    .at(place)
+                    .found(sound));
+            }
+            let substeps = Self::stable(world, self.frames, self.frame_dt, sound, 0.0, CFL).substeps;
+            return Err(Error::new(ErrorKind::Physics, "the substep is too long for this material")
+                .at(place)
+                .found(format!("a speed of sound of {sound:.4e} m/s, {:.4e} m per substep of {dt:.4e} s", sound * dt))
+                .wanted(format!("at most {} m, the grid spacing", CFL_LIMIT * world.dx))
+                .fix(format!("use at least {substeps} substeps per frame instead of {}", self.substeps)));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_number_of_substeps_climbs_in_few_steps_and_never_falls_short() {
+        let world = World::new(0.02);
+        let mut counts = Vec::new();
+        for speed in 1..400 {
+            let schedule = Schedule::stable(&world, 2, 1.0 / 24.0, f64::from(speed), 1.0, CFL);
+            assert!(schedule.dt() * (f64::from(speed) + 1.0) <= CFL * world.dx * (1.0 + 1e-12));
+            assert_eq!(schedule.halved().dt(), schedule.dt() / 2.0);
+            counts.push(schedule.substeps);
+        }
+        assert!(counts.is_sorted());
+        counts.dedup();
+        assert!(counts.len() < 32, "{counts:?}");
+    }
+}

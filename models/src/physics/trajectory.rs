@@ -1,0 +1,78 @@
+//! Many substeps: frames out, and the cotangents of all frames back to the start.
+
+use gradreel::Result;
+
+use super::remat::Remat;
+use super::row::Number;
+use super::state::State;
+use super::substep::Simulation;
+use super::timestep::Schedule;
+
+/// The states a rollout has kept for its way back.
+#[derive(Debug)]
+pub(crate) struct Trajectory<T> {
+    schedule: Schedule,
+    segment: usize,
+    snapshots: Vec<State<T>>,
+}
+
+impl<T: Number> Trajectory<T> {
+    /// Simulates from `start`, calling `frame(index, state)` at each frame. Without `remat` nothing is kept.
+    pub fn forward(
+        simulation: &mut Simulation<'_, T>,
+        start: State<T>,
+        schedule: Schedule,
+        remat: Option<Remat>,
+        mut frame: impl FnMut(usize, &State<T>),
+    ) -> Result<Self> {
+        let steps = schedule.steps();
+        let segment = remat.map_or(steps, |remat| remat.segment(steps, State::<T>::bytes(start.len()))).max(1);
+        let mut snapshots = Vec::new();
+        frame(0, &start);
+        let mut now = start;
+        let mut next = State::zeros(now.len());
+        simulation.substep = 0;
+        for step in 0..steps {
+            simulation.substep(&now, &mut next)?;
+            if remat.is_some() && step % segment == 0 {
+                snapshots.push(std::mem::replace(&mut now, State::zeros(next.len())));
+            }
+            std::mem::swap(&mut now, &mut next);
+            if (step + 1) % schedule.substeps == 0 {
+                frame((step + 1) / schedule.substeps, &now);
+            }
+        }
+        Ok(Self { schedule, segment, snapshots })
+    }
+
+    /// Carries the cotangents of all frames back: `add(index, cotangent)` adds that of a frame. Returns the cotangent of the
+    /// start; those of density and parameters are in the simulation.
+    pub fn backward(
+        &self,
+        simulation: &mut Simulation<'_, T>,
+        particles: usize,
+        add: impl Fn(usize, &mut State<T>),
+    ) -> Result<State<T>> {
+        let mut cotangent = State::zeros(particles);
+        let mut scratch = State::zeros(particles);
+        let mut again = vec![State::zeros(particles); self.segment.min(self.schedule.steps()).saturating_sub(1)];
+        for (index, snapshot) in self.snapshots.iter().enumerate().rev() {
+            let first = index * self.segment;
+            let last = (first + self.segment).min(self.schedule.steps());
+            simulation.substep = first;
+            for at in 0..last - first - 1 {
+                let (before, rest) = again.split_at_mut(at);
+                simulation.substep(before.last().unwrap_or(snapshot), &mut rest[0])?;
+            }
+            for step in (first..last).rev() {
+                if (step + 1) % self.schedule.substeps == 0 {
+                    add((step + 1) / self.schedule.substeps, &mut cotangent);
+                }
+                let now = if step == first { snapshot } else { &again[step - first - 1] };
+                simulation.substep_vjp(now, &mut scratch, &mut cotangent)?;
+            }
+        }
+        add(0, &mut cotangent);
+        Ok(cotangent)
+    }
+}

@@ -1,0 +1,91 @@
+//! Densities and material parameters: one for the whole body, or one per particle.
+
+use gradreel::scalar::Lanes;
+use gradreel::{Error, ErrorKind, Result};
+
+use super::law::Law;
+use super::row::Number;
+use super::state::BLOCK;
+
+/// One value for all particles, or one each.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Values<T> {
+    /// The same for all.
+    Same(T),
+    /// One per particle.
+    Each(Vec<T>),
+}
+
+impl<T: Number> Values<T> {
+    /// The value of a particle.
+    pub fn get(&self, particle: usize) -> T {
+        match self {
+            Self::Same(value) => *value,
+            Self::Each(values) => values[particle],
+        }
+    }
+
+    /// The values of a block.
+    pub(crate) fn block(&self, block: usize, len: usize) -> Lanes<'_, T> {
+        match self {
+            Self::Same(value) => Lanes::Same(*value),
+            Self::Each(values) => Lanes::Each(&values[block * BLOCK..][..len]),
+        }
+    }
+
+    fn check(&self, name: &str, particles: usize) -> Result<()> {
+        let all = match self {
+            Self::Same(value) => std::slice::from_ref(value),
+            Self::Each(values) => {
+                assert_eq!(values.len(), particles, "{name}: one value per particle");
+                values
+            }
+        };
+        match all.iter().position(|value| !value.is_finite()) {
+            None => Ok(()),
+            Some(at) => Err(Error::new(ErrorKind::NonFinite, format!("a value of '{name}' is not finite"))
+                .at(format!("entry {at}"))
+                .found(all[at])
+                .wanted("finite numbers")),
+        }
+    }
+}
+
+/// Gradients with respect to density and parameters, per particle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ValueGradients<T> {
+    /// Per kg/m³.
+    pub density: Vec<T>,
+    /// Per unit of each parameter, in the material's order.
+    pub parameters: Vec<Vec<T>>,
+}
+
+/// Checks densities and parameters; returns the number of parameters.
+///
+/// # Errors
+///
+/// [`ErrorKind::NonFinite`], and [`ErrorKind::Input`] for a density that is not positive.
+///
+/// # Panics
+///
+/// If the number of parameters, or of their values, does not fit.
+#[track_caller]
+pub(crate) fn check_values<T: Number>(
+    law: &Law,
+    density: &Values<T>,
+    parameters: &[Values<T>],
+    particles: usize,
+) -> Result<usize> {
+    let wanted = law.parameters().len();
+    assert!(parameters.len() == wanted, "{} takes {wanted} parameters, not {}", law.name(), parameters.len());
+    density.check("density", particles)?;
+    if let Some(particle) = (0..particles).find(|&p| density.get(p) <= T::ZERO) {
+        return Err(Error::new(ErrorKind::Input, "the density must be positive")
+            .at(format!("particle {particle}"))
+            .found(format!("{} kg/m³", density.get(particle))));
+    }
+    for (values, parameter) in parameters.iter().zip(law.parameters()) {
+        values.check(parameter.name, particles)?;
+    }
+    Ok(wanted)
+}

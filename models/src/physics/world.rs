@@ -1,0 +1,68 @@
+//! What surrounds the particles: grid spacing, gravity, obstacles, limits.
+
+use super::collider::Collider;
+use gradreel::{Error, ErrorKind, Result};
+
+/// The surroundings of a simulation. World y points up; lengths in metres.
+///
+/// ```
+/// use gradreel_models::physics::{Collider, World};
+///
+/// let world = World { colliders: vec![Collider::ground(0.0)], ..World::new(0.02) };
+/// assert_eq!(world.gravity, [0.0, -9.8, 0.0]);
+/// assert!((world.particle_volume - 1e-6).abs() < 1e-18); // eight particles per cell
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct World {
+    /// Grid spacing \[m\].
+    pub dx: f64,
+    /// Gravity \[m/s²\].
+    pub gravity: [f64; 3],
+    /// Obstacles, applied in this order.
+    pub colliders: Vec<Collider>,
+    /// Rest volume of a particle \[m³\].
+    pub particle_volume: f64,
+    /// Lowest and highest allowed position \[m\]; a particle outside stops the rollout with an error.
+    pub bounds: Option<[[f64; 3]; 2]>,
+    /// The largest number of grid nodes in the box around the particles.
+    pub node_limit: usize,
+}
+
+impl World {
+    /// Earth's gravity, no obstacles, no bounds, `(dx/2)³` per particle, at most 2²⁴ nodes.
+    pub fn new(dx: f64) -> Self {
+        Self {
+            dx,
+            gravity: [0.0, -9.8, 0.0],
+            colliders: Vec::new(),
+            particle_volume: (dx / 2.0).powi(3),
+            bounds: None,
+            node_limit: 1 << 24,
+        }
+    }
+
+    /// Nodes lighter than this are ignored: `1e-8 dx³` \[kg\].
+    pub(crate) fn least_mass(&self) -> f64 {
+        1e-8 * self.dx.powi(3)
+    }
+
+    /// Whether spacing, volume and gravity make sense.
+    ///
+    /// # Errors
+    ///
+    /// [`ErrorKind::Input`] otherwise.
+    pub(crate) fn check(&self) -> Result<()> {
+        let positive = |x: f64| x.is_finite() && x > 0.0;
+        let fault = |what: &str, found: String, wanted: &str| {
+            Err(Error::new(ErrorKind::Input, what).at("World").found(found).wanted(wanted))
+        };
+        if !positive(self.dx) || !positive(self.particle_volume) {
+            let found = format!("dx {} m, particle volume {} m³", self.dx, self.particle_volume);
+            return fault("the grid spacing and the particle volume must be positive", found, "positive numbers");
+        }
+        if self.gravity.iter().any(|g| !g.is_finite()) {
+            return fault("gravity is not finite", format!("{:?} m/s²", self.gravity), "three finite numbers");
+        }
+        Ok(())
+    }
+}

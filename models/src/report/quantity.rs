@@ -1,0 +1,152 @@
+//! A number with its name, its unit and where it comes from; and the file of all numbers of a run.
+
+use std::collections::BTreeMap;
+
+use gradreel::{Error, ErrorKind, Result};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value, json};
+
+/// What [`Quantity::source`] may be.
+const SOURCES: [&str; 3] = ["fitted", "assumed", "given"];
+
+/// Units that take a prefix: kPa is read more easily than 10³ Pa, mm/s is not read more easily than m/s.
+const UNITS_WITH_PREFIX: [&str; 9] = ["Pa", "Pa s", "Pa·s", "N", "J", "W", "Hz", "m", "s"];
+
+/// Prefixes for 10⁻⁹, 10⁻⁶, … 10⁹.
+const PREFIXES: [&str; 7] = ["n", "µ", "m", "", "k", "M", "G"];
+
+/// One number of a result.
+///
+/// ```
+/// use gradreel_models::report::quantity::Quantity;
+///
+/// let young = Quantity {
+///     name: "young".into(),
+///     label: "Young's modulus".into(),
+///     symbol: "E".into(),
+///     unit: "Pa".into(),
+///     value: 301_234.0,
+///     start: Some(1e6),
+///     source: "fitted".into(),
+/// };
+/// assert_eq!(young.readable(), "301 kPa");
+/// ```
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Quantity {
+    /// Name in files and programs, such as `young`.
+    pub name: String,
+    /// Name for people, such as `Young's modulus`.
+    pub label: String,
+    /// Symbol in formulas, such as `E`.
+    pub symbol: String,
+    /// SI unit without prefix, such as `Pa`; empty or `-` for a pure number.
+    pub unit: String,
+    /// The number, in `unit`.
+    pub value: f64,
+    /// Where the fit began, in `unit`.
+    pub start: Option<f64>,
+    /// `fitted`, `assumed` or `given`.
+    pub source: String,
+}
+
+impl Quantity {
+    /// The value with three significant digits and its unit, with a prefix where one is usual: `301 kPa`, `0.298`,
+    /// `-0.402 m/s`. The digits are for people; the full value is in `parameters.json`.
+    pub fn readable(&self) -> String {
+        let unit = if self.unit == "-" { "" } else { self.unit.as_str() };
+        let (number, prefix) = if UNITS_WITH_PREFIX.contains(&unit) {
+            let (digits, exponent) = three_digits(self.value);
+            // A quantity of nothing has no size to choose a prefix by.
+            let thousands = if self.value == 0.0 { 0 } else { exponent.div_euclid(3).clamp(-3, 3) };
+            let scaled = digits * 10f64.powi(exponent - 3 * thousands);
+            (plain(scaled), PREFIXES[(thousands + 3) as usize])
+        } else {
+            (plain(self.value), "")
+        };
+        format!("{number} {prefix}{unit}").trim_end().to_string()
+    }
+}
+
+/// `value = digits · 10^exponent` with `1 ≤ |digits| < 10`, rounded to three digits; zero, NaN and ∞ as they are.
+fn three_digits(value: f64) -> (f64, i32) {
+    let text = format!("{value:.2e}");
+    let split = text.split_once('e').and_then(|(digits, e)| Some((digits.parse().ok()?, e.parse().ok()?)));
+    split.unwrap_or((value, 0))
+}
+
+/// Three significant digits, without an exponent where that is short.
+fn plain(value: f64) -> String {
+    let (digits, exponent) = three_digits(value);
+    match exponent {
+        _ if value == 0.0 => "0".into(),
+        _ if !value.is_finite() => format!("{value}"),
+        -3..=4 => format!("{:.*}", (2 - exponent).max(0) as usize, digits * 10f64.powi(exponent)),
+        _ => format!("{digits:.2}e{exponent}"),
+    }
+}
+
+/// The bytes of `parameters.json`: the numbers of a run, in the order given, with their units.
+///
+/// ```text
+/// {"material": "neo_hookean",
+///  "parameters": {"young": {"label", "symbol", "value", "unit", "readable", "start", "source"}, …},
+///  "assumed": {"density": {…}, …},
+///  "quality": {"psnr": 31.2, …}}
+/// ```
+///
+/// `start` is `null` where nothing was fitted. Values are written such that they read back to the same `f64`.
+///
+/// # Errors
+///
+/// A number is NaN or infinite ([`ErrorKind::NonFinite`], naming it), a name comes twice, or a source is unknown.
+pub fn parameters_json(
+    material: &str,
+    quantities: &[Quantity],
+    assumed: &[Quantity],
+    quality: &BTreeMap<String, f64>,
+) -> Result<Vec<u8>> {
+    for (name, value) in quality {
+        finite(&format!("quality.{name}"), *value)?;
+    }
+    let whole = json!({
+        "material": material,
+        "parameters": section("parameters", quantities)?,
+        "assumed": section("assumed", assumed)?,
+        "quality": quality,
+    });
+    Ok(format!("{whole:#}\n").into_bytes())
+}
+
+fn section(section: &str, quantities: &[Quantity]) -> Result<Map<String, Value>> {
+    let mut entries = Map::new();
+    for quantity in quantities {
+        let Quantity { name, label, symbol, unit, value, start, source } = quantity;
+        let place = format!("{section}.{name}");
+        finite(&place, *value)?;
+        if let Some(start) = start {
+            finite(&format!("{place}.start"), *start)?;
+        }
+        if !SOURCES.contains(&source.as_str()) {
+            return Err(Error::new(ErrorKind::Input, "a number of the result has no known source")
+                .at(place)
+                .found(format!("`{source}`"))
+                .wanted("`fitted`, `assumed` or `given`"));
+        }
+        let readable = quantity.readable();
+        let entry = json!({
+            "label": label, "symbol": symbol, "value": value, "unit": unit,
+            "readable": readable, "start": start, "source": source,
+        });
+        if entries.insert(name.clone(), entry).is_some() {
+            return Err(Error::new(ErrorKind::Input, "two numbers of the result have one name").at(place));
+        }
+    }
+    Ok(entries)
+}
+
+fn finite(place: &str, value: f64) -> Result<()> {
+    if value.is_finite() {
+        return Ok(());
+    }
+    Err(Error::new(ErrorKind::NonFinite, "a number of the result is not finite").at(place).found(value))
+}

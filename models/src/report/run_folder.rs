@@ -1,0 +1,171 @@
+//! The one folder a run writes: made new, never over something else, and never with half a file in it.
+//!
+//! Every file is written beside its final name and then renamed onto it. A full disk, a crash or an interrupt therefore
+//! leaves either the old file or the new one.
+
+use std::fs::{self, File};
+use std::io::Write;
+use std::path::{Component, Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use gradreel::{Error, ErrorKind, Result};
+
+/// Longest folder name [`next_free`] makes, in characters, before the number.
+const LONGEST_NAME: usize = 60;
+
+/// The folder of one run; names of files in it are relative, with `/` between the parts.
+///
+/// ```
+/// use gradreel_models::report::run_folder::RunFolder;
+///
+/// # fn main() -> gradreel::Result<()> {
+/// let path = std::env::temp_dir().join(format!("gradreel-doc-{}", std::process::id()));
+/// let run = RunFolder::create(&path)?;
+/// run.write("frames/000.ply", b"ply")?;
+/// assert_eq!(run.read("frames/000.ply")?, b"ply");
+/// assert!(RunFolder::create(&path).is_err(), "a second run never writes over the first");
+/// # std::fs::remove_dir_all(&path).unwrap();
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Debug, Clone)]
+pub struct RunFolder {
+    root: PathBuf,
+}
+
+impl RunFolder {
+    /// Makes the folder of a new run, with its parents. An empty folder that exists already is taken as it is.
+    ///
+    /// # Errors
+    ///
+    /// The path is a file or a folder with something in it (nothing there is changed), or the folder cannot be made.
+    pub fn create(path: &Path) -> Result<Self> {
+        fs::create_dir_all(path).map_err(|e| match e.kind() {
+            std::io::ErrorKind::AlreadyExists | std::io::ErrorKind::NotADirectory => not_a_folder(path),
+            _ => Error::io(path, "make the folder of the run", &e),
+        })?;
+        let entries = fs::read_dir(path).map_err(|e| Error::io(path, "look into the folder of the run", &e))?.count();
+        if entries > 0 {
+            return Err(Error::new(ErrorKind::Input, "the folder of the run is not empty")
+                .at(path.display())
+                .found(format!("{entries} {}", if entries == 1 { "entry" } else { "entries" }))
+                .wanted("a new or empty folder, so that no earlier result is written over")
+                .fix("continue the run in it with `--resume`, or name another folder with `--out`"));
+        }
+        Ok(Self { root: path.to_path_buf() })
+    }
+
+    /// Opens the folder of an earlier run.
+    ///
+    /// # Errors
+    ///
+    /// The path does not exist or is not a folder.
+    pub fn open(path: &Path) -> Result<Self> {
+        let found = fs::metadata(path).map_err(|e| Error::io(path, "open the folder of the run", &e))?;
+        if !found.is_dir() {
+            return Err(not_a_folder(path));
+        }
+        Ok(Self { root: path.to_path_buf() })
+    }
+
+    /// The folder itself.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Where a file of this run lies or would lie.
+    pub fn path(&self, relative: &str) -> PathBuf {
+        self.root.join(relative)
+    }
+
+    /// Writes a whole file, making the folders above it. A file of that name is replaced in one step.
+    ///
+    /// # Errors
+    ///
+    /// The name leads out of the folder, or the operating system refuses (disk full, no permission, a folder of that
+    /// name). The file that was there before is then untouched.
+    pub fn write(&self, relative: &str, bytes: &[u8]) -> Result<()> {
+        let target = self.inside(relative)?;
+        let parent = target.parent().expect("a name inside a folder has a parent");
+        fs::create_dir_all(parent).map_err(|e| Error::io(parent, "make a folder of the run", &e))?;
+        let partial = partial_name(&target);
+        let written = write_through(&partial, bytes).and_then(|()| fs::rename(&partial, &target));
+        written.map_err(|e| {
+            // The first fault is the one to report; the leftover is hidden and never read.
+            let _ = fs::remove_file(&partial);
+            Error::io(&target, "write a file of the run", &e)
+        })
+    }
+
+    /// Reads a whole file.
+    ///
+    /// # Errors
+    ///
+    /// The name leads out of the folder, or the file is missing or unreadable.
+    pub fn read(&self, relative: &str) -> Result<Vec<u8>> {
+        let path = self.inside(relative)?;
+        fs::read(&path).map_err(|e| Error::io(&path, "read a file of the run", &e))
+    }
+
+    /// Whether the run has this file.
+    pub fn has(&self, relative: &str) -> bool {
+        self.path(relative).is_file()
+    }
+
+    fn inside(&self, relative: &str) -> Result<PathBuf> {
+        let plain = |part| matches!(part, Component::Normal(_));
+        if relative.is_empty() || !Path::new(relative).components().all(plain) {
+            return Err(Error::new(ErrorKind::Input, "the name of a file leads out of the folder of the run")
+                .at(self.root.display())
+                .found(format!("`{relative}`"))
+                .wanted("a relative name such as `frames/000.ply`"));
+        }
+        Ok(self.path(relative))
+    }
+}
+
+/// A folder below `base` that does not exist yet: `base/name`, else `base/name-2`, `base/name-3`, …
+///
+/// Letters, digits, `-`, `_` and inner dots of the name are kept; every run of other characters becomes one `-`.
+/// A name of which nothing is left becomes `run`.
+pub fn next_free(base: &Path, name: &str) -> PathBuf {
+    let name = plain_name(name);
+    let taken = |path: &PathBuf| fs::symlink_metadata(path).is_ok();
+    let numbered = (2u64..).map(|number| base.join(format!("{name}-{number}")));
+    std::iter::once(base.join(&name)).chain(numbered).find(|path| !taken(path)).expect("the numbers do not end")
+}
+
+fn plain_name(name: &str) -> String {
+    let mut plain = String::new();
+    for letter in name.chars().take(LONGEST_NAME) {
+        if letter.is_alphanumeric() || matches!(letter, '_' | '.') {
+            plain.push(letter);
+        } else if !plain.ends_with('-') {
+            plain.push('-');
+        }
+    }
+    let plain = plain.trim_matches(['-', '.']);
+    if plain.is_empty() { "run".into() } else { plain.into() }
+}
+
+/// A hidden name beside the target that no other writer of this or another process uses.
+fn partial_name(target: &Path) -> PathBuf {
+    static WRITES: AtomicU64 = AtomicU64::new(0);
+    let number = WRITES.fetch_add(1, Ordering::Relaxed);
+    let name = target.file_name().expect("checked to be a plain name").to_string_lossy();
+    target.with_file_name(format!(".{name}.{}-{number}.partial", std::process::id()))
+}
+
+fn write_through(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let mut file = File::create(path)?;
+    file.write_all(bytes)?;
+    file.sync_all()
+}
+
+fn not_a_folder(path: &Path) -> Error {
+    Error::new(ErrorKind::Input, "the folder of the run is not a folder")
+        .at(path.display())
+        .found("a file, here or above")
+        .wanted("a folder")
+        .fix("name another folder with `--out`")
+}

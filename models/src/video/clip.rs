@@ -1,0 +1,228 @@
+//! A clip in memory: opening, time and frame access.
+
+use std::path::{Path, PathBuf};
+
+use gradreel::{Error, ErrorKind, Result};
+use ndarray::{Array2, Array3};
+use rayon::prelude::*;
+
+use super::camera::Camera;
+use super::foreground::{Foreground, Source, same_size};
+use super::image::Image;
+use super::layout::Layout;
+use super::select::{Selection, select};
+
+/// One image of one camera, the object alone on white.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Frame {
+    /// Colour `[H, W, 3]`, sRGB 0…1, composited on white with `alpha`.
+    pub rgb: Array3<f32>,
+    /// Coverage by the object `[H, W]`, 0…1.
+    pub alpha: Array2<f32>,
+    /// Weight of each pixel `[H, W]`: 0 where the pixel is excluded, 1 elsewhere.
+    pub weight: Array2<f32>,
+}
+
+/// The images of several synchronous, motionless cameras.
+///
+/// ```no_run
+/// use gradreel_models::video::{Clip, OpenOptions};
+///
+/// let clip = Clip::open("examples/clips/bird".as_ref(), &OpenOptions::default())?;
+/// println!("{} cameras, {} frames every {} s", clip.cameras.len(), clip.frame_count(), clip.frame_dt());
+/// let pixel = clip.frames[0][3].rgb[[80, 80, 0]];
+/// # Ok::<(), gradreel::Error>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct Clip {
+    /// Name of the clip's folder.
+    pub name: String,
+    /// The clip's folder.
+    pub root: PathBuf,
+    /// The cameras, in the order asked for (by default ascending by number).
+    pub cameras: Vec<Camera>,
+    /// Time of each frame \[s\].
+    pub times: Vec<f64>,
+    /// Number of each frame in the file names.
+    pub frame_numbers: Vec<i64>,
+    /// `frames[camera][frame]`.
+    pub frames: Vec<Vec<Frame>>,
+    /// How each camera got its alpha.
+    pub foreground: Vec<Foreground>,
+}
+
+/// What to open of a clip; the default is everything.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct OpenOptions {
+    /// Numbers of the cameras to use; `None` for all.
+    pub cameras: Option<Vec<i64>>,
+    /// Number of the first frame to use; `None` for the first there is.
+    pub first_frame: Option<i64>,
+    /// Largest number of frames to use; `None` for all.
+    pub max_frames: Option<usize>,
+}
+
+/// A rectangle of pixels, half open: columns `left..right`, rows `top..bottom`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PixelRect {
+    /// First column.
+    pub left: usize,
+    /// First row.
+    pub top: usize,
+    /// Column after the last.
+    pub right: usize,
+    /// Row after the last.
+    pub bottom: usize,
+}
+
+impl PixelRect {
+    /// Number of columns.
+    pub fn width(&self) -> usize {
+        self.right - self.left
+    }
+
+    /// Number of rows.
+    pub fn height(&self) -> usize {
+        self.bottom - self.top
+    }
+}
+
+impl Clip {
+    /// Reads a clip: the list, every selected image (in parallel), and the object's alpha in each.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] with the file concerned and a way out, if the folder or list is missing or malformed, a
+    /// matrix is unusable, an image is missing, corrupt, too large or of another size than its camera's others, frames
+    /// are missing or unevenly spaced in time, a camera has nothing that tells the object from the background, no
+    /// camera sees an object in some frame, or some camera never sees one.
+    pub fn open(path: &Path, options: &OpenOptions) -> Result<Clip> {
+        let layout = Layout::read(path)?;
+        let Selection { cameras: ids, frames: numbers, times } = select(&layout, options)?;
+        let jobs: Vec<(i64, i64)> = ids.iter().flat_map(|&c| numbers.iter().map(move |&f| (c, f))).collect();
+        let images: Vec<Image> =
+            jobs.par_iter().map(|&(c, f)| Image::read(&layout.image('r', c, f))).collect::<Result<_>>()?;
+        let count = numbers.len();
+        let mut cameras = Vec::new();
+        let mut sources = Vec::new();
+        for (&id, images) in ids.iter().zip(images.chunks(count)) {
+            let size = [images[0].width, images[0].height];
+            for (&number, image) in numbers.iter().zip(images) {
+                same_size(&layout.image('r', id, number), image, id, size)?;
+            }
+            let transparent = images.iter().any(Image::is_transparent_somewhere);
+            sources.push(Source::choose(&layout, id, &numbers, size, transparent)?);
+            let view = &layout.views[&id];
+            let [fx, fy, cx, cy] = view.intrinsic;
+            cameras.push(Camera { id, width: size[0], height: size[1], fx, fy, cx, cy, c2w: view.c2w });
+        }
+        let mut made = jobs
+            .par_iter()
+            .zip(&images)
+            .enumerate()
+            .map(|(job, (&(c, f), image))| sources[job / count].frame(&layout, c, f, image))
+            .collect::<Result<Vec<Frame>>>()?
+            .into_iter();
+        let frames: Vec<Vec<Frame>> = ids.iter().map(|_| made.by_ref().take(count).collect()).collect();
+        let foreground = sources.iter().map(|source| source.foreground).collect();
+        let clip = Clip {
+            name: layout.name(),
+            root: layout.root.clone(),
+            cameras,
+            times,
+            frame_numbers: numbers,
+            frames,
+            foreground,
+        };
+        clip.check_visible()?;
+        Ok(clip)
+    }
+
+    /// Number of frames of every camera.
+    pub fn frame_count(&self) -> usize {
+        self.times.len()
+    }
+
+    /// Time between two frames \[s\]; 0 for a clip of one frame.
+    pub fn frame_dt(&self) -> f64 {
+        match self.times.as_slice() {
+            [first, .., last] => (last - first) / (self.times.len() - 1) as f64,
+            _ => 0.0,
+        }
+    }
+
+    /// The clip shrunk by an integer factor (box averages; see [`Frame::scaled`] and [`Camera::scaled`]).
+    ///
+    /// # Panics
+    /// If the factor is zero or leaves no pixel.
+    #[track_caller]
+    #[must_use]
+    pub fn scaled(&self, factor: usize) -> Clip {
+        let cameras = self.cameras.iter().map(|camera| camera.scaled(factor)).collect();
+        let frames = self.frames.par_iter().map(|row| row.iter().map(|frame| frame.scaled(factor)).collect()).collect();
+        Clip {
+            name: self.name.clone(),
+            root: self.root.clone(),
+            cameras,
+            times: self.times.clone(),
+            frame_numbers: self.frame_numbers.clone(),
+            frames,
+            foreground: self.foreground.clone(),
+        }
+    }
+
+    /// Bounding rectangle of the pixels with alpha above one half, grown by `margin` pixels within the image.
+    ///
+    /// `None` where the camera does not see the object. `camera` and `frame` are positions in [`Clip::frames`].
+    ///
+    /// # Panics
+    /// If there is no such camera or frame.
+    #[track_caller]
+    pub fn pixel_rect(&self, camera: usize, frame: usize, margin: usize) -> Option<PixelRect> {
+        let alpha = &self.frames[camera][frame].alpha;
+        let (height, width) = alpha.dim();
+        let mut rect: Option<PixelRect> = None;
+        for ((y, x), _) in alpha.indexed_iter().filter(|(_, a)| **a > 0.5) {
+            let r = rect.get_or_insert(PixelRect { left: x, top: y, right: x + 1, bottom: y + 1 });
+            *r = PixelRect {
+                left: r.left.min(x),
+                top: r.top.min(y),
+                right: r.right.max(x + 1),
+                bottom: r.bottom.max(y + 1),
+            };
+        }
+        rect.map(|r| PixelRect {
+            left: r.left.saturating_sub(margin),
+            top: r.top.saturating_sub(margin),
+            right: r.right.saturating_add(margin).min(width),
+            bottom: r.bottom.saturating_add(margin).min(height),
+        })
+    }
+
+    /// An object must be seen by every camera at some time and by some camera at every time.
+    fn check_visible(&self) -> Result<()> {
+        let sees = |frame: &Frame| frame.alpha.iter().any(|&a| a > 0.5);
+        let seen: Vec<Vec<bool>> = self.frames.par_iter().map(|row| row.iter().map(sees).collect()).collect();
+        let nothing = |what: String, fix: &str| {
+            Error::new(ErrorKind::Input, what)
+                .at(self.root.display())
+                .found("no pixel with alpha above one half")
+                .wanted("an object that differs from the background")
+                .fix(fix)
+        };
+        for ((camera, source), seen) in self.cameras.iter().zip(&self.foreground).zip(&seen) {
+            if !seen.contains(&true) {
+                let (id, first, last) = (camera.id, self.frame_numbers[0], self.frame_numbers[seen.len() - 1]);
+                let what = format!("camera {id} never sees an object (frames {first}–{last}; alpha from {source})");
+                return Err(nothing(what, "leave this camera out, or check its masks or background plate"));
+            }
+        }
+        for (f, number) in self.frame_numbers.iter().enumerate() {
+            if !seen.iter().any(|row| row[f]) {
+                let ids: Vec<String> = self.cameras.iter().map(|camera| camera.id.to_string()).collect();
+                let what = format!("no camera sees an object in frame {number} (cameras {})", ids.join(", "));
+                return Err(nothing(what, "choose frames in which the object is visible, or give masks"));
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,159 @@
+//! Where a camera's alpha comes from, and the making of a frame from its images.
+
+use std::fmt;
+use std::path::Path;
+
+use gradreel::{Error, ErrorKind, Result};
+use ndarray::{Array2, Array3};
+
+use super::clip::Frame;
+use super::image::Image;
+use super::layout::{EXCLUDED, Layout, PLATE};
+use super::matte;
+use super::select::ranges;
+
+/// How a camera tells the object from the rest of its images.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Foreground {
+    /// Given masks `a_{camera}_{frame}.png`: the object with its alpha.
+    MaskAlpha,
+    /// Given masks `m_{camera}_{frame}.png`: the object on white.
+    MaskOnWhite,
+    /// The transparent pixels of the images themselves.
+    ImageAlpha,
+    /// Difference against the background plate `r_{camera}_-1.png`.
+    Plate,
+}
+
+impl fmt::Display for Foreground {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Foreground::MaskAlpha => "given masks a_{camera}_{frame}.png",
+            Foreground::MaskOnWhite => "given masks m_{camera}_{frame}.png on white",
+            Foreground::ImageAlpha => "the alpha channel of the images",
+            Foreground::Plate => "difference against the background plate",
+        })
+    }
+}
+
+/// The source of one camera, with whatever images it needs besides those of the frame.
+pub(super) struct Source {
+    pub foreground: Foreground,
+    plate: Option<Image>,
+    excluded: Option<Image>,
+}
+
+impl Source {
+    /// Chooses a camera's source; `transparent` says whether one of its images has transparent pixels.
+    pub fn choose(layout: &Layout, camera: i64, frames: &[i64], size: [usize; 2], transparent: bool) -> Result<Source> {
+        let foreground = choose(layout, camera, frames, transparent)?;
+        let read = |frame: i64| -> Result<Image> {
+            let path = layout.image('r', camera, frame);
+            let image = Image::read(&path)?;
+            same_size(&path, &image, camera, size)?;
+            Ok(image)
+        };
+        let plate = if foreground == Foreground::Plate { Some(read(PLATE)?) } else { None };
+        let excluded = if layout.has_image('r', camera, EXCLUDED) { Some(read(EXCLUDED)?) } else { None };
+        if let Some(mask) = &excluded
+            && !mask.has_alpha
+        {
+            return Err(Error::new(ErrorKind::Input, "the plate of excluded pixels has no alpha channel")
+                .at(layout.image('r', camera, EXCLUDED).display())
+                .found("an opaque image")
+                .wanted("an RGBA image whose alpha above 50/255 marks the pixels to leave out")
+                .fix("export it with transparency, or remove it"));
+        }
+        Ok(Source { foreground, plate, excluded })
+    }
+
+    /// Makes the frame of the image just read from `layout`.
+    pub fn frame(&self, layout: &Layout, camera: i64, frame: i64, image: &Image) -> Result<Frame> {
+        let (w, h) = (image.width, image.height);
+        let weight = match &self.excluded {
+            None => vec![1.0; w * h],
+            Some(mask) => mask.pixels.iter().map(|p| if p[3] > 50 { 0.0 } else { 1.0 }).collect(),
+        };
+        let mask = |prefix: char| -> Result<Image> {
+            let path = layout.image(prefix, camera, frame);
+            let mask = Image::read(&path)?;
+            same_size(&path, &mask, camera, [w, h])?;
+            if prefix == 'a' && !mask.has_alpha {
+                return Err(Error::new(ErrorKind::Input, "the mask has no alpha channel")
+                    .at(path.display())
+                    .found("an opaque image")
+                    .wanted("an RGBA image of the object")
+                    .fix("export it with transparency; an object on white belongs into an m_ file"));
+            }
+            Ok(mask)
+        };
+        let (rgb, alpha) = match (self.foreground, &self.plate) {
+            (Foreground::MaskAlpha, _) => on_white(&mask('a')?),
+            (Foreground::MaskOnWhite, _) => matte::from_white(&mask('m')?),
+            (Foreground::Plate, Some(plate)) => matte::against_plate(image, plate, &weight),
+            _ => on_white(image),
+        };
+        Ok(Frame {
+            rgb: Array3::from_shape_vec((h, w, 3), rgb.into_iter().flatten().collect()).expect("three values a pixel"),
+            alpha: Array2::from_shape_vec((h, w), alpha).expect("one value a pixel"),
+            weight: Array2::from_shape_vec((h, w), weight).expect("one value a pixel"),
+        })
+    }
+}
+
+/// Which source a camera has, by the files that exist.
+pub(super) fn choose(layout: &Layout, camera: i64, frames: &[i64], transparent: bool) -> Result<Foreground> {
+    for (prefix, foreground) in [('a', Foreground::MaskAlpha), ('m', Foreground::MaskOnWhite)] {
+        let given: Vec<i64> = frames.iter().copied().filter(|&f| layout.has_image(prefix, camera, f)).collect();
+        if given.len() == frames.len() {
+            return Ok(foreground);
+        }
+        if !given.is_empty() {
+            let kind = format!("{prefix}_{camera}_{{frame}}.png");
+            return Err(Error::new(ErrorKind::Input, format!("camera {camera} has masks for some frames only"))
+                .at(layout.root.join("data").display())
+                .found(format!("{kind} for frames {}", ranges(&given)))
+                .wanted(format!("masks for frames {}, or none", ranges(frames)))
+                .fix("add the missing masks, or remove the others"));
+        }
+    }
+    if transparent {
+        return Ok(Foreground::ImageAlpha);
+    }
+    if layout.has_image('r', camera, PLATE) {
+        return Ok(Foreground::Plate);
+    }
+    Err(Error::new(ErrorKind::Input, format!("nothing tells the object from the background in camera {camera}"))
+        .at(layout.root.join("data").display())
+        .found("opaque images, no masks, no background plate")
+        .wanted(format!(
+            "masks a_{camera}_{{frame}}.png or m_{camera}_{{frame}}.png, or images with transparency, or the plate \
+             r_{camera}_-1.png"
+        ))
+        .fix("film the scene once without the object and save it as the plate, or leave this camera out"))
+}
+
+/// Refuses an image whose size differs from that of its camera.
+pub(super) fn same_size(path: &Path, image: &Image, camera: i64, [width, height]: [usize; 2]) -> Result<()> {
+    if (image.width, image.height) == (width, height) {
+        return Ok(());
+    }
+    Err(Error::new(ErrorKind::Input, format!("an image of camera {camera} has another size than the others"))
+        .at(path.display())
+        .found(format!("{} × {} pixels", image.width, image.height))
+        .wanted(format!("{width} × {height} pixels, like the first image of this camera"))
+        .fix("export all images of a camera at one size"))
+}
+
+/// Composites an image with straight alpha on white.
+fn on_white(image: &Image) -> (Vec<[f32; 3]>, Vec<f32>) {
+    image
+        .pixels
+        .iter()
+        .map(|&[r, g, b, a]| {
+            let alpha = f32::from(a) / 255.0;
+            ([r, g, b].map(|v| alpha * f32::from(v) / 255.0 + (1.0 - alpha)), alpha)
+        })
+        .unzip()
+}

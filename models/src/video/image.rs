@@ -1,0 +1,82 @@
+//! PNG images as bytes, decoded within limits.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+use gradreel::{Error, ErrorKind, Result};
+
+/// Largest accepted side \[pixels\].
+const MAX_SIDE: u32 = 16_384;
+/// Largest accepted image \[pixels\].
+const MAX_PIXELS: u64 = 64 << 20;
+
+/// An 8-bit RGBA image, row by row from the upper left corner, alpha not multiplied in.
+#[derive(Debug, Clone)]
+pub(super) struct Image {
+    pub width: usize,
+    pub height: usize,
+    pub pixels: Vec<[u8; 4]>,
+    /// Whether the file stores transparency.
+    pub has_alpha: bool,
+}
+
+impl Image {
+    /// Decodes a PNG file of any colour type; 16-bit samples keep their upper byte.
+    pub fn read(path: &Path) -> Result<Image> {
+        let mut reader = open(path)?;
+        let size = reader.output_buffer_size().ok_or_else(|| too_large(path, reader.info()))?;
+        let mut bytes = vec![0; size];
+        let info = reader.next_frame(&mut bytes).map_err(|e| broken(path, &e))?;
+        let (width, height) = (info.width as usize, info.height as usize);
+        let bytes = &bytes[..info.buffer_size()];
+        let (pixels, has_alpha) = match info.color_type {
+            png::ColorType::Grayscale => (bytes.iter().map(|&v| [v, v, v, 255]).collect(), false),
+            png::ColorType::GrayscaleAlpha => (bytes.chunks_exact(2).map(|p| [p[0], p[0], p[0], p[1]]).collect(), true),
+            png::ColorType::Rgb => (bytes.chunks_exact(3).map(|p| [p[0], p[1], p[2], 255]).collect(), false),
+            png::ColorType::Rgba => (bytes.chunks_exact(4).map(|p| [p[0], p[1], p[2], p[3]]).collect(), true),
+            png::ColorType::Indexed => unreachable!("palettes are expanded while decoding"),
+        };
+        Ok(Image { width, height, pixels, has_alpha })
+    }
+
+    /// Width and height, from the header alone.
+    pub fn size(path: &Path) -> Result<(usize, usize)> {
+        let reader = open(path)?;
+        Ok((reader.info().width as usize, reader.info().height as usize))
+    }
+
+    /// Whether some pixel lets the background through.
+    pub fn is_transparent_somewhere(&self) -> bool {
+        self.has_alpha && self.pixels.iter().any(|p| p[3] < 250)
+    }
+}
+
+/// Reads the header and refuses sizes that cannot be a video frame, before anything is allocated for them.
+fn open(path: &Path) -> Result<png::Reader<BufReader<File>>> {
+    let file = File::open(path).map_err(|e| Error::io(path, "open the image", &e))?;
+    let limits = png::Limits { bytes: 1 << 30 };
+    let mut decoder = png::Decoder::new_with_limits(BufReader::new(file), limits);
+    decoder.set_transformations(png::Transformations::normalize_to_color8());
+    let header = decoder.read_header_info().map_err(|e| broken(path, &e))?;
+    if header.width.max(header.height) > MAX_SIDE || u64::from(header.width) * u64::from(header.height) > MAX_PIXELS {
+        return Err(too_large(path, header));
+    }
+    decoder.read_info().map_err(|e| broken(path, &e))
+}
+
+fn broken(path: &Path, error: &png::DecodingError) -> Error {
+    Error::new(ErrorKind::Input, "cannot decode the image")
+        .at(path.display())
+        .found(error)
+        .wanted("a complete PNG file")
+        .fix("copy or export this image again")
+}
+
+fn too_large(path: &Path, info: &png::Info<'_>) -> Error {
+    Error::new(ErrorKind::Input, "the image is too large")
+        .at(path.display())
+        .found(format!("{} × {} pixels", info.width, info.height))
+        .wanted(format!("at most {MAX_SIDE} pixels a side and {} megapixels", MAX_PIXELS >> 20))
+        .fix("shrink the frames before opening the clip")
+}

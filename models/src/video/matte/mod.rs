@@ -1,0 +1,91 @@
+//! Matting: where the object is, how much of each pixel it covers, and its colour without the background.
+//!
+//! Against a background plate there are three things to tell apart: pixels that did not change, pixels that changed
+//! because the object's *shadow* or reflected light falls on them, and the object. Colour alone does not do it: a patch
+//! of the object may have the floor's hue, and light reflected by a bright object tints the floor beside it. But a
+//! shadow of an extended light fades in over many pixels, and an outline does not. So
+//!
+//! 1. [`change`] compares image and plate in linear light, discounting what a shadow does;
+//! 2. [`walk`] spreads this evidence to neighbouring pixels except across sharp edges of the change;
+//! 3. [`outline`] cuts the result at the level whose contour is sharpest and drops specks and pinholes;
+//! 4. [`edge`] estimates coverage in the pixels along the outline and removes the background from their colour.
+
+mod change;
+mod edge;
+mod outline;
+mod walk;
+
+use self::change::Change;
+use super::image::Image;
+
+/// Colour on white (sRGB) and alpha of every pixel.
+pub(super) type Matte = (Vec<[f32; 3]>, Vec<f32>);
+
+/// A map of booleans over an image, row by row.
+pub(super) struct Mask {
+    pub width: usize,
+    pub height: usize,
+    pub inside: Vec<bool>,
+}
+
+impl Mask {
+    /// Neighbours of a pixel above, left, right and below, as indices.
+    pub fn neighbours(&self, pixel: usize) -> impl Iterator<Item = usize> + use<> {
+        let (x, y, width, height) = (pixel % self.width, pixel / self.width, self.width, self.height);
+        [
+            (y > 0).then(|| pixel - width),
+            (x > 0).then(|| pixel - 1),
+            (x + 1 < width).then_some(pixel + 1),
+            (y + 1 < height).then_some(pixel + width),
+        ]
+        .into_iter()
+        .flatten()
+    }
+}
+
+/// Matte of an image by difference against its plate; pixels of weight 0 take part without an opinion.
+pub(super) fn against_plate(image: &Image, plate: &Image, weight: &[f32]) -> Matte {
+    let table: Vec<f32> = (0..=255).map(linear_from_srgb).collect();
+    let linear = |image: &Image| image.pixels.iter().map(|p| [0, 1, 2].map(|c| table[usize::from(p[c])])).collect();
+    let (seen, empty): (Vec<[f32; 3]>, Vec<[f32; 3]>) = (linear(image), linear(plate));
+    let change = Change::between(&seen, &empty);
+    let belief = walk::spread(&change, weight, image.width, image.height);
+    let mask = outline::cut(&belief, image.width, image.height);
+    let (colour, alpha) = edge::refine(&mask, &seen, &empty);
+    let rgb = image.pixels.iter().zip(colour).zip(&alpha).map(|((pixel, colour), &a)| {
+        let srgb = match colour {
+            Some(linear) => linear.map(srgb_from_linear),
+            None => [pixel[0], pixel[1], pixel[2]].map(|v| f32::from(v) / 255.0),
+        };
+        srgb.map(|v| a * v + (1.0 - a))
+    });
+    (rgb.collect(), alpha)
+}
+
+/// Matte of an image that already shows the object on white: coverage is distance from white, and white pixels enclosed
+/// by the object (highlights) belong to it when they are few.
+pub(super) fn from_white(image: &Image) -> Matte {
+    let darkness = |p: &[u8; 4]| 255 - p[0].min(p[1]).min(p[2]);
+    let mut alpha: Vec<f32> =
+        image.pixels.iter().map(|p| ((f32::from(darkness(p)) - 2.0) / 10.0).clamp(0.0, 1.0)).collect();
+    let inside = alpha.iter().map(|&a| a > 0.0).collect();
+    let mut mask = Mask { width: image.width, height: image.height, inside };
+    let area = mask.inside.iter().filter(|i| **i).count();
+    for pixel in outline::fill_holes(&mut mask, area / 100) {
+        alpha[pixel] = 1.0;
+    }
+    let rgb = image.pixels.iter().map(|p| [p[0], p[1], p[2]].map(|v| f32::from(v) / 255.0)).collect();
+    (rgb, alpha)
+}
+
+/// Linear light of an 8-bit sRGB value.
+fn linear_from_srgb(value: u8) -> f32 {
+    let v = f32::from(value) / 255.0;
+    if v <= 0.040_45 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
+}
+
+/// sRGB value of linear light, both 0…1.
+fn srgb_from_linear(v: f32) -> f32 {
+    let v = v.clamp(0.0, 1.0);
+    if v <= 0.003_130_8 { v * 12.92 } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 }
+}

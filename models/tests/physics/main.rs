@@ -1,0 +1,10 @@
+//! The material point method against independent vectors, closed forms, conservation laws and finite differences.
+
+mod conservation;
+mod failures;
+mod gradients;
+mod laws;
+mod repeatability;
+mod scene;
+mod scene_tape;
+mod vectors;

@@ -1,0 +1,130 @@
+//! Small bodies and vector files for the tests.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use gradreel_models::physics::{Collider, Contact, Number, Values, World};
+use safetensors::SafeTensors;
+use serde_json::Value;
+
+/// A vector file.
+pub struct Vectors {
+    tensors: HashMap<String, Vec<f64>>,
+    metadata: HashMap<String, Value>,
+}
+
+impl Vectors {
+    pub fn load(name: &str) -> Self {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/vectors/{name}.safetensors"));
+        let bytes = std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+        let (_, header) = SafeTensors::read_metadata(&bytes).unwrap();
+        let metadata = header.metadata().clone().unwrap_or_default();
+        let metadata = metadata.into_iter().map(|(key, text)| (key, serde_json::from_str(&text).unwrap())).collect();
+        let file = SafeTensors::deserialize(&bytes).unwrap();
+        let tensors = file.tensors().into_iter().map(|(name, view)| {
+            let values = view.data().chunks_exact(8).map(|b| f64::from_le_bytes(b.try_into().unwrap()));
+            (name, values.collect())
+        });
+        Self { tensors: tensors.collect(), metadata }
+    }
+
+    pub fn get(&self, name: &str) -> &[f64] {
+        self.tensors.get(name).unwrap_or_else(|| panic!("no tensor {name}"))
+    }
+
+    pub fn vectors<T: Number>(&self, name: &str) -> Vec<[T; 3]> {
+        self.get(name).as_chunks::<3>().0.iter().map(|v| v.map(T::from_f64)).collect()
+    }
+
+    pub fn matrices<T: Number>(&self, name: &str) -> Vec<[[T; 3]; 3]> {
+        self.vectors(name).as_chunks().0.to_vec()
+    }
+
+    pub fn number(&self, name: &str) -> f64 {
+        self.metadata[name].as_f64().unwrap()
+    }
+
+    pub fn list(&self, name: &str) -> Vec<f64> {
+        self.metadata[name].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
+    }
+
+    pub fn world(&self) -> World {
+        let triple = |value: &Value| -> [f64; 3] { std::array::from_fn(|i| value[i].as_f64().unwrap()) };
+        let contact = |value: &Value| {
+            [Contact::Sticky, Contact::Slip, Contact::Separate][usize::try_from(value.as_u64().unwrap()).unwrap()]
+        };
+        let colliders = self.metadata["colliders"].as_array().unwrap().iter().map(|c| match c[0].as_str().unwrap() {
+            "plane" => Collider::plane(triple(&c[1]), triple(&c[2]), contact(&c[3])),
+            _ => Collider::cylinder(triple(&c[1]), triple(&c[2]), c[3].as_f64().unwrap(), contact(&c[4])),
+        });
+        World {
+            colliders: colliders.collect(),
+            gravity: triple(&self.metadata["gravity"]),
+            particle_volume: self.number("p_vol"),
+            ..World::new(self.number("dx"))
+        }
+    }
+
+    /// Young's modulus and Poisson's ratio of every particle, from Lamé's parameters.
+    pub fn young_poisson<T: Number>(&self) -> Vec<Values<T>> {
+        let pairs = || self.get("mu").iter().zip(self.get("lam"));
+        let young = pairs().map(|(mu, lam)| mu * (3.0 * lam + 2.0 * mu) / (lam + mu)).map(T::from_f64).collect();
+        let poisson = pairs().map(|(mu, lam)| lam / (2.0 * (lam + mu))).map(T::from_f64).collect();
+        vec![Values::Each(young), Values::Each(poisson)]
+    }
+
+    pub fn density<T: Number>(&self) -> Values<T> {
+        Values::Each(self.get("rho").iter().map(|&rho| T::from_f64(rho)).collect())
+    }
+
+    /// Gradients with respect to `(mu, lam)` from those with respect to Young's modulus and Poisson's ratio.
+    pub fn to_lame<T: Number>(&self, young: &[T], poisson: &[T]) -> [Vec<f64>; 2] {
+        let each = |f: fn(f64, f64) -> (f64, f64)| {
+            let pairs = self.get("mu").iter().zip(self.get("lam")).zip(young.iter().zip(poisson));
+            let chained = pairs.map(|((&mu, &lam), (on_young, on_poisson))| {
+                let (by_young, by_poisson) = f(mu, lam);
+                on_young.to_f64() * by_young + on_poisson.to_f64() * by_poisson
+            });
+            chained.collect()
+        };
+        [
+            each(|mu, lam| {
+                let sum = (lam + mu) * (lam + mu);
+                ((3.0 * lam * lam + 4.0 * lam * mu + 2.0 * mu * mu) / sum, -lam / (2.0 * sum))
+            }),
+            each(|mu, lam| {
+                let sum = (lam + mu) * (lam + mu);
+                (mu * mu / sum, mu / (2.0 * sum))
+            }),
+        ]
+    }
+}
+
+/// A cube of particles, `side` per edge, half a cell apart, its lowest corner near `corner`; slightly irregular.
+pub fn cube(side: usize, dx: f64, corner: [f64; 3]) -> Vec<[f64; 3]> {
+    let wobble = |i: usize| 0.1 * (1.7 * i as f64 + 0.3).sin();
+    let mut positions = Vec::new();
+    for i in 0..side * side * side {
+        let index = [i / (side * side), i / side % side, i % side];
+        positions.push(std::array::from_fn(|a| corner[a] + dx / 2.0 * (index[a] as f64 + 0.5 + wobble(3 * i + a))));
+    }
+    positions
+}
+
+/// Largest absolute difference.
+#[track_caller]
+pub fn close<T: Number>(what: &str, found: &[T], wanted: &[f64], tolerance: f64) {
+    assert_eq!(found.len(), wanted.len(), "{what}");
+    let worst = found.iter().zip(wanted).map(|(a, b)| (a.to_f64() - b).abs()).fold(0.0, f64::max);
+    assert!(worst <= tolerance, "{what}: differs by {worst:.3e}, allowed {tolerance:.1e}");
+}
+
+/// Relative difference in the Euclidean norm.
+#[track_caller]
+pub fn close_norm<T: Number>(what: &str, found: &[T], wanted: &[f64], tolerance: f64) {
+    assert_eq!(found.len(), wanted.len(), "{what}");
+    let square: f64 = found.iter().zip(wanted).map(|(a, b)| (a.to_f64() - b).powi(2)).sum();
+    let norm = wanted.iter().map(|b| b * b).sum::<f64>().sqrt();
+    let relative = square.sqrt() / norm;
+    assert!(relative <= tolerance, "{what}: relative l2 difference {relative:.3e}, allowed {tolerance:.1e}");
+}

@@ -1,0 +1,6 @@
+//! The files of a run: nothing is lost, and independent readers see what was written.
+
+mod exchange;
+mod run_folder;
+#[cfg(unix)]
+mod signals;
