@@ -31,10 +31,7 @@ struct IndexAdd {
 
 impl IndexAdd {
     /// In the order of the list, so that the result does not depend on the thread count.
-    fn run<T: Element>(x: &Tensor, index: &[u32], len: usize) -> Vec<T>
-    where
-        T: std::ops::AddAssign,
-    {
+    fn run<T: Element + std::ops::AddAssign>(x: &Tensor, index: &[u32], len: usize) -> Vec<T> {
         let row: usize = x.dims()[1..].iter().product();
         let mut sums = vec![T::zeroed(); len];
         for (&i, values) in index.iter().zip(x.slice::<T>().chunks(row.max(1))) {
