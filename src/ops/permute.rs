@@ -33,6 +33,9 @@ impl Permute {
         let shape = self.shape(x.shape());
         let steps: Vec<usize> = self.order.iter().map(|&axis| strides[axis]).collect();
         filled(shape.len(), CHUNK, |start, part: &mut [T]| {
+            if part.is_empty() {
+                return;
+            }
             let mut index = shape.index(start);
             for out in part {
                 *out = values[index.iter().zip(&steps).map(|(i, step)| i * step).sum::<usize>()];

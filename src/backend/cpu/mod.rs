@@ -5,17 +5,13 @@ use rayon::prelude::*;
 /// Elements per work item of a pointwise loop: large enough to hide scheduling, small enough to stay in cache.
 pub(crate) const CHUNK: usize = 1 << 14;
 
-/// Fills a vector of `len` by chunks in parallel; `fill(start, chunk)` writes the elements from `start` on,
-/// and is not called where there are none.
+/// Fills a vector of `len` by chunks in parallel; `fill(start, chunk)` writes the elements from `start` on.
 pub(crate) fn filled<T: bytemuck::Zeroable + Clone + Send>(
     len: usize,
     chunk: usize,
     fill: impl Fn(usize, &mut [T]) + Sync,
 ) -> Vec<T> {
     let mut values = vec![T::zeroed(); len];
-    if len == 0 {
-        return values;
-    }
     if len <= chunk {
         fill(0, &mut values);
     } else {
