@@ -1,7 +1,7 @@
 // A scalar program applied to every element.
 //
-// The program comes from the host (src/ops/map.rs) with the bindings of its operands, x0, x1 and so on from binding 2, and
-// `value`, which calls it for one element.
+// The program comes from the host (src/ops/map.rs) with the bindings of its operands, x0, x1 and so on from binding 2,
+// and `value`, which calls it for one element.
 #import "shared/linear.wgsl"
 #import "program"
 

@@ -1,7 +1,8 @@
 // y = a b for batches of matrices whose elements lie at any steps, so that either may be read transposed.
 //
 // A workgroup makes a tile of TILE x TILE elements of y: slabs of a and b of depth DEPTH go through workgroup memory
-// (8 KiB), and each of the 16 x 16 invocations keeps a block of 4 x 4 in registers. Places outside the matrices count as 0.
+// (8 KiB), and each of the 16 x 16 invocations keeps a block of 4 x 4 in registers. Places outside the matrices count
+// as 0.
 #import "shared/linear.wgsl"
 
 // The host reads it from here.

@@ -1,8 +1,8 @@
 // Sums over some axes. The elements behind one sum are cut into spans; each span gives one partial sum, laid out as
 // [spans, sums], and the host adds those up with the same kernels until one span is left.
 //
-// `rows` gives each span to one invocation, which adds blocks of 16; `tree` gives each to one workgroup, whose invocations
-// add up 16 elements each and then halve their number. The order depends on nothing but the shape.
+// `rows` gives each span to one invocation, which adds blocks of 16; `tree` gives each to one workgroup, whose
+// invocations add up 16 elements each and then halve their number. The order depends on nothing but the shape.
 #import "shared/linear.wgsl"
 
 // Elements of one span; the host reads them from here.

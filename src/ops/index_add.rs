@@ -1,4 +1,5 @@
-//! `index_add`: adds rows into a tensor of zeros by their numbers. Its derivative is [`index_select`](super::index_select).
+//! `index_add`: adds rows into a tensor of zeros by their numbers. Its derivative is
+//! [`index_select`](super::index_select).
 
 use std::rc::Rc;
 

@@ -1,7 +1,7 @@
 //! Pointwise ops: a scalar program applied to every element.
 //!
-//! Operands have equal numbers of elements, or one element that is used for all. The derivative with respect to an operand
-//! is again a map (of the program's vjp), so pointwise ops can be differentiated any number of times.
+//! Operands have equal numbers of elements, or one element that is used for all. The derivative with respect to an
+//! operand is again a map (of the program's vjp), so pointwise ops can be differentiated any number of times.
 
 use std::cell::{OnceCell, RefCell};
 use std::collections::HashMap;

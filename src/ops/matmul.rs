@@ -1,7 +1,7 @@
 //! `matmul`: the product of two matrices, each as it is or transposed, alone or in equal batches.
 //!
-//! On the CPU it stands on faer's GEMM, which picks its kernels for the processor at run time; on a GPU tiles of both operands
-//! go through workgroup memory.
+//! On the CPU it stands on faer's GEMM, which picks its kernels for the processor at run time; on a GPU tiles of both
+//! operands go through workgroup memory.
 
 use std::rc::Rc;
 

@@ -1,11 +1,11 @@
 //! The ops: one file each, and one list.
 //!
-//! A **pointwise** op is a [`Pointwise`]: one function of [`Scalar`](crate::scalar::Scalar)s, traced once, from which come
-//! its CPU loop, its WGSL kernel and its derivative. Every other op implements [`crate::Op`] with its shape rule, its
-//! forward pass per backend, and its derivative written in ops.
+//! A **pointwise** op is a [`Pointwise`]: one function of [`Scalar`](crate::scalar::Scalar)s, traced once, from which
+//! come its CPU loop, its WGSL kernel and its derivative. Every other op implements [`crate::Op`] with its shape rule,
+//! its forward pass per backend, and its derivative written in ops.
 //!
-//! Being in [`registry`] buys an op its gradient check in `f64`, the comparison of `f32` with `f64`, the comparison of the
-//! GPU with the CPU where it has a kernel, and the empty-shape and non-finite tests of `tests/ops.rs`.
+//! Being in [`registry`] buys an op its gradient check in `f64`, the comparison of `f32` with `f64`, the comparison of
+//! the GPU with the CPU where it has a kernel, and the empty-shape and non-finite tests of `tests/ops.rs`.
 
 mod abs;
 mod add;

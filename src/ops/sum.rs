@@ -1,5 +1,5 @@
-//! `sum` over some axes, which are dropped from the shape. The order of the additions depends on nothing but the shape: on the
-//! CPU they are in `f64`, on a GPU in `f32` along a tree.
+//! `sum` over some axes, which are dropped from the shape. The order of the additions depends on nothing but the shape:
+//! on the CPU they are in `f64`, on a GPU in `f32` along a tree.
 
 use std::rc::Rc;
 

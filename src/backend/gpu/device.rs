@@ -15,7 +15,8 @@ use crate::{Error, ErrorKind, Result};
 /// Compiled kernels by entry point and text.
 type Pipelines = HashMap<&'static str, HashMap<String, Arc<Pipeline>>>;
 
-/// A handle to one adapter: its device, its queue, its compiled kernels. Cloning it copies a pointer; threads may share it.
+/// A handle to one adapter: its device, its queue, its compiled kernels. Cloning it copies a pointer; threads may share
+/// it.
 #[derive(Clone)]
 pub struct Gpu(Arc<Inner>);
 
@@ -143,8 +144,8 @@ impl Gpu {
 
     /// A buffer of `bytes` bytes of undefined contents, from the pool if it has one.
     ///
-    /// One from the pool may still be read or written by recorded work; work recorded later waits for that. The CPU must
-    /// not write into it.
+    /// One from the pool may still be read or written by recorded work; work recorded later waits for that. The CPU
+    /// must not write into it.
     pub(crate) fn allocate(&self, bytes: usize) -> Result<GpuBuffer> {
         self.check_size(bytes)?;
         let class = pool::class(bytes);

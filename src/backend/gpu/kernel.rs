@@ -1,7 +1,7 @@
 //! A kernel: WGSL text and what naga reads out of it.
 //!
-//! Bindings, element types, workgroup sizes and the constants that the host needs are read from the validated module; the
-//! host states only the names of the buffers in the order in which it gives them.
+//! Bindings, element types, workgroup sizes and the constants that the host needs are read from the validated module;
+//! the host states only the names of the buffers in the order in which it gives them.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -15,8 +15,8 @@ use crate::{DType, Error, ErrorKind, Result};
 
 /// A compute kernel in WGSL, for [`Gpu::launch`](crate::backend::gpu::Gpu::launch).
 ///
-/// All bindings are in group 0: at most one uniform struct of 32-bit words (the parameters), and storage buffers that are
-/// arrays of `f32` or `u32`.
+/// All bindings are in group 0: at most one uniform struct of 32-bit words (the parameters), and storage buffers that
+/// are arrays of `f32` or `u32`.
 ///
 /// ```
 /// use gradreel::backend::gpu::Kernel;
@@ -66,8 +66,8 @@ pub struct Reflection {
 }
 
 impl Kernel {
-    /// A kernel with this entry point; `buffers` names its storage buffers in the order in which the host gives them, the
-    /// written one first.
+    /// A kernel with this entry point; `buffers` names its storage buffers in the order in which the host gives them,
+    /// the written one first.
     pub const fn new(
         name: &'static str,
         entry: &'static str,
@@ -97,8 +97,8 @@ impl Kernel {
     /// What the module says about it, parsed and validated at the first call; needs no GPU.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] with file and line for a text that does not parse or validate, a buffer that is not there under
-    /// its name, or one that the host does not give.
+    /// [`ErrorKind::Input`] with file and line for a text that does not parse or validate, a buffer that is not there
+    /// under its name, or one that the host does not give.
     pub fn reflect(&self) -> Result<&Reflection> {
         self.reflected.get_or_init(|| self.read()).as_ref().map_err(Clone::clone)
     }

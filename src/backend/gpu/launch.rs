@@ -30,9 +30,10 @@ fn spread(groups: usize, most: u32) -> Option<[u32; 2]> {
 impl Gpu {
     /// Runs a kernel that writes one new tensor (its first buffer) from others (those after it).
     ///
-    /// `parameters` are the words of its uniform struct; the padding at its end may be left out. Nothing is launched where
-    /// there is no work. A dispatch of more workgroups than an axis may have is spread over two axes: kernels number their
-    /// workgroups as `workgroup_id.y * num_workgroups.x + workgroup_id.x` and skip numbers beyond the work.
+    /// `parameters` are the words of its uniform struct; the padding at its end may be left out. Nothing is launched
+    /// where there is no work. A dispatch of more workgroups than an axis may have is spread over two axes: kernels
+    /// number their workgroups as `workgroup_id.y * num_workgroups.x + workgroup_id.x` and skip numbers beyond the
+    /// work.
     ///
     /// # Errors
     /// As [`Gpu::dispatch`]; [`ErrorKind::Device`] when the result does not fit.
@@ -67,8 +68,8 @@ impl Gpu {
     ///
     /// # Errors
     /// [`ErrorKind::Input`] for a kernel that is not valid WGSL; [`ErrorKind::Unsupported`] when it binds more storage
-    /// buffers than the device allows, or does not compute in a tensor's dtype; [`ErrorKind::Device`] when the device was
-    /// lost or refuses the kernel.
+    /// buffers than the device allows, or does not compute in a tensor's dtype; [`ErrorKind::Device`] when the device
+    /// was lost or refuses the kernel.
     ///
     /// # Panics
     /// When the number of tensors or of parameters is not what the kernel binds, or a tensor lives elsewhere.

@@ -12,7 +12,8 @@ pub(super) struct Pool {
     bytes: u64,
 }
 
-/// The size of the buffer that holds `bytes` bytes: four classes for each power of two, so that at most a fifth is unused.
+/// The size of the buffer that holds `bytes` bytes: four classes for each power of two, so that at most a fifth is
+/// unused.
 pub(super) fn class(bytes: usize) -> u64 {
     let bytes = bytes.max(256) as u64;
     bytes.next_multiple_of(1 << (bytes.ilog2() - 2))

@@ -8,8 +8,8 @@ const BATCH: usize = 64;
 /// Parameter blocks kept at most; a step of an iteration meets those of the step before.
 const PARAMETERS: usize = 4096;
 
-/// The open pass of one adapter. Recording needs the lock that the adapter keeps it behind, so that dispatches of several
-/// threads come one after the other.
+/// The open pass of one adapter. Recording needs the lock that the adapter keeps it behind, so that dispatches of
+/// several threads come one after the other.
 #[derive(Default)]
 pub(super) struct Recorder {
     open: Option<Open>,

@@ -15,8 +15,8 @@ pub(super) struct Source {
 }
 
 impl Source {
-    /// Replaces each line `#import "path"` by the file or, for `#import "program"`, by `program`; by nothing where it was
-    /// imported before.
+    /// Replaces each line `#import "path"` by the file or, for `#import "program"`, by `program`; by nothing where it
+    /// was imported before.
     pub(super) fn expand(name: &str, text: &str, program: Option<&str>) -> Result<Self> {
         let mut source = Self { text: String::new(), origins: Vec::new() };
         source.append(&format!("{name}.wgsl"), text, program, &mut BTreeSet::new())?;
