@@ -3,6 +3,7 @@
 use std::rc::Rc;
 
 use crate::backend::cpu::{CHUNK, filled};
+use crate::backend::gpu::{Gpu, Strides};
 use crate::ops::{Case, Entry, uniform};
 use crate::tape::{Backward, Forward, Op, Var};
 use crate::tensor::for_real;
@@ -10,7 +11,7 @@ use crate::{Element, Error, ErrorKind, Result, Shape, Spec, Tensor};
 
 pub(super) const ENTRY: Entry = Entry {
     name: "broadcast_to",
-    gpu: false,
+    gpu: true,
     cases: || {
         vec![
             Case::new(BroadcastTo { shape: [4, 2, 3].into() }, [uniform(1, [2, 1], -1.0..1.0)]),
@@ -25,15 +26,16 @@ struct BroadcastTo {
 }
 
 impl BroadcastTo {
+    /// For each axis of the result, the distance between neighbours in `x`: 0 along a stretched one.
+    fn steps(&self, x: &Shape) -> Vec<usize> {
+        let (pad, strides) = (self.shape.rank() - x.rank(), x.strides());
+        let step = |axis: usize| axis.checked_sub(pad).filter(|&a| x.dims()[a] > 1).map_or(0, |a| strides[a]);
+        (0..self.shape.rank()).map(step).collect()
+    }
+
     fn run<T: Element>(&self, x: &Tensor) -> Vec<T> {
         let values = x.slice::<T>();
-        let pad = self.shape.rank() - x.shape().rank();
-        let steps: Vec<usize> = (0..self.shape.rank())
-            .map(|axis| match axis.checked_sub(pad) {
-                Some(a) if x.dims()[a] > 1 => x.shape().strides()[a],
-                _ => 0,
-            })
-            .collect();
+        let steps = self.steps(x.shape());
         let inner = self.shape.dims().last().copied().unwrap_or(1).max(1);
         let inner_step = steps.last().copied().unwrap_or(0);
         let outer = Shape::from(&self.shape.dims()[..self.shape.rank().saturating_sub(1)]);
@@ -66,6 +68,12 @@ impl Op for BroadcastTo {
 
     fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
         for_real!(inputs[0].dtype(), T => Ok(Tensor::from_vec(self.run::<T>(&inputs[0]), &self.shape).into()))
+    }
+
+    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+        let x = &inputs[0];
+        let strides = Strides::new(self.shape.dims().iter().copied().zip(self.steps(x.shape())));
+        Ok(strides.gather(gpu, self.name(), x, 0, Spec::new(&self.shape, x.dtype()))?.into())
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -2,6 +2,7 @@
 
 use std::rc::Rc;
 
+use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
 use crate::tape::{Backward, Forward, Op, Var};
 use crate::tensor::for_real;
@@ -9,7 +10,7 @@ use crate::{Element, Error, ErrorKind, Result, Spec, Tensor};
 
 pub(super) const ENTRY: Entry = Entry {
     name: "concat",
-    gpu: false,
+    gpu: true,
     cases: || {
         let part = |seed, size| uniform(seed, [2, size, 3], -1.0..1.0);
         vec![
@@ -19,6 +20,9 @@ pub(super) const ENTRY: Entry = Entry {
         ]
     },
 };
+
+pub(super) static KERNEL: Kernel =
+    Kernel::new("concat", "main", include_str!("../../kernels/concat.wgsl"), &["y", "x"]);
 
 #[derive(Debug)]
 struct Concat {
@@ -64,6 +68,20 @@ impl Op for Concat {
         let specs: Vec<_> = inputs.iter().map(Tensor::spec).collect();
         let spec = self.infer(&specs)?;
         for_real!(spec.dtype, T => Ok(Tensor::from_vec(self.run::<T>(inputs), spec.shape).into()))
+    }
+
+    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+        let specs: Vec<_> = inputs.iter().map(Tensor::spec).collect();
+        let result = self.infer(&specs)?;
+        let to: usize = result.shape.dims()[self.axis..].iter().product();
+        let y = gpu.empty(result)?;
+        let mut start = 0;
+        for x in inputs {
+            let from: usize = x.dims()[self.axis..].iter().product();
+            gpu.dispatch(&KERNEL, &[&y, x], &words([x.len(), from, to, start]), Work::Invocations(x.len()))?;
+            start += from;
+        }
+        Ok(y.into())
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -1,16 +1,18 @@
-//! `index_add`: adds rows into a tensor of zeros by their numbers. Its derivative is [`index_select`](super::index_select).
+//! `index_add`: adds rows into a tensor of zeros by their numbers. Its derivative is
+//! [`index_select`](super::index_select).
 
 use std::rc::Rc;
 
+use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::index_select::check_rows;
 use crate::ops::{Case, Entry, uniform};
 use crate::tape::{Backward, Forward, Op, Var};
 use crate::tensor::for_real;
-use crate::{DType, Element, Error, ErrorKind, Result, Spec, Tensor};
+use crate::{DType, Device, Element, Error, ErrorKind, Result, Spec, Tensor};
 
 pub(super) const ENTRY: Entry = Entry {
     name: "index_add",
-    gpu: false,
+    gpu: true,
     cases: || {
         let rows = |index: &[u32]| Tensor::from_vec(index.to_vec(), [index.len()]);
         vec![
@@ -20,6 +22,9 @@ pub(super) const ENTRY: Entry = Entry {
     },
 };
 
+pub(super) static KERNEL: Kernel =
+    Kernel::new("index_add", "main", include_str!("../../kernels/index_add.wgsl"), &["y", "x", "starts", "order"]);
+
 #[derive(Debug)]
 struct IndexAdd {
     rows: usize,
@@ -27,10 +32,7 @@ struct IndexAdd {
 
 impl IndexAdd {
     /// In the order of the list, so that the result does not depend on the thread count.
-    fn run<T: Element>(x: &Tensor, index: &[u32], len: usize) -> Vec<T>
-    where
-        T: std::ops::AddAssign,
-    {
+    fn run<T: Element + std::ops::AddAssign>(x: &Tensor, index: &[u32], len: usize) -> Vec<T> {
         let row: usize = x.dims()[1..].iter().product();
         let mut sums = vec![T::zeroed(); len];
         for (&i, values) in index.iter().zip(x.slice::<T>().chunks(row.max(1))) {
@@ -38,6 +40,20 @@ impl IndexAdd {
         }
         sums
     }
+}
+
+/// The positions of a list of rows sorted by row, and where those of each row start: `rows + 1` numbers.
+fn sorted(index: &[u32], rows: usize) -> (Vec<u32>, Vec<u32>) {
+    let mut starts = vec![0u32; rows + 1];
+    index.iter().for_each(|&row| starts[row as usize + 1] += 1);
+    (0..rows).for_each(|row| starts[row + 1] += starts[row]);
+    let mut next = starts.clone();
+    let mut order = vec![0u32; index.len()];
+    for (position, &row) in (0u32..).zip(index) {
+        order[next[row as usize] as usize] = position;
+        next[row as usize] += 1;
+    }
+    (starts, order)
 }
 
 impl Op for IndexAdd {
@@ -65,6 +81,23 @@ impl Op for IndexAdd {
         for_real!(x.dtype(), T => {
             Ok(Tensor::from_vec(Self::run::<T>(x, index.slice(), shape.len()), shape).into())
         })
+    }
+
+    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+        let [x, index] = inputs else { unreachable!("index_add has two operands") };
+        let rows = index.gpu_buffer().indices()?;
+        check_rows(self.name(), rows, self.rows)?;
+        let result = self.infer(&[x.spec(), index.spec()])?;
+        let on_gpu = |list: Vec<u32>| {
+            let len = list.len();
+            Tensor::from_vec(list, [len]).to_device(&Device::Gpu(gpu.clone()))
+        };
+        let (starts, order) = sorted(rows, self.rows);
+        let (starts, order) = (on_gpu(starts)?, on_gpu(order)?);
+        let len = result.shape.len();
+        let row: usize = x.dims()[1..].iter().product();
+        let sizes = words([len, row]);
+        Ok(gpu.launch(&KERNEL, &[x, &starts, &order], &sizes, result, Work::Invocations(len))?.into())
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -2,6 +2,7 @@
 
 use std::rc::Rc;
 
+use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
 use crate::tape::{Backward, Forward, Op, Var};
 use crate::tensor::for_real;
@@ -9,7 +10,7 @@ use crate::{DType, Element, Error, ErrorKind, Result, Spec, Tensor};
 
 pub(super) const ENTRY: Entry = Entry {
     name: "index_select",
-    gpu: false,
+    gpu: true,
     cases: || {
         let rows = |index: &[u32]| Tensor::from_vec(index.to_vec(), [index.len()]);
         vec![
@@ -18,6 +19,9 @@ pub(super) const ENTRY: Entry = Entry {
         ]
     },
 };
+
+pub(super) static KERNEL: Kernel =
+    Kernel::new("index_select", "main", include_str!("../../kernels/index_select.wgsl"), &["y", "x", "index"]);
 
 #[derive(Debug)]
 struct IndexSelect;
@@ -62,6 +66,15 @@ impl Op for IndexSelect {
         check_rows(self.name(), index.slice(), x.dims()[0])?;
         let spec = self.infer(&[x.spec(), index.spec()])?;
         for_real!(x.dtype(), T => Ok(Tensor::from_vec(Self::run::<T>(x, index.slice()), spec.shape).into()))
+    }
+
+    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+        let [x, index] = inputs else { unreachable!("index_select has two operands") };
+        check_rows(self.name(), index.gpu_buffer().indices()?, x.dims()[0])?;
+        let result = self.infer(&[x.spec(), index.spec()])?;
+        let len = result.shape.len();
+        let row: usize = x.dims()[1..].iter().product();
+        Ok(gpu.launch(&KERNEL, &[x, index], &words([len, row]), result, Work::Invocations(len))?.into())
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

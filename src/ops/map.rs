@@ -1,18 +1,22 @@
 //! Pointwise ops: a scalar program applied to every element.
 //!
-//! Operands have equal numbers of elements, or one element that is used for all. The derivative with respect to an operand
-//! is again a map (of the program's vjp), so pointwise ops can be differentiated any number of times.
+//! Operands have equal numbers of elements, or one element that is used for all. The derivative with respect to an
+//! operand is again a map (of the program's vjp), so pointwise ops can be differentiated any number of times.
 
 use std::cell::{OnceCell, RefCell};
 use std::collections::HashMap;
 use std::rc::Rc;
 
 use crate::backend::cpu::{CHUNK, filled};
+use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry};
 use crate::scalar::{Lanes, Program, Real, Scalar};
 use crate::tape::{Backward, Forward, Op, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
+
+/// The names of the kernel's buffers: the result and as many operands as WebGPU guarantees beside it.
+const BUFFERS: &[&str] = &["y", "x0", "x1", "x2", "x3", "x4", "x5", "x6"];
 
 /// A pointwise op of `N` operands, written once as an ordinary function.
 pub struct Pointwise<const N: usize> {
@@ -75,6 +79,7 @@ impl<const N: usize> Pointwise<N> {
 pub struct Map {
     program: Program,
     derivatives: Vec<OnceCell<Rc<Map>>>,
+    kernel: OnceCell<Kernel>,
 }
 
 impl Map {
@@ -86,7 +91,7 @@ impl Map {
     pub fn new(program: Program) -> Self {
         assert_eq!(program.outputs().len(), 1, "map: the program {} must have one output", program.name());
         let derivatives = (0..program.inputs().len()).map(|_| OnceCell::new()).collect();
-        Self { program, derivatives }
+        Self { program, derivatives, kernel: OnceCell::new() }
     }
 
     /// The program applied to each element.
@@ -97,6 +102,34 @@ impl Map {
     /// The map whose operands are this one's and the cotangent, and whose result is the cotangent of one operand.
     fn derivative(&self, input: usize) -> Rc<Self> {
         self.derivatives[input].get_or_init(|| Rc::new(Self::new(self.program.vjp_wrt(&[input])))).clone()
+    }
+
+    /// The kernel around the program, made at the first call.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Unsupported`] when there are more operands than a kernel may bind.
+    pub fn kernel(&self) -> Result<&Kernel> {
+        let count = self.program.inputs().len();
+        let Some(buffers) = BUFFERS.get(..=count) else {
+            return Err(Error::new(ErrorKind::Unsupported, format!("{} has too many operands for a GPU", self.name()))
+                .found(count)
+                .wanted(format!("at most {}: a kernel binds {} buffers", BUFFERS.len() - 1, BUFFERS.len()))
+                .fix(
+                    "compose it of functions of fewer operands, or move them to the CPU with to_device(&Device::Cpu)",
+                ));
+        };
+        Ok(self.kernel.get_or_init(|| {
+            // under names of our own, so that none of the program's can hide one of the kernel's
+            let operands = &buffers[1..];
+            let program = Program::trace("program", operands, &["result"], |x| self.program.apply(x));
+            let mut text = program.wgsl();
+            for (n, x) in operands.iter().enumerate() {
+                text += &format!("@group(0) @binding({}) var<storage, read> {x}: array<f32>;\n", n + 2);
+            }
+            let arguments: Vec<_> = operands.iter().enumerate().map(|(n, x)| format!("{x}[place(i, {n}u)]")).collect();
+            text += &format!("fn value(i: u32) -> f32 {{ return program({}); }}\n", arguments.join(", "));
+            Kernel::around(text, self.name().to_owned(), include_str!("../../kernels/map.wgsl"), buffers)
+        }))
     }
 
     fn run<T: Real>(&self, inputs: &[Tensor], len: usize) -> Vec<T> {
@@ -144,6 +177,15 @@ impl Op for Map {
         let specs: Vec<_> = inputs.iter().map(Tensor::spec).collect();
         let Spec { shape, dtype } = self.infer(&specs)?;
         for_real!(dtype, T => Ok(Tensor::from_vec(self.run::<T>(inputs, shape.len()), shape).into()))
+    }
+
+    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+        let specs: Vec<_> = inputs.iter().map(Tensor::spec).collect();
+        let result = self.infer(&specs)?;
+        let len = result.shape.len();
+        let each = inputs.iter().enumerate().fold(0, |each, (n, x)| each | usize::from(x.len() != 1) << n);
+        let operands: Vec<&Tensor> = inputs.iter().collect();
+        Ok(gpu.launch(self.kernel()?, &operands, &words([len, each]), result, Work::Invocations(len))?.into())
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

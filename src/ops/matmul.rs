@@ -1,6 +1,7 @@
 //! `matmul`: the product of two matrices, each as it is or transposed, alone or in equal batches.
 //!
-//! On the CPU it stands on faer's GEMM, which picks its kernels for the processor at run time.
+//! On the CPU it stands on faer's GEMM, which picks its kernels for the processor at run time; on a GPU tiles of both
+//! operands go through workgroup memory.
 
 use std::rc::Rc;
 
@@ -8,6 +9,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 use rayon::prelude::*;
 
+use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
 use crate::tape::{Backward, Forward, Op, Var};
@@ -16,7 +18,7 @@ use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
 
 pub(super) const ENTRY: Entry = Entry {
     name: "matmul",
-    gpu: false,
+    gpu: true,
     cases: || {
         let case = |transposed: [bool; 2], a: &[usize], b: &[usize]| {
             Case::new(MatMul { transposed }, [uniform(1, a, -1.0..1.0), uniform(2, b, -1.0..1.0)])
@@ -31,6 +33,9 @@ pub(super) const ENTRY: Entry = Entry {
         ]
     },
 };
+
+pub(super) static KERNEL: Kernel =
+    Kernel::new("matmul", "main", include_str!("../../kernels/matmul.wgsl"), &["y", "a", "b"]);
 
 /// Batch size, rows, columns of one operand once its transposition is undone.
 type Extent = (usize, usize, usize);
@@ -104,6 +109,18 @@ impl Op for MatMul {
         let specs: Vec<_> = inputs.iter().map(Tensor::spec).collect();
         let Spec { shape, dtype } = self.infer(&specs)?;
         for_real!(dtype, T => Ok(Tensor::from_vec(self.run::<T>(&inputs[0], &inputs[1]), shape).into()))
+    }
+
+    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+        let [a, b] = inputs else { unreachable!("matmul has two operands") };
+        let result = self.infer(&[a.spec(), b.spec()])?;
+        let [batch, m, k, n] = self.sizes(a.shape(), b.shape()).expect("checked by infer");
+        let [a_row, a_column] = if self.transposed[0] { [1, m] } else { [k, 1] };
+        let [b_row, b_column] = if self.transposed[1] { [1, k] } else { [n, 1] };
+        let sizes = words([batch, m, k, n, a_row, a_column, b_row, b_column]);
+        let tile = KERNEL.reflect()?.constant("TILE");
+        let tiles = Work::Groups(batch * m.div_ceil(tile) * n.div_ceil(tile));
+        Ok(gpu.launch(&KERNEL, &[a, b], &sizes, result, tiles)?.into())
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -1,11 +1,11 @@
 //! The ops: one file each, and one list.
 //!
-//! A **pointwise** op is a [`Pointwise`]: one function of [`Scalar`](crate::scalar::Scalar)s, traced once, from which come
-//! its CPU loop, its WGSL kernel and its derivative. Every other op implements [`crate::Op`] with its shape rule, its
-//! forward pass per backend, and its derivative written in ops.
+//! A **pointwise** op is a [`Pointwise`]: one function of [`Scalar`](crate::scalar::Scalar)s, traced once, from which
+//! come its CPU loop, its WGSL kernel and its derivative. Every other op implements [`crate::Op`] with its shape rule,
+//! its forward pass per backend, and its derivative written in ops.
 //!
-//! Being in [`registry`] buys an op its gradient check in `f64`, the comparison of `f32` with `f64`, the comparison of the
-//! GPU with the CPU where it has a kernel, and the empty-shape and non-finite tests of `tests/ops.rs`.
+//! Being in [`registry`] buys an op its gradient check in `f64`, the comparison of `f32` with `f64`, the comparison of
+//! the GPU with the CPU where it has a kernel, and the empty-shape and non-finite tests of `tests/ops.rs`.
 
 mod abs;
 mod add;
@@ -43,6 +43,7 @@ use std::rc::Rc;
 pub use grid_sample_3d::Lattice;
 pub use map::{Map, Pointwise};
 
+use crate::backend::gpu::{Kernel, STRIDED};
 use crate::{Key, Op, Shape, Tensor};
 
 /// An op of the crate with the cases its tests feed it.
@@ -110,5 +111,19 @@ pub fn registry() -> Vec<Entry> {
         reshape::ENTRY,
         slice::ENTRY,
         sum::ENTRY,
+    ]
+}
+
+/// Every kernel of the crate but those made around scalar programs ([`Map::kernel`]). Adding one here adds its tests.
+pub fn kernels() -> Vec<&'static Kernel> {
+    vec![
+        &concat::KERNEL,
+        &index_add::KERNEL,
+        &index_select::KERNEL,
+        &matmul::KERNEL,
+        &pad::KERNEL,
+        &STRIDED,
+        &sum::ROWS,
+        &sum::TREE,
     ]
 }

@@ -2,6 +2,7 @@
 
 use std::rc::Rc;
 
+use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
 use crate::tape::{Backward, Forward, Op, Var};
 use crate::tensor::for_real;
@@ -9,12 +10,14 @@ use crate::{Element, Error, ErrorKind, Result, Spec, Tensor};
 
 pub(super) const ENTRY: Entry = Entry {
     name: "pad",
-    gpu: false,
+    gpu: true,
     cases: || {
         let case = |axis, before, after| Case::new(Pad { axis, before, after }, [uniform(1, [2, 3, 2], -1.0..1.0)]);
         vec![case(1, 1, 2), case(0, 0, 3), case(2, 2, 0), case(1, 0, 0)]
     },
 };
+
+pub(super) static KERNEL: Kernel = Kernel::new("pad", "main", include_str!("../../kernels/pad.wgsl"), &["y", "x"]);
 
 #[derive(Debug)]
 struct Pad {
@@ -54,6 +57,16 @@ impl Op for Pad {
     fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
         let spec = self.infer(&[inputs[0].spec()])?;
         for_real!(spec.dtype, T => Ok(Tensor::from_vec(self.run::<T>(&inputs[0], &spec), spec.shape).into()))
+    }
+
+    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+        let x = &inputs[0];
+        let result = self.infer(&[x.spec()])?;
+        let inner: usize = x.dims()[self.axis + 1..].iter().product();
+        let (from, to) = (x.dims()[self.axis] * inner, result.shape.dims()[self.axis] * inner);
+        let len = result.shape.len();
+        let sizes = words([len, from, to, self.before * inner]);
+        Ok(gpu.launch(&KERNEL, &[x], &sizes, result, Work::Invocations(len))?.into())
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -3,6 +3,7 @@
 use std::ops::Range;
 use std::rc::Rc;
 
+use crate::backend::gpu::{Gpu, Strides};
 use crate::ops::{Case, Entry, uniform};
 use crate::tape::{Backward, Forward, Op, Var};
 use crate::tensor::for_real;
@@ -10,7 +11,7 @@ use crate::{Element, Error, ErrorKind, Result, Spec, Tensor};
 
 pub(super) const ENTRY: Entry = Entry {
     name: "slice",
-    gpu: false,
+    gpu: true,
     cases: || {
         let case = |axis, range| Case::new(Slice { axis, range }, [uniform(1, [2, 5, 3], -1.0..1.0)]);
         vec![case(1, 1..4), case(0, 1..2), case(2, 0..3), case(1, 2..2)]
@@ -54,6 +55,15 @@ impl Op for Slice {
     fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
         let spec = self.infer(&[inputs[0].spec()])?;
         for_real!(spec.dtype, T => Ok(Tensor::from_vec(self.run::<T>(&inputs[0]), spec.shape).into()))
+    }
+
+    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+        let x = &inputs[0];
+        let result = self.infer(&[x.spec()])?;
+        let strides = x.shape().strides();
+        let start = self.range.start * strides[self.axis];
+        let axes = Strides::new(result.shape.dims().iter().copied().zip(strides));
+        Ok(axes.gather(gpu, self.name(), x, start, result)?.into())
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -1,10 +1,12 @@
-//! `sum` over some axes, which are dropped from the shape. Accumulates in `f64`, in an order fixed by the shape.
+//! `sum` over some axes, which are dropped from the shape. The order of the additions depends on nothing but the shape:
+//! on the CPU they are in `f64`, on a GPU in `f32` along a tree.
 
 use std::rc::Rc;
 
 use rayon::prelude::*;
 
 use crate::backend::cpu::{CHUNK, filled};
+use crate::backend::gpu::{Gpu, Kernel, Strides, Work, words};
 use crate::ops::{Case, Entry, uniform};
 use crate::tape::{Backward, Forward, Op, Var};
 use crate::tensor::for_real;
@@ -12,12 +14,21 @@ use crate::{Element, Error, ErrorKind, Result, Shape, Spec, Tensor};
 
 pub(super) const ENTRY: Entry = Entry {
     name: "sum",
-    gpu: false,
+    gpu: true,
     cases: || {
         let case = |axes: &[usize]| Case::new(Sum { axes: axes.to_vec() }, [uniform(1, [2, 3, 4], -1.0..1.0)]);
         vec![case(&[0, 1, 2]), case(&[1]), case(&[0, 2]), case(&[])]
     },
 };
+
+const TEXT: &str = include_str!("../../kernels/sum.wgsl");
+/// One invocation for each span.
+pub(super) static ROWS: Kernel = Kernel::new("sum", "rows", TEXT, &["y", "x"]);
+/// One workgroup for each span.
+pub(super) static TREE: Kernel = Kernel::new("sum", "tree", TEXT, &["y", "x"]);
+
+/// Sums from which on an invocation for each keeps a GPU busy.
+const MANY: usize = 1 << 14;
 
 #[derive(Debug)]
 struct Sum {
@@ -31,6 +42,12 @@ impl Sum {
         Shape::from(kept.map(|(_, size)| *size).collect::<Vec<_>>())
     }
 
+    /// Sizes and strides of the axes that are summed, or of those that are kept.
+    fn axes(&self, shape: &Shape, summed: bool) -> Vec<(usize, usize)> {
+        let axes = shape.dims().iter().copied().zip(shape.strides()).enumerate();
+        axes.filter(|(axis, _)| self.axes.contains(axis) == summed).map(|(_, extent)| extent).collect()
+    }
+
     fn run<T: Element>(&self, x: &Tensor) -> Vec<T> {
         let values = x.slice::<T>();
         if self.axes.len() == x.shape().rank() {
@@ -38,11 +55,6 @@ impl Sum {
             let parts: Vec<f64> = values.par_chunks(CHUNK).map(add).collect();
             return vec![T::from_f64(parts.iter().sum())];
         }
-        let strides = x.shape().strides();
-        let pick = |summed: bool| -> Vec<(usize, usize)> {
-            let axes = (0..x.shape().rank()).filter(|axis| self.axes.contains(axis) == summed);
-            axes.map(|axis| (x.dims()[axis], strides[axis])).collect()
-        };
         let offsets = |axes: &[(usize, usize)], flat: usize| {
             let mut rest = flat;
             axes.iter().rev().fold(0, |offset, &(size, stride)| {
@@ -51,7 +63,7 @@ impl Sum {
                 offset + index * stride
             })
         };
-        let (kept, summed) = (pick(false), pick(true));
+        let (kept, summed) = (self.axes(x.shape(), false), self.axes(x.shape(), true));
         let count: usize = summed.iter().map(|(size, _)| size).product();
         let inner: Vec<usize> = (0..count).map(|i| offsets(&summed, i)).collect();
         filled(self.kept(x.shape()).len(), (CHUNK / count.max(1)).max(1), |start, part: &mut [T]| {
@@ -81,6 +93,27 @@ impl Op for Sum {
     fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
         let x = &inputs[0];
         for_real!(x.dtype(), T => Ok(Tensor::from_vec(self.run::<T>(x), self.kept(x.shape())).into()))
+    }
+
+    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+        let mut kept = Strides::new(self.axes(inputs[0].shape(), false));
+        let mut summed = Strides::new(self.axes(inputs[0].shape(), true));
+        let mut partial = inputs[0].clone();
+        loop {
+            let (sums, count) = (kept.len(), summed.len());
+            let rows = sums >= MANY || count <= ROWS.reflect()?.constant("ROWS_SPAN");
+            let (kernel, span) = if rows { (&ROWS, "ROWS_SPAN") } else { (&TREE, "TREE_SPAN") };
+            let spans = count.div_ceil(kernel.reflect()?.constant(span)).max(1);
+            let work = if rows { Work::Invocations(sums * spans) } else { Work::Groups(sums * spans) };
+            let mut sizes = words([sums, count, spans, kept.rank(), summed.rank(), 0, 0, 0]).to_vec();
+            sizes.extend(kept.words(self.name())?);
+            sizes.extend(summed.words(self.name())?);
+            partial = gpu.launch(kernel, &[&partial], &sizes, Spec::new([spans, sums], partial.dtype()), work)?;
+            if spans == 1 {
+                return Ok(partial.reshape(self.kept(inputs[0].shape())).into());
+            }
+            (kept, summed) = (Strides::new([(sums, 1)]), Strides::new([(spans, sums)]));
+        }
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

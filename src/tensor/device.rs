@@ -17,6 +17,22 @@ pub enum Device {
 impl Device {
     /// The first GPU of this machine.
     ///
+    /// ```
+    /// use gradreel::{Device, ErrorKind, Tape, Tensor};
+    ///
+    /// match Device::gpu() {
+    ///     Ok(gpu) => {
+    ///         let tape = Tape::new();
+    ///         let x = tape.leaf(Tensor::from_vec(vec![1.0f32, 2.0, 3.0], [3]).to_device(&gpu)?);
+    ///         let gradients = x.square().sum_all().backward()?;
+    ///         assert_eq!(gradients.wrt(&x)?.to_vec()?, [2.0, 4.0, 6.0]);
+    ///     }
+    ///     // without a driver: says what to install
+    ///     Err(error) => assert_eq!(error.kind(), ErrorKind::Device),
+    /// }
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// [`crate::ErrorKind::Device`] when there is no driver or no adapter, with what to install.
     pub fn gpu() -> Result<Self> {

@@ -114,10 +114,6 @@ impl Tensor {
         }
     }
 
-    pub(crate) fn storage(&self) -> &Storage {
-        &self.storage
-    }
-
     /// The device buffer of a tensor on a GPU.
     ///
     /// # Panics
@@ -226,7 +222,7 @@ impl Tensor {
                 Ok(Self::from_gpu(gpu.upload(bytemuck::cast_slice(values))?, self.spec()))
             }
             (Storage::U32(values), Device::Gpu(gpu)) => {
-                Ok(Self::from_gpu(gpu.upload(bytemuck::cast_slice(values))?, self.spec()))
+                Ok(Self::from_gpu(gpu.upload(bytemuck::cast_slice(values))?.remember(values), self.spec()))
             }
             (Storage::Gpu(_), Device::Gpu(_)) if self.device() != *device => {
                 self.to_device(&Device::Cpu)?.to_device(device)

@@ -1,6 +1,7 @@
 //! A storage buffer on a GPU.
 
-use std::sync::mpsc;
+use std::num::NonZeroU64;
+use std::sync::{OnceLock, mpsc};
 
 use crate::backend::gpu::Gpu;
 use crate::{Error, ErrorKind, Result};
@@ -11,6 +12,9 @@ pub struct GpuBuffer {
     gpu: Gpu,
     raw: wgpu::Buffer,
     bytes: usize,
+    /// Whether it goes back to the pool. Uploaded ones do not: the CPU writes them, and few results have their size.
+    pooled: bool,
+    indices: OnceLock<Vec<u32>>,
 }
 
 impl GpuBuffer {
@@ -18,8 +22,8 @@ impl GpuBuffer {
     pub(super) const USAGE: wgpu::BufferUsages =
         wgpu::BufferUsages::STORAGE.union(wgpu::BufferUsages::COPY_SRC).union(wgpu::BufferUsages::COPY_DST);
 
-    pub(super) fn new(gpu: Gpu, raw: wgpu::Buffer, bytes: usize) -> Self {
-        Self { gpu, raw, bytes }
+    pub(super) fn new(gpu: Gpu, raw: wgpu::Buffer, bytes: usize, pooled: bool) -> Self {
+        Self { gpu, raw, bytes, pooled, indices: OnceLock::new() }
     }
 
     /// The GPU it lives on.
@@ -27,9 +31,25 @@ impl GpuBuffer {
         &self.gpu
     }
 
-    /// The wgpu buffer, for kernels of your own.
-    pub fn raw(&self) -> &wgpu::Buffer {
-        &self.raw
+    /// The part of the wgpu buffer that holds the bytes.
+    pub(super) fn binding(&self) -> wgpu::BufferBinding<'_> {
+        wgpu::BufferBinding { buffer: &self.raw, offset: 0, size: NonZeroU64::new(self.bytes.max(4) as u64) }
+    }
+
+    /// The same numbers as a list on the CPU: indices have to be checked against what they point into. Read back at the
+    /// first call, and remembered.
+    pub(crate) fn indices(&self) -> Result<&[u32]> {
+        if let Some(known) = self.indices.get() {
+            return Ok(known);
+        }
+        let read = self.read()?;
+        Ok(self.indices.get_or_init(|| read))
+    }
+
+    /// Says which indices were uploaded, so that nobody has to read them back.
+    pub(crate) fn remember(self, indices: &[u32]) -> Self {
+        self.indices.get_or_init(|| indices.to_vec());
+        self
     }
 
     /// Waits for the work that writes this buffer and copies it back.
@@ -44,12 +64,13 @@ impl GpuBuffer {
         let device = self.gpu.device();
         let staging = device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("read-back"),
-            size: self.raw.size(),
+            size: self.bytes as u64,
             usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
             mapped_at_creation: false,
         });
+        self.gpu.submit();
         let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        encoder.copy_buffer_to_buffer(&self.raw, 0, &staging, 0, self.raw.size());
+        encoder.copy_buffer_to_buffer(&self.raw, 0, &staging, 0, self.bytes as u64);
         self.gpu.queue().submit([encoder.finish()]);
         let (send, receive) = mpsc::channel();
         staging.slice(..).map_async(wgpu::MapMode::Read, move |outcome| {
@@ -62,7 +83,16 @@ impl GpuBuffer {
         };
         device.poll(wgpu::PollType::wait_indefinitely()).map_err(|e| failed(e.to_string()))?;
         receive.recv().map_err(|e| failed(e.to_string()))?.map_err(|e| failed(e.to_string()))?;
+        self.gpu.check()?;
         let mapped = staging.slice(..).get_mapped_range().map_err(|e| failed(e.to_string()))?;
         Ok(bytemuck::pod_collect_to_vec(&mapped[..self.bytes]))
+    }
+}
+
+impl Drop for GpuBuffer {
+    fn drop(&mut self) {
+        if self.pooled {
+            self.gpu.recycle(self.raw.clone());
+        }
     }
 }

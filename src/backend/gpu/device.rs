@@ -1,14 +1,22 @@
 //! Opening an adapter, and what every kernel needs of it.
 
+use std::collections::HashMap;
 use std::fmt;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use wgpu::util::DeviceExt;
 
 use crate::backend::gpu::GpuBuffer;
+use crate::backend::gpu::launch::Pipeline;
+use crate::backend::gpu::pool::{self, Pool};
+use crate::backend::gpu::recorder::Recorder;
 use crate::{Error, ErrorKind, Result};
 
-/// A handle to one adapter: its device, its queue, its name. Cloning it copies a pointer.
+/// Compiled kernels by entry point and text.
+type Pipelines = HashMap<&'static str, HashMap<String, Arc<Pipeline>>>;
+
+/// A handle to one adapter: its device, its queue, its compiled kernels. Cloning it copies a pointer; threads may share
+/// it.
 #[derive(Clone)]
 pub struct Gpu(Arc<Inner>);
 
@@ -16,7 +24,18 @@ struct Inner {
     device: wgpu::Device,
     queue: wgpu::Queue,
     name: String,
-    lost: Arc<OnceLock<String>>,
+    fault: Arc<OnceLock<Fault>>,
+    recorder: Mutex<Recorder>,
+    pipelines: Mutex<Pipelines>,
+    pool: Mutex<Pool>,
+}
+
+/// Why an adapter computes no more.
+enum Fault {
+    /// The driver gave the device up.
+    Lost(String),
+    /// The device refused recorded work; results after it are undefined.
+    Refused(String),
 }
 
 impl Gpu {
@@ -50,13 +69,18 @@ impl Gpu {
         .map_err(|e| {
             Error::new(ErrorKind::Device, "the GPU refused to open").at(&info.name).found(e).fix("update its driver")
         })?;
-        let lost = Arc::new(OnceLock::new());
-        let note = lost.clone();
+        let fault = Arc::new(OnceLock::new());
+        let note = fault.clone();
         device.set_device_lost_callback(move |_, reason| {
-            note.get_or_init(|| reason);
+            note.get_or_init(|| Fault::Lost(reason));
         });
+        let note = fault.clone();
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+            note.get_or_init(|| Fault::Refused(error.to_string()));
+        }));
         let name = format!("{}, {:?}", info.name, info.backend);
-        Ok(Self(Arc::new(Inner { device, queue, name, lost })))
+        let (recorder, pipelines, pool) = Default::default();
+        Ok(Self(Arc::new(Inner { device, queue, name, fault, recorder, pipelines, pool })))
     }
 
     /// The adapter's name and the API it is reached through.
@@ -77,45 +101,87 @@ impl Gpu {
         &self.0.queue
     }
 
-    /// Fails once the driver has given the device up.
+    pub(super) fn recorder(&self) -> MutexGuard<'_, Recorder> {
+        self.0.recorder.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(super) fn pipelines(&self) -> MutexGuard<'_, Pipelines> {
+        self.0.pipelines.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn pool(&self) -> MutexGuard<'_, Pool> {
+        self.0.pool.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Fails once the driver has given the device up, or the device has refused work.
     pub(crate) fn check(&self) -> Result<()> {
-        match self.0.lost.get() {
-            None => Ok(()),
-            Some(reason) => Err(Error::new(ErrorKind::Device, "the GPU was lost")
-                .at(self.name())
-                .found(reason)
-                .fix("open it again with Device::gpu; results computed on it are gone")),
-        }
+        let (what, found) = match self.0.fault.get() {
+            None => return Ok(()),
+            Some(Fault::Lost(reason)) => ("the GPU was lost", reason),
+            Some(Fault::Refused(reason)) => ("the GPU refused work", reason),
+        };
+        Err(Error::new(ErrorKind::Device, what)
+            .at(self.name())
+            .found(found)
+            .fix("open it again with Device::gpu; results computed on it are gone"))
+    }
+
+    /// Submits the work recorded so far without waiting for it.
+    pub(super) fn submit(&self) {
+        self.recorder().submit(self.queue());
     }
 
     /// Copies bytes into a new buffer.
     pub(crate) fn upload(&self, bytes: &[u8]) -> Result<GpuBuffer> {
         self.check_size(bytes.len())?;
-        let padded;
-        let contents = if bytes.is_empty() {
-            padded = [0u8; 4];
-            &padded[..]
-        } else {
-            bytes
-        };
-        let raw = self.device().create_buffer_init(&wgpu::util::BufferInitDescriptor {
-            label: None,
-            contents,
-            usage: GpuBuffer::USAGE,
-        });
-        Ok(GpuBuffer::new(self.clone(), raw, bytes.len()))
+        let contents = if bytes.is_empty() { &[0; 4] } else { bytes };
+        let raw = self.created(|| {
+            let usage = GpuBuffer::USAGE;
+            self.device().create_buffer_init(&wgpu::util::BufferInitDescriptor { label: None, contents, usage })
+        })?;
+        Ok(GpuBuffer::new(self.clone(), raw, bytes.len(), false))
     }
 
-    /// A new buffer of `bytes` bytes, zeroed.
+    /// A buffer of `bytes` bytes of undefined contents, from the pool if it has one.
+    ///
+    /// One from the pool may still be read or written by recorded work; work recorded later waits for that. The CPU
+    /// must not write into it.
     pub(crate) fn allocate(&self, bytes: usize) -> Result<GpuBuffer> {
         self.check_size(bytes)?;
-        let raw = self.device().create_buffer(&wgpu::BufferDescriptor {
-            label: None,
-            size: bytes.max(4) as u64,
-            usage: GpuBuffer::USAGE,
-            mapped_at_creation: false,
-        });
-        Ok(GpuBuffer::new(self.clone(), raw, bytes))
+        let class = pool::class(bytes);
+        let size = if class <= self.device().limits().max_buffer_size { class } else { bytes as u64 };
+        let pooled = self.pool().take(size);
+        let raw = match pooled {
+            Some(raw) => raw,
+            None => self.created(|| {
+                let usage = GpuBuffer::USAGE;
+                self.device().create_buffer(&wgpu::BufferDescriptor {
+                    label: None,
+                    size,
+                    usage,
+                    mapped_at_creation: false,
+                })
+            })?,
+        };
+        Ok(GpuBuffer::new(self.clone(), raw, bytes, true))
+    }
+
+    /// Keeps the buffer of a result that nobody uses any more.
+    pub(super) fn recycle(&self, raw: wgpu::Buffer) {
+        self.pool().give(raw);
+    }
+
+    /// Fails when the device has no memory left for what `create` makes.
+    fn created(&self, create: impl FnOnce() -> wgpu::Buffer) -> Result<wgpu::Buffer> {
+        let scope = self.device().push_error_scope(wgpu::ErrorFilter::OutOfMemory);
+        let raw = create();
+        match pollster::block_on(scope.pop()) {
+            None => Ok(raw),
+            Some(error) => Err(Error::new(ErrorKind::Device, "the GPU has no memory left")
+                .at(self.name())
+                .found(format!("{error} for {} bytes", raw.size()))
+                .fix("use fewer or smaller tensors, or remat")),
+        }
     }
 
     fn check_size(&self, bytes: usize) -> Result<()> {
@@ -135,5 +201,35 @@ impl Gpu {
 impl fmt::Debug for Gpu {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "Gpu({})", self.name())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Gpu;
+    use crate::{Device, ErrorKind, Tape, Tensor};
+
+    #[test]
+    fn a_lost_device_is_an_error() {
+        let gpu = match Gpu::open() {
+            Ok(gpu) => gpu,
+            Err(error) if std::env::var("CI").is_ok_and(|ci| ci == "true") => {
+                panic!("this test must run here: {error}")
+            }
+            Err(error) => return eprintln!("skipped, because there is no GPU: {error}"),
+        };
+        let x = Tensor::from_vec(vec![1.0f32, 2.0], [2]).to_device(&Device::Gpu(gpu.clone())).unwrap();
+        let tape = Tape::new();
+        let x = tape.constant(x);
+        let y = x.square();
+        gpu.device().destroy();
+        let _ = gpu.device().poll(wgpu::PollType::wait_indefinitely());
+        for error in
+            [y.sum_all().item().unwrap_err(), x.tensor().to_vec().unwrap_err(), gpu.upload(&[0; 4]).unwrap_err()]
+        {
+            assert_eq!(error.kind(), ErrorKind::Device, "{error}");
+        }
+        let z = x.exp();
+        assert_eq!(z.value().unwrap_err().kind(), ErrorKind::Device);
     }
 }

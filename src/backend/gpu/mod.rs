@@ -1,10 +1,22 @@
-//! The WGSL backend: one wgpu adapter, its queue, and buffers on it.
+//! The WGSL backend: one wgpu adapter, its queue, and kernels over buffers on it.
 //!
-//! Kernels are WGSL text under `kernels/`, validated by naga; they keep to WebGPU's guaranteed limits (eight storage buffers,
-//! 256 invocations, 128 MiB a binding). Work is submitted without waiting; only [`GpuBuffer::read`] waits.
+//! Kernels are WGSL text under `kernels/`, parsed and validated by naga before any driver sees them; bindings,
+//! workgroup sizes and constants are read from the validated module ([`Kernel::reflect`]). They keep to WebGPU's
+//! guaranteed limits (eight storage buffers, 256 invocations, 16 KiB of workgroup memory). Work is recorded and
+//! submitted in batches; only [`GpuBuffer::read`], behind [`crate::Tensor::to_device`], waits for it. Buffers of
+//! results return to a pool when their last tensor is dropped.
 
 mod buffer;
 mod device;
+mod kernel;
+mod launch;
+mod pool;
+mod recorder;
+mod source;
+mod strides;
 
 pub use buffer::GpuBuffer;
 pub use device::Gpu;
+pub use kernel::{Binding, Kernel, Reflection};
+pub use launch::Work;
+pub(crate) use strides::{STRIDED, Strides, words};

@@ -1,0 +1,33 @@
+// Zeros before and after along one axis. Elements are copied as bits.
+#import "shared/linear.wgsl"
+
+struct Sizes {
+    len: u32,
+    // elements of x and of y for each index of the axes before the padded one, and zeros before those of x
+    x_row: u32,
+    y_row: u32,
+    before: u32,
+}
+
+@group(0) @binding(0) var<uniform> sizes: Sizes;
+@group(0) @binding(1) var<storage, read_write> y: array<u32>;
+@group(0) @binding(2) var<storage, read> x: array<u32>;
+
+@compute @workgroup_size(WORKGROUP)
+fn main(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let i = linear_group(group, groups) * WORKGROUP + local;
+    if i >= sizes.len {
+        return;
+    }
+    // wraps around to a large number in front of x
+    let place = i % sizes.y_row - sizes.before;
+    var value = 0u;
+    if place < sizes.x_row {
+        value = x[i / sizes.y_row * sizes.x_row + place];
+    }
+    y[i] = value;
+}
