@@ -106,7 +106,14 @@ impl Lbfgs {
             let reach = largest(&direction);
             let first = self.first_step.min(self.largest_move / reach);
             let (step, next) = self.line_search(&x, value, slope, &direction, first, f, &mut evaluations)?;
-            let Some((new_value, new_gradient)) = next else { break };
+            let Some((new_value, new_gradient)) = next else {
+                // the model of the curvature misled the search: forget it once, then give up
+                if pairs.is_empty() {
+                    break;
+                }
+                pairs.clear();
+                continue;
+            };
             let s: Vec<f64> = direction.iter().map(|d| step * d).collect();
             let y: Vec<f64> = new_gradient.iter().zip(&gradient).map(|(a, b)| a - b).collect();
             x.iter_mut().zip(&s).for_each(|(x, s)| *x += s);

@@ -31,12 +31,13 @@ pub fn estimate(
     notes: &mut dyn FnMut(String),
 ) -> Result<Evaluation> {
     let mut best: Option<Evaluation> = None;
+    let mut substeps = 0;
     // the loss is a mean of squared residuals of order 0.01: scaled so that the optimiser's unit step is of order 1
     let mut scale = 1.0;
     let mut objective = |x: &[f64]| {
         let unknowns = start.moved(&problem.law, free, x);
         let first = best.is_none();
-        let (loss, mut gradient) = match problem.evaluate(&unknowns, free, frames, notes) {
+        let (loss, mut gradient) = match problem.evaluate(&unknowns, free, frames, &mut substeps, notes) {
             Err(error) if error.kind() == ErrorKind::Physics && !first => {
                 notes(format!("a trial was given up: {error}"));
                 (f64::INFINITY, vec![0.0; x.len()])

@@ -10,6 +10,10 @@ use crate::physics::{Body, Collider, Law, Remat, Schedule, World, rollout};
 use crate::render::{Rays, Splat, Surface, Target, render};
 use crate::video::Clip;
 
+/// How far the step may exceed what the unknowns ask for before it is made smaller; the recommended step leaves more room
+/// than this.
+const SLACK: f64 = 1.45;
+
 /// The pixels of all frames and the rays that belong to them.
 pub struct Observed {
     /// The rays of all cameras.
@@ -139,8 +143,11 @@ impl<'a> Problem<'a> {
         render(positions, opacity, colour, &self.observed.rays, &splat, &self.surface)
     }
 
-    /// Loss and gradient in the coordinates of the free unknowns. When the rollout breaks down, it is retried with up to
-    /// eight times the substeps; `notes` is told.
+    /// Loss and gradient in the coordinates of the free unknowns.
+    ///
+    /// `substeps` is the least number of substeps a frame and is raised when the unknowns need more, never lowered: a loss
+    /// that an optimiser follows must not jump with the step. When the rollout breaks down, it is retried with up to eight
+    /// times the substeps; `notes` is told.
     ///
     /// # Errors
     /// [`ErrorKind::Physics`] when it still breaks down then; what the renderer returns.
@@ -149,15 +156,21 @@ impl<'a> Problem<'a> {
         unknowns: &Unknowns,
         free: Free,
         frames: usize,
+        substeps: &mut usize,
         notes: &mut dyn FnMut(String),
     ) -> Result<(f64, Vec<f64>)> {
         let mut schedule = self.schedule(unknowns, frames);
+        if schedule.substeps as f64 > SLACK * *substeps as f64 {
+            *substeps = schedule.substeps;
+        }
+        schedule.substeps = *substeps;
         for retry in 0.. {
             let tape = Tape::new();
             let bound = unknowns.bind(&tape, &self.law, free, self.dtype)?;
             let motion = match self.motion(&tape, &bound, schedule) {
                 Err(error) if error.kind() == ErrorKind::Physics && retry < 3 => {
                     schedule.substeps *= 2;
+                    *substeps = schedule.substeps;
                     notes(format!("retrying with {} substeps a frame: {error}", schedule.substeps));
                     continue;
                 }

@@ -55,8 +55,8 @@ pub fn reconstruct(clip: &Clip, run: &mut Run, progress: &Progress) -> Result<Re
     stages.shape(run, "shape in flight", &|_, _| Ok(0..flight), &unknowns)?;
     stages.unknowns(run, "velocity in flight", Free::Velocity, 1, &|_| flight.max(few), &mut unknowns)?;
     let warm = (flight + run.config.estimate.warm_up_frames).min(frames);
-    stages.unknowns(run, "material around contact, coarse", Free::Material, 2, &|_| warm, &mut unknowns)?;
-    stages.unknowns(run, "material, coarse", Free::Material, 2, &|_| frames, &mut unknowns)?;
+    stages.unknowns(run, "magnitudes around contact, coarse", Free::Magnitudes, 2, &|_| warm, &mut unknowns)?;
+    stages.unknowns(run, "magnitudes, coarse", Free::Magnitudes, 2, &|_| frames, &mut unknowns)?;
     stages.unknowns(run, "material", Free::Material, 1, &|_| frames, &mut unknowns)?;
     if flight >= frames {
         run.note("the object never touched the ground: the material is not determined by this clip".into());

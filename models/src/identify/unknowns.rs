@@ -21,19 +21,26 @@ pub struct Unknowns {
 pub enum Free {
     /// The velocity only.
     Velocity,
-    /// The material's parameters only.
+    /// The material's parameters that are known to an order of magnitude only: those fitted as logarithms. A coarse grid
+    /// tells these well enough to start from; the others it would bias.
+    Magnitudes,
+    /// All parameters of the material.
     Material,
-    /// Both.
+    /// Velocity and material.
     Both,
 }
 
 impl Free {
     fn velocity(self) -> bool {
-        self != Self::Material
+        matches!(self, Self::Velocity | Self::Both)
     }
 
-    fn material(self) -> bool {
-        self != Self::Velocity
+    fn parameter(self, map: Map) -> bool {
+        match self {
+            Self::Velocity => false,
+            Self::Magnitudes => map == Map::Log10,
+            Self::Material | Self::Both => true,
+        }
     }
 }
 
@@ -53,9 +60,8 @@ impl Unknowns {
         if free.velocity() {
             x.extend(self.velocity.map(|v| v / SPEED));
         }
-        if free.material() {
-            x.extend(law.parameters().iter().zip(&self.parameters).map(|(p, value)| p.map.raw(*value)));
-        }
+        let parameters = law.parameters().into_iter().zip(&self.parameters);
+        x.extend(parameters.filter(|(p, _)| free.parameter(p.map)).map(|(p, value)| p.map.raw(*value)));
         x
     }
 
@@ -63,13 +69,15 @@ impl Unknowns {
     #[must_use]
     pub fn moved(&self, law: &Law, free: Free, coordinates: &[f64]) -> Self {
         let mut moved = self.clone();
-        let mut rest = coordinates;
+        let mut rest = coordinates.iter();
+        let mut next = || *rest.next().expect("as many coordinates as free unknowns");
         if free.velocity() {
-            moved.velocity = [0, 1, 2].map(|axis| rest[axis] * SPEED);
-            rest = &rest[3..];
+            moved.velocity = [(); 3].map(|()| next() * SPEED);
         }
-        if free.material() {
-            moved.parameters = law.parameters().iter().zip(rest).map(|(p, raw)| p.map.value(*raw)).collect();
+        for (p, value) in law.parameters().iter().zip(&mut moved.parameters) {
+            if free.parameter(p.map) {
+                *value = p.map.value(next());
+            }
         }
         moved
     }
@@ -108,7 +116,7 @@ impl Unknowns {
         let velocity = &raw_velocity * SPEED;
         let mut parameters = Vec::new();
         for (parameter, value) in law.parameters().iter().zip(&self.parameters) {
-            let raw = make(tensor(vec![parameter.map.raw(*value)])?, free.material());
+            let raw = make(tensor(vec![parameter.map.raw(*value)])?, free.parameter(parameter.map));
             parameters.push(constrained(parameter.map, &raw));
         }
         Ok(Bound { leaves, velocity, parameters })

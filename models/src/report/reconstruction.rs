@@ -279,7 +279,7 @@ fn plots(found: &Reconstruction, run: &Run) -> Vec<Plot> {
             other => other,
         };
         let of = |row: &HistoryRow| row.unknowns.parameters.get(index).copied();
-        plots.push(plot(title, y_label, log, series(&of, &|stage| stage.starts_with("material"))));
+        plots.push(plot(title, y_label, log, series(&of, &|stage| !stage.starts_with("velocity"))));
     }
     let axis = |a: usize, name: &str| Series {
         label: name.into(),
