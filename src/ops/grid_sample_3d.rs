@@ -95,7 +95,7 @@ impl GridSample3d {
                 for (node, weight) in corners.nodes.iter().zip(corners.weights) {
                     let Some(node) = node else { continue };
                     let row = &values[node * channels..][..channels];
-                    out.iter_mut().zip(row).for_each(|(o, v)| *o = *o + weight * *v);
+                    out.iter_mut().zip(row).for_each(|(o, v)| *o += weight * *v);
                 }
             },
         );
@@ -151,7 +151,7 @@ pub(super) fn position_gradient(lattice: &Lattice, grid: &Tensor, points: &Tenso
                     let row = &values[node * channels..][..channels];
                     let u = &weights[p * channels..][..channels];
                     let dot = row.iter().zip(u).fold(T::from_f64(0.0), |sum, (v, u)| sum + *v * *u);
-                    out.iter_mut().zip(slope).for_each(|(o, s)| *o = *o + s * dot);
+                    out.iter_mut().zip(slope).for_each(|(o, s)| *o += s * dot);
                 }
             },
         );

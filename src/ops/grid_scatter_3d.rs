@@ -34,7 +34,7 @@ impl GridScatter3d {
             for (node, weight) in corners.nodes.iter().zip(corners.weights) {
                 let Some(node) = node else { continue };
                 let sums = &mut grid[node * channels..][..channels];
-                sums.iter_mut().zip(row).for_each(|(sum, v)| *sum = *sum + weight * *v);
+                sums.iter_mut().zip(row).for_each(|(sum, v)| *sum += weight * *v);
             }
         }
         grid

@@ -68,8 +68,11 @@ pub struct LbfgsStep<'a> {
     pub moved: f64,
 }
 
-/// A function and its gradient at a point.
-type Objective<'a> = dyn FnMut(&[f64]) -> Result<(f64, Vec<f64>)> + 'a;
+/// A value and its gradient.
+type Sample = (f64, Vec<f64>);
+
+/// A function that gives both at a point.
+type Objective<'a> = dyn FnMut(&[f64]) -> Result<Sample> + 'a;
 
 struct Pair {
     s: Vec<f64>,
@@ -146,10 +149,10 @@ impl Lbfgs {
         first: f64,
         f: &mut Objective<'_>,
         evaluations: &mut usize,
-    ) -> Result<(f64, Option<(f64, Vec<f64>)>)> {
+    ) -> Result<(f64, Option<Sample>)> {
         let (mut low, mut high, mut step) = (0.0, f64::INFINITY, first);
         let longest = self.largest_move / largest(direction);
-        let mut best: (f64, Option<(f64, Vec<f64>)>) = (0.0, None);
+        let mut best: (f64, Option<Sample>) = (0.0, None);
         for _ in 0..self.trials {
             let trial: Vec<f64> = x.iter().zip(direction).map(|(x, d)| x + step * d).collect();
             let (new, gradient) = f(&trial)?;

@@ -67,7 +67,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let progress = Progress::new(arguments.quiet);
     let (mut run, clip) = if arguments.resume { resume(arguments)? } else { begin(arguments)? };
     if !arguments.quiet {
-        eprintln!("{}: {} cameras, {} frames → {}", clip.name, clip.cameras.len(), clip.frame_count(), run.folder.root().display());
+        eprintln!(
+            "{}: {} cameras, {} frames → {}",
+            clip.name,
+            clip.cameras.len(),
+            clip.frame_count(),
+            run.folder.root().display()
+        );
     }
     let found = reconstruct(&clip, &mut run, &progress).map_err(|error| match error.kind() {
         ErrorKind::Interrupted => error.fix(format!(

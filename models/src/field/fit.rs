@@ -14,6 +14,8 @@ use crate::render::{Rays, Splat, Surface, Target, render};
 pub struct FitSettings {
     /// Adam iterations.
     pub iterations: usize,
+    /// Adam iterations once the motion through all frames is known.
+    pub in_motion: usize,
     /// Rate of the raw density.
     pub density_rate: f64,
     /// Rate of the raw colour.
@@ -22,7 +24,7 @@ pub struct FitSettings {
 
 impl Default for FitSettings {
     fn default() -> Self {
-        Self { iterations: 80, density_rate: 0.2, colour_rate: 0.05 }
+        Self { iterations: 80, in_motion: 25, density_rate: 0.2, colour_rate: 0.05 }
     }
 }
 

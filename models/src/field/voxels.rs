@@ -2,7 +2,7 @@
 
 use gradreel::ops::Lattice;
 use gradreel::optim::{Bound, Params};
-use gradreel::{DType, Result, Tensor, Var};
+use gradreel::{DType, Result, Tape, Tensor, Var};
 use ndarray::Array2;
 
 use crate::field::Hull;
@@ -32,6 +32,24 @@ impl Field {
         params.set("field.density", Tensor::full(FILLED, [count, 1], DType::F32));
         params.set("field.colour", Tensor::from_vec(mean.repeat(count), [count, 3]));
         (Self { lattice: hull.lattice, voxels: hull.voxels }, params)
+    }
+
+    /// The voxels of at least this opacity, with their raw values.
+    ///
+    /// # Errors
+    /// [`gradreel::ErrorKind::Input`] when the store holds no field.
+    pub fn pruned(&self, params: &Params, least: f64) -> Result<(Self, Params)> {
+        let tape = Tape::new();
+        let bound = params.bind(&tape);
+        let opacity = self.opacity(&bound)?.value()?.to_vec()?;
+        let kept: Vec<u32> = (0..self.len() as u32).filter(|&i| opacity[i as usize] >= least).collect();
+        let voxels = kept.iter().map(|&i| self.voxels[i as usize]).collect();
+        let rows = tape.constant(Tensor::from_vec(kept.clone(), [kept.len()]));
+        let mut pruned = Params::new();
+        for path in ["field.density", "field.colour"] {
+            pruned.set(path, bound.get(path)?.index_select(&rows)?.value()?.clone());
+        }
+        Ok((Self { lattice: self.lattice, voxels }, pruned))
     }
 
     /// Number of voxels.

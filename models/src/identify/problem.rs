@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use gradreel::{DType, ErrorKind, Result, Tape, Var};
+use gradreel::{DType, ErrorKind, Result, Tape, Tensor, Var};
 
 use crate::identify::{Bound, Config, Free, Unknowns};
 use crate::particles::Particles;
@@ -95,7 +95,8 @@ impl<'a> Problem<'a> {
     /// Positions of the particles at every frame, `[frames, particles, 3]` \[m\], on the tape.
     ///
     /// A particle stands for a cube that is filled to the share that its opacity says: density and stiffness are in
-    /// proportion to it.
+    /// proportion to it. The velocity of the rollout is that of half a substep earlier (a leapfrog start), so that free flight
+    /// is exact whatever the substep: `x₀ + v t + g t²/2`.
     ///
     /// # Errors
     /// What the rollout returns.
@@ -105,7 +106,7 @@ impl<'a> Problem<'a> {
         let parameters = self.law.parameters();
         let body = Body {
             positions: tape.constant(self.particles.positions(self.dtype)?),
-            velocity: bound.velocity.clone(),
+            velocity: &bound.velocity - &self.half_kick(tape, schedule)?,
             density: &opacity * self.density,
             parameters: parameters
                 .iter()
@@ -114,6 +115,23 @@ impl<'a> Problem<'a> {
                 .collect(),
         };
         rollout(&self.world, &self.law, schedule, self.remat, &body)
+    }
+
+    /// Positions of the particles at every filmed frame, `[frames, particles, 3]` \[m\], without a tape to differentiate.
+    ///
+    /// # Errors
+    /// What the rollout returns.
+    pub fn positions(&self, unknowns: &Unknowns) -> Result<Tensor> {
+        let tape = Tape::new();
+        let frozen = unknowns.constants(&tape, self.dtype)?;
+        let schedule = self.schedule(unknowns, self.observed.targets.len());
+        Ok(self.motion(&tape, &frozen, schedule)?.value()?.clone())
+    }
+
+    /// What gravity adds to a velocity in half a substep, `[3]` \[m/s\].
+    fn half_kick(&self, tape: &Tape, schedule: Schedule) -> Result<Var> {
+        let kick = self.world.gravity.map(|g| 0.5 * g * schedule.dt());
+        Ok(tape.constant(Tensor::from_vec(kick.to_vec(), [3]).cast(self.dtype)?))
     }
 
     /// The loss of the first `frames` frames, averaged over them, on the tape.
@@ -130,7 +148,7 @@ impl<'a> Problem<'a> {
             let loss = self.observed.targets[frame].loss(&pixels);
             total = Some(total.map_or(loss.clone(), |sum| &sum + &loss));
         }
-        let total = total.unwrap_or_else(|| tape.constant(gradreel::Tensor::scalar(0.0, self.dtype)));
+        let total = total.unwrap_or_else(|| tape.constant(Tensor::scalar(0.0, self.dtype)));
         Ok(&total / frames.max(1) as f64)
     }
 

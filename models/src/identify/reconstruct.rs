@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use gradreel::optim::{Adam, Params};
-use gradreel::{DType, Error, ErrorKind, Result, Tape, Tensor};
+use gradreel::{DType, Error, ErrorKind, Result, Tensor};
 
 use crate::field::{Field, Pose, bounding_sphere, fit, hull};
 use crate::identify::run::{HistoryRow, Run};
@@ -47,22 +47,34 @@ pub fn reconstruct(clip: &Clip, run: &mut Run, progress: &Progress) -> Result<Re
 
     let mut unknowns = run.state.unknowns.clone().unwrap_or(start);
     let frames = clip.frame_count();
-    stages.shape(run, "shape", &|_, _| Ok(0..1), &unknowns)?;
+    let iterations = run.config.geometry.fit.iterations;
+    stages.shape(run, "shape", iterations, Moved::Flying { frames: 1, velocity: [0.0; 3] })?;
     let few = frames.min(3);
-    stages.unknowns(run, "velocity", Free::Velocity, 1, &|_| few, &mut unknowns)?;
+    stages.unknowns(run, "velocity", Free::Velocity, 1, few, &mut unknowns)?;
     stages.contact(run, &unknowns)?;
     let flight = run.state.contact.unwrap_or(frames).clamp(1, frames);
-    stages.shape(run, "shape in flight", &|_, _| Ok(0..flight), &unknowns)?;
-    stages.unknowns(run, "velocity in flight", Free::Velocity, 1, &|_| flight.max(few), &mut unknowns)?;
+    let flying = Moved::Flying { frames: flight, velocity: unknowns.velocity };
+    stages.shape(run, "shape in flight", iterations, flying)?;
+    stages.unknowns(run, "velocity in flight", Free::Velocity, 1, flight.max(few), &mut unknowns)?;
     let warm = (flight + run.config.estimate.warm_up_frames).min(frames);
-    stages.unknowns(run, "magnitudes around contact, coarse", Free::Magnitudes, 2, &|_| warm, &mut unknowns)?;
-    stages.unknowns(run, "magnitudes, coarse", Free::Magnitudes, 2, &|_| frames, &mut unknowns)?;
-    stages.unknowns(run, "material", Free::Material, 1, &|_| frames, &mut unknowns)?;
+    stages.unknowns(run, "magnitudes around contact, coarse", Free::Magnitudes, 2, warm, &mut unknowns)?;
+    stages.unknowns(run, "magnitudes, coarse", Free::Magnitudes, 2, frames, &mut unknowns)?;
+    stages.unknowns(run, "material", Free::Material, 1, frames, &mut unknowns)?;
+    stages.refine(run, frames, &mut unknowns)?;
     if flight >= frames {
         run.note("the object never touched the ground: the material is not determined by this clip".into());
     }
     let particles = stages.particles(run)?;
     Ok(Reconstruction { particles, unknowns, law, clip: clip.clone(), observed })
+}
+
+/// How the voxels move through the frames they are fitted to.
+#[derive(Clone, Copy)]
+enum Moved<'a> {
+    /// In free flight, for the first frames.
+    Flying { frames: usize, velocity: [f64; 3] },
+    /// As simulated, through all frames.
+    Simulated(&'a Unknowns),
 }
 
 /// What all stages share.
@@ -75,66 +87,111 @@ struct Stages<'a> {
 }
 
 impl Stages<'_> {
-    /// Fits the voxels to the frames that the motion reaches in free flight; starts from the hull if there is no field.
-    fn shape(
-        &self,
-        run: &mut Run,
-        stage: &str,
-        frames: &dyn Fn(&Run, &Field) -> Result<std::ops::Range<usize>>,
-        unknowns: &Unknowns,
-    ) -> Result<()> {
+    /// Fits the voxels to all frames as the simulation moves them, and the material once more; keeps whichever of both
+    /// states, before or after, agrees better with the clip.
+    fn refine(&self, run: &mut Run, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
+        const FITTED: &str = "material";
+        const SHAPE: &str = "shape in motion";
+        const REFINED: &str = "material, refined";
+        if run.has_finished(REFINED) {
+            return Ok(());
+        }
+        let (before, loss_before) = run.best_of(FITTED).unwrap_or((unknowns.clone(), f64::INFINITY));
+        if !run.has_finished(SHAPE) {
+            run.keep_field()?;
+        }
+        self.shape(run, SHAPE, run.config.geometry.fit.in_motion, Moved::Simulated(&before))?;
+        self.unknowns(run, REFINED, Free::Material, 1, frames, unknowns)?;
+        let (_, loss_after) = run.best_of(REFINED).unwrap_or((before.clone(), f64::INFINITY));
+        if loss_after >= loss_before {
+            run.restore_field()?;
+            *unknowns = before;
+            run.state.unknowns = Some(unknowns.clone());
+            run.note(format!(
+                "fitting the shape to the whole motion did not help (loss {loss_after:.5} after, {loss_before:.5} before): \
+                 the shape and material from before were kept"
+            ));
+            run.save()?;
+        }
+        Ok(())
+    }
+
+    /// Fits the voxels to some frames, moved as the stage says; starts from the hull if there is no field yet.
+    fn shape(&self, run: &mut Run, stage: &str, iterations: usize, moved: Moved<'_>) -> Result<()> {
         if run.has_finished(stage) {
             return Ok(());
         }
         let since = Instant::now();
         let settings = run.config.geometry.fit.clone();
         let mut adam = Adam::new(settings.colour_rate).with_rate("field.density", settings.density_rate);
-        let (field, params) = if run.state.finished.is_empty() && run.state.fitted == 0 {
-            self.hull(run)?
-        } else {
-            run.load_field(&mut adam)?
+        let (mut field, mut params) = match (run.state.finished.is_empty(), run.state.fitted) {
+            (true, 0) => self.hull(run)?,
+            _ => run.load_field(&mut adam)?,
         };
-        let frames = frames(run, &field)?;
-        let centres = field.centres();
-        let gravity = run.config.world.gravity;
-        let poses: Vec<Pose<'_>> = frames
-            .map(|frame| {
-                let t = frame as f64 * self.observed.frame_dt;
-                let shift: [f64; 3] =
-                    std::array::from_fn(|a| unknowns.velocity[a] * t + 0.5 * gravity[a] * t * t);
-                let moved = centres.rows().into_iter().flat_map(|x| [0, 1, 2].map(|a| (x[a] + shift[a]) as f32));
-                let positions = Tensor::from_vec(moved.collect(), [field.len(), 3]);
-                Pose { positions, target: &self.observed.targets[frame] }
-            })
-            .collect();
+        let poses = match moved {
+            Moved::Flying { frames, velocity } => self.flying(&field, frames, velocity, run.config.world.gravity),
+            Moved::Simulated(unknowns) => {
+                (field, params) = field.pruned(&params, run.config.geometry.least_opacity)?;
+                self.simulated(run, &field, &params, unknowns)?
+            }
+        };
         let splat = Splat { spacing: 2.0 * self.spacing, particle_spacing: self.spacing };
-        let bar = self.progress.stage(stage, settings.iterations as u64);
+        let bar = self.progress.stage(stage, iterations as u64);
         let mut last = f64::NAN;
         let surface = run.config.surface.clone();
-        let done = run.state.fitted;
-        let fitted =
-            fit(&field, params, adam, done..settings.iterations, &poses, &self.observed.rays, &surface, &splat, |s| {
-                last = s.loss;
-                bar.set(s.iteration as u64, &format!("loss {:.5}, {} voxels", s.loss, field.len()));
-                let stop = interrupt::check();
-                if stop.is_err() || s.iteration % SAVE_EVERY == 0 {
-                    run.state.fitted = s.iteration;
-                    run.save_field(&field, s.params, Some(s.adam))?;
-                    run.save()?;
-                }
-                stop
-            })?;
+        let left = run.state.fitted..iterations;
+        let fitted = fit(&field, params, adam, left, &poses, &self.observed.rays, &surface, &splat, |s| {
+            last = s.loss;
+            bar.set(s.iteration as u64, &format!("loss {:.5}, {} voxels", s.loss, field.len()));
+            let stop = interrupt::check();
+            // a simulated motion belongs to the voxels it started from: such a stage is repeated as a whole
+            let resumable = matches!(moved, Moved::Flying { .. });
+            if resumable && (stop.is_err() || s.iteration % SAVE_EVERY == 0) {
+                run.state.fitted = s.iteration;
+                run.save_field(&field, s.params, Some(s.adam))?;
+                run.save()?;
+            }
+            stop
+        })?;
         run.save_field(&field, &fitted, None)?;
         bar.finish(&format!("loss {last:.5}, {} voxels", field.len()));
         run.finish(stage, since)
     }
 
+    /// The voxels in free flight.
+    fn flying(&self, field: &Field, frames: usize, velocity: [f64; 3], gravity: [f64; 3]) -> Vec<Pose<'_>> {
+        let centres = field.centres();
+        let pose = |frame: usize| {
+            let t = frame as f64 * self.observed.frame_dt;
+            let shift: [f64; 3] = std::array::from_fn(|a| velocity[a] * t + 0.5 * gravity[a] * t * t);
+            let moved = centres.rows().into_iter().flat_map(|x| [0, 1, 2].map(|a| (x[a] + shift[a]) as f32));
+            let positions = Tensor::from_vec(moved.collect(), [field.len(), 3]);
+            Pose { positions, target: &self.observed.targets[frame] }
+        };
+        (0..frames).map(pose).collect()
+    }
+
+    /// The voxels as the simulation moves them, in every frame.
+    fn simulated(&self, run: &Run, field: &Field, params: &Params, unknowns: &Unknowns) -> Result<Vec<Pose<'_>>> {
+        let particles = Particles::of_field(field, params, 0.0)?;
+        let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
+        let motion = problem.positions(unknowns)?;
+        let row = field.len() * 3;
+        let pose = |(frame, target)| {
+            let positions = motion.slice::<f32>()[frame * row..(frame + 1) * row].to_vec();
+            Pose { positions: Tensor::from_vec(positions, [field.len(), 3]), target }
+        };
+        Ok(self.observed.targets.iter().enumerate().map(pose).collect())
+    }
+
     fn hull(&self, run: &mut Run) -> Result<(Field, Params)> {
         let sphere = bounding_sphere(self.clip, 0)?;
         if sphere.assumed_depth {
-            run.note("a single camera cannot tell distance: the object was assumed to be where its central ray passes \
+            run.note(
+                "a single camera cannot tell distance: the object was assumed to be where its central ray passes \
                       nearest to the world's origin, and as deep as it is wide"
-                .into());
+                    .into(),
+            );
         }
         let hull = hull(self.clip, 0, &sphere, self.spacing, run.config.geometry.hull_coverage)?;
         let (field, params) = Field::filling(hull, self.clip);
@@ -154,7 +211,7 @@ impl Stages<'_> {
         stage: &str,
         free: Free,
         coarseness: usize,
-        frames: &dyn Fn(&Run) -> usize,
+        frames: usize,
         unknowns: &mut Unknowns,
     ) -> Result<()> {
         if run.has_finished(stage) {
@@ -164,7 +221,6 @@ impl Stages<'_> {
         let fine = self.particles(run)?;
         let particles = if coarseness == 2 { fine.coarsened() } else { fine };
         let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
-        let frames = frames(run);
         let iterations = match (free, coarseness) {
             (Free::Velocity, _) => run.config.estimate.velocity,
             (_, 2) => run.config.estimate.coarse,
@@ -194,7 +250,10 @@ impl Stages<'_> {
                     *unknowns = evaluation.unknowns.clone();
                 }
                 run.save()?;
-                bar.set(evaluations.min(iterations as u64), &format!("loss {best:.5}  {}", describe(self.law, unknowns)));
+                bar.set(
+                    evaluations.min(iterations as u64),
+                    &format!("loss {best:.5}  {}", describe(self.law, unknowns)),
+                );
                 interrupt::check()
             },
             &mut |note| notes.push(note),
@@ -225,20 +284,20 @@ impl Reconstruction {
     /// # Errors
     /// What the rollout returns.
     pub fn motion(&self, run: &Run) -> Result<Tensor> {
-        let problem = Problem::new(&self.particles, &self.observed, self.law.clone(), &run.config, DTYPE);
-        let tape = Tape::new();
-        let frozen = self.unknowns.constants(&tape, DTYPE)?;
-        let schedule = problem.schedule(&self.unknowns, self.clip.frame_count());
-        Ok(problem.motion(&tape, &frozen, schedule)?.value()?.clone())
+        Problem::new(&self.particles, &self.observed, self.law.clone(), &run.config, DTYPE).positions(&self.unknowns)
     }
 }
 
 /// Velocity and parameters in one line.
 pub(crate) fn describe(law: &Law, unknowns: &Unknowns) -> String {
     let [x, y, z] = unknowns.velocity;
-    let parameters = law.parameters().into_iter().zip(&unknowns.parameters).map(|(p, value)| {
+    let parameters = law.parameters().iter().zip(&unknowns.parameters).map(|(p, value)| {
         let unit = if p.unit == "-" { "" } else { p.unit };
-        if value.abs() >= 1e3 { format!("{} {value:.3e} {unit}", p.symbol) } else { format!("{} {value:.3}{unit}", p.symbol) }
+        if value.abs() >= 1e3 {
+            format!("{} {value:.3e} {unit}", p.symbol)
+        } else {
+            format!("{} {value:.3}{unit}", p.symbol)
+        }
     });
     format!("v ({x:.3}, {y:.3}, {z:.3}) m/s  {}", parameters.collect::<Vec<_>>().join("  "))
 }

@@ -55,6 +55,7 @@ pub struct Run {
 const STATE: &str = "state.json";
 const CONFIG: &str = "config.toml";
 const FIELD: &str = "field.safetensors";
+const KEPT_FIELD: &str = "field_before_motion.safetensors";
 
 impl Run {
     /// A new run in an empty folder.
@@ -74,8 +75,7 @@ impl Run {
     /// [`ErrorKind::Input`] when the folder holds no run, or its files are damaged.
     pub fn open(folder: RunFolder) -> Result<Self> {
         let text = |name: &str| -> Result<String> {
-            String::from_utf8(folder.read(name)?)
-                .map_err(|e| damaged(&folder, name, &e))
+            String::from_utf8(folder.read(name)?).map_err(|e| damaged(&folder, name, &e))
         };
         let config = Config::parse(&text(CONFIG)?).map_err(|e| e.at(folder.path(CONFIG).display()))?;
         let state = serde_json::from_str(&text(STATE)?).map_err(|e| damaged(&folder, STATE, &e))?;
@@ -131,12 +131,36 @@ impl Run {
         self.folder.write(FIELD, &file.to_bytes()?)
     }
 
+    /// Keeps a copy of the voxels as they are.
+    ///
+    /// # Errors
+    /// What reading and writing return.
+    pub fn keep_field(&self) -> Result<()> {
+        self.folder.write(KEPT_FIELD, &self.folder.read(FIELD)?)
+    }
+
+    /// Goes back to the copy that [`Run::keep_field`] made.
+    ///
+    /// # Errors
+    /// What reading and writing return.
+    pub fn restore_field(&self) -> Result<()> {
+        self.folder.write(FIELD, &self.folder.read(KEPT_FIELD)?)
+    }
+
+    /// The unknowns of least loss that a stage has seen, and that loss.
+    pub fn best_of(&self, stage: &str) -> Option<(Unknowns, f64)> {
+        let rows = self.state.history.iter().filter(|row| row.stage == stage);
+        let known = rows.filter_map(|row| Some((row.unknowns.clone(), row.loss?)));
+        known.min_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
     /// Reads what [`Run::save_field`] wrote; the optimiser goes on if its state is there.
     ///
     /// # Errors
     /// [`ErrorKind::Input`] when the file is missing or damaged.
     pub fn load_field(&self, adam: &mut Adam) -> Result<(Field, Params)> {
-        let file = TensorFile::from_bytes(&self.folder.read(FIELD)?).map_err(|e| e.at(self.folder.path(FIELD).display()))?;
+        let file =
+            TensorFile::from_bytes(&self.folder.read(FIELD)?).map_err(|e| e.at(self.folder.path(FIELD).display()))?;
         let lattice = file.metadata.get("lattice").map_or("", String::as_str);
         let (origin, spacing, dims): ([f64; 3], f64, [usize; 3]) =
             serde_json::from_str(lattice).map_err(|e| damaged(&self.folder, FIELD, &e))?;

@@ -60,7 +60,7 @@ impl Unknowns {
         if free.velocity() {
             x.extend(self.velocity.map(|v| v / SPEED));
         }
-        let parameters = law.parameters().into_iter().zip(&self.parameters);
+        let parameters = law.parameters().iter().zip(&self.parameters);
         x.extend(parameters.filter(|(p, _)| free.parameter(p.map)).map(|(p, value)| p.map.raw(*value)));
         x
     }

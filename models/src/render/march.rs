@@ -128,7 +128,7 @@ impl<'a, T: Real> Scene<'a, T> {
         }
         let step = self.step.to_f64();
         let first = (enter / step).ceil();
-        if !(first * step < leave) {
+        if first * step >= leave || leave.is_nan() || enter.is_nan() {
             return transmittance;
         }
         let count = ((leave / step).floor() - first) as i64 + 1;

@@ -46,8 +46,7 @@ pub fn publish(found: &Reconstruction, run: &Run, clip: &Clip, progress: &Progre
             if shown.contains(&index) {
                 let filmed: Vec<f32> = image.rgb.iter().copied().collect();
                 tiles.push(Picture::from_unit(camera.width, camera.height, &filmed)?);
-                let on_white: Vec<f32> =
-                    rgba.chunks(4).flat_map(|p| [0, 1, 2].map(|c| p[c] + 1.0 - p[3])).collect();
+                let on_white: Vec<f32> = rgba.chunks(4).flat_map(|p| [0, 1, 2].map(|c| p[c] + 1.0 - p[3])).collect();
                 tiles.push(Picture::from_unit(camera.width, camera.height, &on_white)?);
             }
         }
@@ -169,7 +168,7 @@ impl Agreement {
 
 /// The estimates with units, labels and starting values.
 pub fn quantities(found: &Reconstruction, run: &Run) -> Vec<Quantity> {
-    let material = found.law.parameters().into_iter().zip(&found.unknowns.parameters).map(|(p, &value)| Quantity {
+    let material = found.law.parameters().iter().zip(&found.unknowns.parameters).map(|(p, &value)| Quantity {
         name: p.name.into(),
         label: match p.name {
             "young" => "Young's modulus".into(),
@@ -235,7 +234,10 @@ fn notes(run: &Run, assumed: &[Quantity], quality: &BTreeMap<String, f64>) -> Ve
     }
     let figure = |name: &str| quality.get(name).copied();
     if let (Some(iou), Some(psnr)) = (figure("silhouette_iou"), figure("psnr_on_object_db")) {
-        notes.push(("Agreement with the clip".into(), format!("silhouette IoU {iou:.3}, PSNR on the object {psnr:.1} dB")));
+        notes.push((
+            "Agreement with the clip".into(),
+            format!("silhouette IoU {iou:.3}, PSNR on the object {psnr:.1} dB"),
+        ));
     }
     notes.extend(run.state.notes.iter().map(|note| ("Note".into(), note.clone())));
     notes
