@@ -78,7 +78,7 @@ fn pointwise_ops_accept_empty_tensors() {
             }
             let empty: Vec<_> = case.inputs.iter().map(|_| Tensor::zeros([0], DType::F32)).collect();
             let specs: Vec<_> = empty.iter().map(Tensor::spec).collect();
-            if case.op.infer(&specs).is_ok_and(|spec| spec.shape.len() == 0) {
+            if case.op.infer(&specs).is_ok_and(|spec| spec.shape.is_empty()) {
                 assert!(apply(&case, &empty).is_empty(), "{}", entry.name);
             }
         }

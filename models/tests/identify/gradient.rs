@@ -1,0 +1,62 @@
+//! The gradient of the image loss against central differences in `f64`, through contact.
+
+use gradreel::DType;
+use gradreel_models::identify::{Config, Free, Unknowns};
+
+use crate::scene::{block, film, problem};
+
+#[test]
+fn image_loss_gradient_through_contact_agrees_with_central_differences() {
+    const FRAMES: usize = 5;
+    let config = Config::default();
+    let particles = block(5, 0.04);
+    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3] };
+    let observed = film(&particles, &truth, &config, FRAMES, 20, DType::F64);
+    let problem = problem(&particles, &observed, &config, DType::F64);
+    let unknowns = Unknowns { velocity: [0.25, -1.1, 0.15], parameters: vec![4e4, 0.22] };
+
+    // the block does touch the ground: without contact the motion would not depend on the material
+    let stiffer = Unknowns { parameters: vec![8e4, 0.22], ..unknowns.clone() };
+    let (soft, stiff) = (problem.positions(&unknowns).unwrap(), problem.positions(&stiffer).unwrap());
+    let apart = soft.to_vec().unwrap().iter().zip(stiff.to_vec().unwrap()).fold(0.0f64, |m, (a, b)| m.max((a - b).abs()));
+    assert!(apart > 5e-3, "the material moves particles by {apart} m only");
+
+    let x = unknowns.coordinates(&problem.law, Free::Both);
+    assert_eq!(x.len(), 5);
+    let loss = |x: &[f64]| {
+        let at = unknowns.moved(&problem.law, Free::Both, x);
+        problem.evaluate(&at, Free::Both, FRAMES, &mut 128, &mut |note| panic!("{note}")).unwrap()
+    };
+    let (_, gradient) = loss(&x);
+    for (i, name) in ["v_x", "v_y", "v_z", "log10 E", "raw ν"].iter().enumerate() {
+        let step = 2e-6;
+        let at = |sign: f64| {
+            let mut moved = x.clone();
+            moved[i] += sign * step;
+            loss(&moved).0
+        };
+        let difference = (at(1.0) - at(-1.0)) / (2.0 * step);
+        let relative = (gradient[i] - difference).abs() / difference.abs().max(1e-3);
+        println!("{name:>8}: tape {:+.9e}  difference {difference:+.9e}  relative {relative:.1e}", gradient[i]);
+        assert!(relative < 1e-5, "{name}: tape {} difference {difference}", gradient[i]);
+    }
+}
+
+#[test]
+fn single_precision_gives_the_same_gradient() {
+    const FRAMES: usize = 4;
+    let config = Config::default();
+    let particles = block(4, 0.05);
+    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3] };
+    let unknowns = Unknowns { velocity: [0.25, -1.1, 0.15], parameters: vec![4e4, 0.22] };
+    let gradient = |dtype| {
+        let observed = film(&particles, &truth, &config, FRAMES, 20, dtype);
+        let problem = problem(&particles, &observed, &config, dtype);
+        problem.evaluate(&unknowns, Free::Both, FRAMES, &mut 96, &mut |note| panic!("{note}")).unwrap().1
+    };
+    let (wide, narrow) = (gradient(DType::F64), gradient(DType::F32));
+    let norm = wide.iter().map(|g| g * g).sum::<f64>().sqrt();
+    for (a, b) in wide.iter().zip(&narrow) {
+        assert!((a - b).abs() < 2e-3 * norm, "f64 {wide:?}, f32 {narrow:?}");
+    }
+}
