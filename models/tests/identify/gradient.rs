@@ -18,7 +18,8 @@ fn image_loss_gradient_through_contact_agrees_with_central_differences() {
     // the block does touch the ground: without contact the motion would not depend on the material
     let stiffer = Unknowns { parameters: vec![8e4, 0.22], ..unknowns.clone() };
     let (soft, stiff) = (problem.positions(&unknowns).unwrap(), problem.positions(&stiffer).unwrap());
-    let apart = soft.to_vec().unwrap().iter().zip(stiff.to_vec().unwrap()).fold(0.0f64, |m, (a, b)| m.max((a - b).abs()));
+    let apart =
+        soft.to_vec().unwrap().iter().zip(stiff.to_vec().unwrap()).fold(0.0f64, |m, (a, b)| m.max((a - b).abs()));
     assert!(apart > 5e-3, "the material moves particles by {apart} m only");
 
     let x = unknowns.coordinates(&problem.law, Free::Both);

@@ -40,7 +40,14 @@ pub fn block(edge: usize, spacing: f64) -> Particles {
 }
 
 /// Pixels of the block's motion with the true unknowns, and the problem's configuration.
-pub fn film(particles: &Particles, truth: &Unknowns, config: &Config, frames: usize, size: usize, dtype: DType) -> Observed {
+pub fn film(
+    particles: &Particles,
+    truth: &Unknowns,
+    config: &Config,
+    frames: usize,
+    size: usize,
+    dtype: DType,
+) -> Observed {
     let cameras: Vec<Camera> = (0..3).map(|i| camera(i, 0.4 + 2.1 * i as f64, size)).collect();
     let rays = Arc::new(Rays::of_cameras(&cameras));
     let blank = Tensor::zeros([rays.len(), 4], dtype);
