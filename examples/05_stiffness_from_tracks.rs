@@ -2,7 +2,7 @@
 //!
 //! The whole simulation is one node of the tape, so the mean squared distance to the tracks has a gradient with respect
 //! to `log₁₀ E`, and L-BFGS walks down it. The tracks come from a simulation with half the time step and carry noise of
-//! 0.2 mm; the search starts a factor of ten too stiff.
+//! ±0.2 mm; the search starts a factor of ten too stiff.
 //!
 //! ```text
 //! cargo run --release --example 05_stiffness_from_tracks
