@@ -24,6 +24,8 @@ pub struct Lbfgs {
     pub history: usize,
     /// Outer iterations at most.
     pub iterations: usize,
+    /// Evaluations of the function at most.
+    pub evaluations: usize,
     /// Stops when no coordinate moves by more than this.
     pub tolerance: f64,
     /// Length of the first trial along the direction.
@@ -43,6 +45,7 @@ impl Default for Lbfgs {
         Self {
             history: 20,
             iterations: 100,
+            evaluations: usize::MAX,
             tolerance: 1e-3,
             first_step: 1.0,
             largest_move: f64::INFINITY,
@@ -153,7 +156,7 @@ impl Lbfgs {
         let (mut low, mut high, mut step) = (0.0, f64::INFINITY, first);
         let longest = self.largest_move / largest(direction);
         let mut best: (f64, Option<Sample>) = (0.0, None);
-        for _ in 0..self.trials {
+        for _ in 0..self.trials.min(self.evaluations.saturating_sub(*evaluations)) {
             let trial: Vec<f64> = x.iter().zip(direction).map(|(x, d)| x + step * d).collect();
             let (new, gradient) = f(&trial)?;
             *evaluations += 1;

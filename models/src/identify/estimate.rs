@@ -14,7 +14,8 @@ pub struct Evaluation {
     pub loss: f64,
 }
 
-/// Minimises the loss of the first `frames` frames over the free unknowns and returns the best evaluation.
+/// Minimises the loss of the first `frames` frames over the free unknowns, within a number of evaluations, and returns the
+/// best of them.
 ///
 /// `each` sees every evaluation; an error from it (an interruption, say) ends the estimate and is returned. `notes` hears of
 /// retries with smaller steps.
@@ -26,7 +27,7 @@ pub fn estimate(
     start: &Unknowns,
     free: Free,
     frames: usize,
-    iterations: usize,
+    evaluations: usize,
     each: &mut dyn FnMut(&Evaluation) -> Result<()>,
     notes: &mut dyn FnMut(String),
 ) -> Result<Evaluation> {
@@ -56,7 +57,14 @@ pub fn estimate(
         gradient.iter_mut().for_each(|g| *g *= scale);
         Ok((loss * scale, gradient))
     };
-    let search = Lbfgs { iterations, tolerance: 2e-3, largest_move: LARGEST_MOVE, trials: 6, ..Lbfgs::default() };
+    let search = Lbfgs {
+        iterations: evaluations,
+        evaluations,
+        tolerance: 2e-3,
+        largest_move: LARGEST_MOVE,
+        trials: 6,
+        ..Lbfgs::default()
+    };
     let x = start.coordinates(&problem.law, free);
     search.minimise(&x, &mut objective, |_| Ok(()))?;
     Ok(best.expect("the start was evaluated"))
