@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use gradreel::{Error, ErrorKind, Result};
 
+use crate::field::{bounding_sphere, hull};
 use crate::identify::{Config, Reconstruction, Run, reconstruct};
 use crate::report::interrupt;
 use crate::report::progress::Progress;
@@ -109,9 +110,10 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     config.world.ground = arguments.ground.unwrap_or(config.world.ground);
     config.geometry.dx = arguments.dx.unwrap_or(config.geometry.dx);
     config.check()?;
-    // the clip first: a folder that cannot be read leaves no trace
+    // the clip first: one that cannot be used leaves no trace
     let clip = open(&arguments.clip, &config)?;
     check_shrink(&clip, config.clip.shrink)?;
+    check_body(&clip, &config)?;
     let folder = match &arguments.out {
         Some(folder) => RunFolder::create(folder)?,
         None => RunFolder::create_free(Path::new("runs"), &clip.name)?,
@@ -125,6 +127,13 @@ fn resume(arguments: &Arguments) -> Result<(Run, Clip)> {
     let clip = open(&arguments.clip, &run.config)?;
     run.belongs_to(&clip)?;
     Ok((run, clip))
+}
+
+/// Refuses cameras and masks that contradict each other, and voxels that are too many.
+fn check_body(clip: &Clip, config: &Config) -> Result<()> {
+    let sphere = bounding_sphere(clip, 0)?;
+    let spacing = if config.geometry.dx > 0.0 { 0.5 * config.geometry.dx } else { sphere.radius / 20.0 };
+    hull(clip, 0, &sphere, spacing, config.geometry.hull_coverage).map(|_| ())
 }
 
 /// Refuses a factor that leaves fewer than eight pixels of an image's side.

@@ -146,7 +146,10 @@ pub fn hull(clip: &Clip, frame: usize, sphere: &Sphere, spacing: f64, threshold:
         return Err(Error::new(ErrorKind::Input, format!("frame {frame}: the silhouettes have no body in common"))
             .at(clip.root.display())
             .found(format!("nothing within {:.3} m of {:.3?}", sphere.radius, sphere.centre))
-            .fix("check that c2w is camera-to-world (OpenGL: looks along −z, y up) and belongs to these images"));
+            .fix(
+                "check that c2w is camera-to-world (OpenGL: looks along −z, y up) and belongs to these images, and that \
+                 geometry.dx (--dx) is smaller than the object",
+            ));
     }
     Ok(Hull { lattice, voxels })
 }

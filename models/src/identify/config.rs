@@ -157,11 +157,11 @@ impl Config {
             (positive(fit.density_rate), "geometry.fit.density_rate", "a positive number"),
             (positive(fit.colour_rate), "geometry.fit.colour_rate", "a positive number"),
             (fraction(f64::from(self.geometry.hull_coverage)), "geometry.hull_coverage", "0 to 1"),
-            (fraction(self.geometry.least_opacity), "geometry.least_opacity", "0 to 1"),
+            ((0.0..1.0).contains(&self.geometry.least_opacity), "geometry.least_opacity", "at least 0, below 1"),
             (self.world.gravity.iter().all(|g| g.is_finite()), "world.gravity", "three finite numbers in m/s²"),
             (self.world.ground.is_finite(), "world.ground", "a height in metres"),
-            (positive(self.world.density), "world.density", "a positive density in kg/m³"),
-            (positive(self.world.cfl) && self.world.cfl <= 1.0, "world.cfl", "above 0, at most 1"),
+            ((0.1..=1e5).contains(&self.world.density), "world.density", "0.1 to 100000 kg/m³"),
+            ((0.01..=1.0).contains(&self.world.cfl), "world.cfl", "0.01 to 1"),
             (self.world.memory_mib >= 16, "world.memory_mib", "at least 16 MiB"),
             (positive(self.surface.step) && self.surface.step <= 2.0, "surface.step", "above 0, at most 2 cells"),
             (positive(self.surface.depth), "surface.depth", "a positive optical depth"),
@@ -199,7 +199,7 @@ impl Config {
     ///
     /// # Errors
     /// [`ErrorKind::Input`] for a parameter that the law does not have, or a value that it cannot take or that is more
-    /// than a thousand times beyond what is plausible.
+    /// than a hundred times beyond what is plausible.
     pub fn starting_values(&self, law: &Law) -> Result<Vec<f64>> {
         let start = &self.material.start;
         let parameters = law.parameters();
@@ -214,7 +214,7 @@ impl Config {
         let value = |p: &crate::physics::Parameter| {
             let value = start.get(p.name).copied().unwrap_or(p.start);
             let (low, high) = match p.map {
-                Map::Log10 => (p.prior[0] / 1e3, p.prior[1] * 1e3),
+                Map::Log10 => (p.prior[0] / 100.0, p.prior[1] * 100.0),
                 Map::Bounded { low, high } => (low, high),
             };
             if (low..=high).contains(&value) && p.map.raw(value).is_finite() {

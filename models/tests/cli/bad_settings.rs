@@ -16,7 +16,9 @@ fn files_of_settings() {
         ("[geometry.fit]\ndensity_rate = nan", ["geometry.fit.density_rate", "positive"]),
         ("[world]\ndensity = 0.0", ["world.density", "kg/m³"]),
         ("[world]\ngravity = [0.0, inf, 0.0]", ["world.gravity", "m/s²"]),
-        ("[world]\ncfl = 3.0", ["world.cfl", "at most 1"]),
+        ("[world]\ncfl = 3.0", ["world.cfl", "0.01 to 1"]),
+        ("[world]\ncfl = 1e-30", ["world.cfl", "0.01 to 1"]),
+        ("[geometry]\nleast_opacity = 1.0", ["geometry.least_opacity", "below 1"]),
         ("[clip]\nshrink = 5000", ["clip.shrink", "at most 20"]),
         ("[material]\nname = 'cheese'", ["cheese", "neo_hookean"]),
         ("[material.start]\nhardness = 3.0", ["hardness", "young"]),
@@ -38,6 +40,7 @@ fn starting_values() {
     }
     scene.refuses("reconstruct clip --out out --density -1", &["world.density"]);
     scene.refuses("reconstruct clip --out out --dx -1", &["geometry.dx"]);
+    scene.refuses("reconstruct clip --out out --dx 0.00001", &["--dx", "too fine"]);
     scene.refuses("reconstruct clip --out out --ground nan", &["world.ground"]);
 }
 

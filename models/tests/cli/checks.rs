@@ -8,7 +8,9 @@ use crate::scene::{Scene, bundled, text};
 fn the_bundled_clip_is_complete() {
     let scene = Scene::new();
     let printed = scene.succeeds(&format!("check {}", bundled().display()));
-    assert!(printed.contains("7 cameras") || printed.contains("cameras"), "{printed}");
+    for part in ["7 cameras", "14 frames", "160 × 160", "ready to open"] {
+        assert!(printed.contains(part), "no {part:?} in: {printed}");
+    }
 }
 
 #[test]
