@@ -22,5 +22,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     }
     Err(Error::new(ErrorKind::Input, "the clip is not complete")
         .at(arguments.clip.display())
-        .found(format!("{} problems, listed above", inventory.problems.len())))
+        .found(format!("{} problems, listed above", inventory.problems.len()))
+        .fix("correct the problems listed above, or choose complete cameras and frames with --cameras and --frames"))
 }

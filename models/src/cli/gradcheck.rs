@@ -41,7 +41,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     println!("{passed} passed, {failed} failed");
     match (passed + failed, failed) {
         (0, _) => Err(Error::new(ErrorKind::Input, "no op or material has such a name")
-            .found(arguments.filter.as_deref().unwrap_or_default())),
+            .found(arguments.filter.as_deref().unwrap_or_default())
+            .fix("run `gradreel gradcheck` without a name to see all")),
         (_, 0) => Ok(()),
         _ => Err(Error::new(ErrorKind::NoGradient, "a derivative is wrong; see the rows marked FAIL")),
     }

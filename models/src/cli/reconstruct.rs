@@ -4,12 +4,13 @@ use std::path::{Path, PathBuf};
 
 use gradreel::{Error, ErrorKind, Result};
 
+use crate::field::{bounding_sphere, hull};
 use crate::identify::{Config, Reconstruction, Run, reconstruct};
 use crate::report::interrupt;
 use crate::report::progress::Progress;
 use crate::report::quantity::Quantity;
 use crate::report::reconstruction::{publish, quantities};
-use crate::report::run_folder::{RunFolder, next_free};
+use crate::report::run_folder::RunFolder;
 use crate::video::{Clip, OpenOptions};
 
 /// Arguments of `gradreel reconstruct`.
@@ -34,19 +35,19 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "COUNT", conflicts_with = "resume")]
     frames: Option<usize>,
     /// Young's modulus to start from [Pa]
-    #[arg(long, value_name = "PA", conflicts_with = "resume")]
+    #[arg(long, value_name = "PA", allow_negative_numbers = true, conflicts_with = "resume")]
     young: Option<f64>,
     /// Poisson ratio to start from
     #[arg(long, value_name = "RATIO", allow_negative_numbers = true, conflicts_with = "resume")]
     poisson: Option<f64>,
     /// Density of the object [kg/m³]; a wrong one scales Young's modulus alike
-    #[arg(long, value_name = "KG/M3", conflicts_with = "resume")]
+    #[arg(long, value_name = "KG/M3", allow_negative_numbers = true, conflicts_with = "resume")]
     density: Option<f64>,
     /// Height of the ground [m]
     #[arg(long, value_name = "M", allow_negative_numbers = true, conflicts_with = "resume")]
     ground: Option<f64>,
     /// Grid spacing of the simulation [m] [default: 0.02, or one that gives about ten thousand particles]
-    #[arg(long, value_name = "M", conflicts_with = "resume")]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, conflicts_with = "resume")]
     dx: Option<f64>,
     /// No progress on stderr
     #[arg(long, short)]
@@ -92,7 +93,9 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     let mut config = match &arguments.config {
         None => Config::default(),
         Some(path) => {
-            let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, "read the configuration", &e))?;
+            let text = std::fs::read_to_string(path).map_err(|e| {
+                Error::io(path, "read the configuration", &e).fix("give the path of a TOML file to --config")
+            })?;
             Config::parse(&text).map_err(|e| e.at(path.display()))?
         }
     };
@@ -107,17 +110,44 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     config.world.ground = arguments.ground.unwrap_or(config.world.ground);
     config.geometry.dx = arguments.dx.unwrap_or(config.geometry.dx);
     config.check()?;
-    // the clip first: a folder that cannot be read leaves no trace
+    // the clip first: one that cannot be used leaves no trace
     let clip = open(&arguments.clip, &config)?;
-    let folder = arguments.out.clone().unwrap_or_else(|| next_free(Path::new("runs"), &clip.name));
-    Ok((Run::create(RunFolder::create(&folder)?, config)?, clip))
+    check_shrink(&clip, config.clip.shrink)?;
+    check_body(&clip, &config)?;
+    let folder = match &arguments.out {
+        Some(folder) => RunFolder::create(folder)?,
+        None => RunFolder::create_free(Path::new("runs"), &clip.name)?,
+    };
+    Ok((Run::create(folder, config, &clip)?, clip))
 }
 
 fn resume(arguments: &Arguments) -> Result<(Run, Clip)> {
     let folder = arguments.out.as_deref().unwrap_or(Path::new("."));
     let run = Run::open(RunFolder::open(folder)?)?;
     let clip = open(&arguments.clip, &run.config)?;
+    run.belongs_to(&clip)?;
     Ok((run, clip))
+}
+
+/// Refuses cameras and masks that contradict each other, and voxels that are too many.
+fn check_body(clip: &Clip, config: &Config) -> Result<()> {
+    let sphere = bounding_sphere(clip, 0)?;
+    let spacing = if config.geometry.dx > 0.0 { 0.5 * config.geometry.dx } else { sphere.radius / 20.0 };
+    hull(clip, 0, &sphere, spacing, config.geometry.hull_coverage).map(|_| ())
+}
+
+/// Refuses a factor that leaves fewer than eight pixels of an image's side.
+fn check_shrink(clip: &Clip, shrink: usize) -> Result<()> {
+    let side = clip.cameras.iter().map(|camera| camera.width.min(camera.height)).min().unwrap_or(0);
+    let most = (side / 8).max(1);
+    if shrink <= most {
+        return Ok(());
+    }
+    Err(Error::new(ErrorKind::Input, "images shrunk that much show nothing")
+        .at("clip.shrink")
+        .found(format!("{shrink}, for images of {side} pixels"))
+        .wanted(format!("at most {most}"))
+        .fix("choose a smaller factor in the file of --config, or 0 for an automatic one"))
 }
 
 fn open(path: &Path, config: &Config) -> Result<Clip> {
@@ -130,7 +160,8 @@ fn open(path: &Path, config: &Config) -> Result<Clip> {
     if clip.frame_count() < 2 {
         return Err(Error::new(ErrorKind::Input, "a clip needs at least two frames to show motion")
             .at(path.display())
-            .found(clip.frame_count()));
+            .found(clip.frame_count())
+            .fix("raise --frames, or add images to the clip"));
     }
     Ok(clip)
 }

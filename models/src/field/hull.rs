@@ -8,6 +8,9 @@ use rayon::prelude::*;
 
 use crate::video::{Camera, Clip, Frame};
 
+/// Most voxels of the box around an object.
+const MOST_NODES: usize = 1 << 26;
+
 /// A ball around the object \[m\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sphere {
@@ -114,6 +117,13 @@ pub fn hull(clip: &Clip, frame: usize, sphere: &Sphere, spacing: f64, threshold:
     let first = sphere.centre.map(|c| ((c - sphere.radius) / spacing).floor());
     let last = sphere.centre.map(|c| ((c + sphere.radius) / spacing).ceil());
     let dims: [usize; 3] = std::array::from_fn(|a| (last[a] - first[a]) as usize + 1);
+    if dims.iter().try_fold(1usize, |n, &d| n.checked_mul(d)).is_none_or(|nodes| nodes > MOST_NODES) {
+        return Err(Error::new(ErrorKind::Input, "the voxels are too fine for the object")
+            .at(clip.root.display())
+            .found(format!("{spacing} m, for an object within {:.3} m", sphere.radius))
+            .wanted(format!("at most {MOST_NODES} voxels around it"))
+            .fix("raise geometry.dx (--dx), twice the spacing of the voxels"));
+    }
     let lattice = Lattice { origin: first.map(|i| (i + 0.5) * spacing), spacing, dims };
     let inside = |flat: usize| {
         let node = [flat / (dims[1] * dims[2]), flat / dims[2] % dims[1], flat % dims[2]];
@@ -136,7 +146,10 @@ pub fn hull(clip: &Clip, frame: usize, sphere: &Sphere, spacing: f64, threshold:
         return Err(Error::new(ErrorKind::Input, format!("frame {frame}: the silhouettes have no body in common"))
             .at(clip.root.display())
             .found(format!("nothing within {:.3} m of {:.3?}", sphere.radius, sphere.centre))
-            .fix("check that c2w is camera-to-world (OpenGL: looks along −z, y up) and belongs to these images"));
+            .fix(
+                "check that c2w is camera-to-world (OpenGL: looks along −z, y up) and belongs to these images, and that \
+                 geometry.dx (--dx) is smaller than the object",
+            ));
     }
     Ok(Hull { lattice, voxels })
 }

@@ -4,7 +4,7 @@ use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
 use crate::field::FitSettings;
-use crate::physics::CFL;
+use crate::physics::{CFL, Law, Map, materials};
 use crate::render::{Surface, Weights};
 
 /// Everything a reconstruction can be told. A run stores the resolved values as `config.toml`.
@@ -150,14 +150,18 @@ impl Config {
     pub fn check(&self) -> Result<()> {
         let positive = |x: f64| x > 0.0 && x.is_finite();
         let fraction = |x: f64| (0.0..=1.0).contains(&x);
+        let dx = self.geometry.dx;
+        let fit = &self.geometry.fit;
         let rules = [
-            (self.geometry.dx >= 0.0 && self.geometry.dx.is_finite(), "geometry.dx", "0 or a length in metres"),
+            (dx == 0.0 || (1e-5..=10.0).contains(&dx), "geometry.dx", "0, or 0.00001 to 10 m"),
+            (positive(fit.density_rate), "geometry.fit.density_rate", "a positive number"),
+            (positive(fit.colour_rate), "geometry.fit.colour_rate", "a positive number"),
             (fraction(f64::from(self.geometry.hull_coverage)), "geometry.hull_coverage", "0 to 1"),
-            (fraction(self.geometry.least_opacity), "geometry.least_opacity", "0 to 1"),
+            ((0.0..1.0).contains(&self.geometry.least_opacity), "geometry.least_opacity", "at least 0, below 1"),
             (self.world.gravity.iter().all(|g| g.is_finite()), "world.gravity", "three finite numbers in m/s²"),
             (self.world.ground.is_finite(), "world.ground", "a height in metres"),
-            (positive(self.world.density), "world.density", "a positive density in kg/m³"),
-            (positive(self.world.cfl) && self.world.cfl <= 1.0, "world.cfl", "above 0, at most 1"),
+            ((0.1..=1e5).contains(&self.world.density), "world.density", "0.1 to 100000 kg/m³"),
+            ((0.01..=1.0).contains(&self.world.cfl), "world.cfl", "0.01 to 1"),
             (self.world.memory_mib >= 16, "world.memory_mib", "at least 16 MiB"),
             (positive(self.surface.step) && self.surface.step <= 2.0, "surface.step", "above 0, at most 2 cells"),
             (positive(self.surface.depth), "surface.depth", "a positive optical depth"),
@@ -166,9 +170,62 @@ impl Config {
         ];
         for (holds, name, wanted) in rules {
             if !holds {
-                return Err(Error::new(ErrorKind::Input, "a setting is outside its range").at(name).wanted(wanted));
+                return Err(Error::new(ErrorKind::Input, format!("the setting {name} is outside its range"))
+                    .at(name)
+                    .wanted(wanted)
+                    .fix("correct it in the file of --config or on the command line, or leave it out"));
             }
         }
-        Ok(())
+        self.starting_values(&self.law()?).map(|_| ())
+    }
+
+    /// The law of the material.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] when there is no material of this name.
+    pub fn law(&self) -> Result<Law> {
+        let name = &self.material.name;
+        materials::find(name).ok_or_else(|| {
+            let known: Vec<_> = materials::all().iter().map(|law| law.name().to_owned()).collect();
+            Error::new(ErrorKind::Input, "there is no material of this name")
+                .at("material.name")
+                .found(name)
+                .wanted(format!("one of {known:?}"))
+                .fix("choose one of these in the file of --config")
+        })
+    }
+
+    /// Where the parameters of a law start, in its order.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] for a parameter that the law does not have, or a value that it cannot take or that is more
+    /// than a hundred times beyond what is plausible.
+    pub fn starting_values(&self, law: &Law) -> Result<Vec<f64>> {
+        let start = &self.material.start;
+        let parameters = law.parameters();
+        if let Some(unknown) = start.keys().find(|name| parameters.iter().all(|p| p.name != name.as_str())) {
+            let known: Vec<_> = parameters.iter().map(|p| p.name).collect();
+            return Err(Error::new(ErrorKind::Input, "the material has no parameter of this name")
+                .at("material.start")
+                .found(unknown)
+                .wanted(format!("one of {known:?}"))
+                .fix("correct the name in the file of --config"));
+        }
+        let value = |p: &crate::physics::Parameter| {
+            let value = start.get(p.name).copied().unwrap_or(p.start);
+            let (low, high) = match p.map {
+                Map::Log10 => (p.prior[0] / 100.0, p.prior[1] * 100.0),
+                Map::Bounded { low, high } => (low, high),
+            };
+            if (low..=high).contains(&value) && p.map.raw(value).is_finite() {
+                return Ok(value);
+            }
+            Err(Error::new(ErrorKind::Input, format!("the parameter {} cannot start there", p.name))
+                .at(format!("material.start.{}", p.name))
+                .found(format!("{value} {}", p.unit))
+                .wanted(format!("between {low} and {high} {}", p.unit))
+                .fix(format!("start for example from {} {} (--{} or --config)", p.start, p.unit, p.name)))
+        };
+        parameters.iter().map(value).collect()
     }
 }

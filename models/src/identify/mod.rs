@@ -21,5 +21,5 @@ pub use contact::first_contact;
 pub use estimate::{Evaluation, estimate};
 pub use problem::{Observed, Problem};
 pub use reconstruct::{Reconstruction, reconstruct};
-pub use run::{HistoryRow, Run, State};
+pub use run::{ClipIdentity, HistoryRow, Run, State};
 pub use unknowns::{Bound, Free, Unknowns};

@@ -3,13 +3,13 @@
 use std::time::Instant;
 
 use gradreel::optim::{Adam, Params};
-use gradreel::{DType, Error, ErrorKind, Result, Tensor};
+use gradreel::{DType, Result, Tensor};
 
 use crate::field::{Field, Pose, bounding_sphere, fit, hull};
 use crate::identify::run::{HistoryRow, Run};
 use crate::identify::{Free, Observed, Problem, Unknowns, estimate, first_contact};
 use crate::particles::Particles;
-use crate::physics::{Law, materials};
+use crate::physics::Law;
 use crate::render::Splat;
 use crate::report::interrupt;
 use crate::report::progress::Progress;
@@ -38,11 +38,11 @@ pub struct Reconstruction {
 /// [`ErrorKind::Input`] for a clip that cannot be used; [`ErrorKind::Physics`] when the simulation breaks down whatever the
 /// step; [`ErrorKind::Interrupted`] when the user stopped it. The run can go on from there.
 pub fn reconstruct(clip: &Clip, run: &mut Run, progress: &Progress) -> Result<Reconstruction> {
-    let law = material(run)?;
+    let law = run.config.law()?;
     let spacing = particle_spacing(clip, run)?;
     let clip = &clip.scaled(shrink_factor(clip, run, 2.0 * spacing)?);
     let observed = Observed::of(clip, &run.config, DTYPE)?;
-    let start = Unknowns { velocity: [0.0; 3], parameters: starting_values(&law, run)? };
+    let start = Unknowns { velocity: [0.0; 3], parameters: run.config.starting_values(&law)? };
     let stages = Stages { clip, observed: &observed, law: &law, spacing, progress };
 
     let mut unknowns = run.state.unknowns.clone().unwrap_or(start);
@@ -304,42 +304,6 @@ pub(crate) fn describe(law: &Law, unknowns: &Unknowns) -> String {
 
 /// Iterations of a fit between two savings.
 const SAVE_EVERY: usize = 20;
-
-fn material(run: &Run) -> Result<Law> {
-    let name = &run.config.material.name;
-    materials::find(name).ok_or_else(|| {
-        let known: Vec<_> = materials::all().iter().map(|law| law.name().to_owned()).collect();
-        Error::new(ErrorKind::Input, "there is no material of this name")
-            .at("material.name")
-            .found(name)
-            .wanted(format!("one of {known:?}"))
-    })
-}
-
-fn starting_values(law: &Law, run: &Run) -> Result<Vec<f64>> {
-    let start = &run.config.material.start;
-    let parameters = law.parameters();
-    if let Some(unknown) = start.keys().find(|name| parameters.iter().all(|p| p.name != name.as_str())) {
-        let known: Vec<_> = parameters.iter().map(|p| p.name).collect();
-        return Err(Error::new(ErrorKind::Input, "the material has no parameter of this name")
-            .at("material.start")
-            .found(unknown)
-            .wanted(format!("one of {known:?}")));
-    }
-    parameters
-        .iter()
-        .map(|p| {
-            let value = start.get(p.name).copied().unwrap_or(p.start);
-            if p.map.raw(value).is_finite() {
-                return Ok(value);
-            }
-            Err(Error::new(ErrorKind::Input, "a parameter cannot start there")
-                .at(format!("material.start.{}", p.name))
-                .found(format!("{value} {}", p.unit))
-                .wanted(format!("for example {} {}", p.start, p.unit)))
-        })
-        .collect()
-}
 
 /// Half the configured grid spacing, or the one that the object's size asks for; the latter is stored.
 fn particle_spacing(clip: &Clip, run: &mut Run) -> Result<f64> {

@@ -11,10 +11,13 @@ use serde::{Deserialize, Serialize};
 use crate::field::Field;
 use crate::identify::{Config, Unknowns};
 use crate::report::run_folder::RunFolder;
+use crate::video::Clip;
 
 /// What a run has reached; `state.json` in its folder.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct State {
+    /// The clip it was begun with.
+    pub clip: ClipIdentity,
     /// Stages that are finished.
     pub finished: Vec<String>,
     /// Seconds that each finished stage took.
@@ -29,6 +32,37 @@ pub struct State {
     pub history: Vec<HistoryRow>,
     /// What happened that the user should know.
     pub notes: Vec<String>,
+}
+
+/// What tells one clip from another when a run goes on.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct ClipIdentity {
+    /// Name of the clip's folder.
+    pub name: String,
+    /// Cameras in use.
+    pub cameras: Vec<i64>,
+    /// Widths and heights of their images \[pixels\].
+    pub sizes: Vec<[usize; 2]>,
+    /// Number of frames in use.
+    pub frames: usize,
+}
+
+impl ClipIdentity {
+    fn of(clip: &Clip) -> Self {
+        Self {
+            name: clip.name.clone(),
+            cameras: clip.cameras.iter().map(|camera| camera.id).collect(),
+            sizes: clip.cameras.iter().map(|camera| [camera.width, camera.height]).collect(),
+            frames: clip.frame_count(),
+        }
+    }
+}
+
+impl std::fmt::Display for ClipIdentity {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { name, cameras, sizes, frames } = self;
+        write!(f, "`{name}`: {frames} frames of cameras {cameras:?}, {sizes:?} pixels")
+    }
 }
 
 /// One evaluation of an estimate.
@@ -62,9 +96,10 @@ impl Run {
     ///
     /// # Errors
     /// [`ErrorKind::Input`] when the folder holds something.
-    pub fn create(folder: RunFolder, config: Config) -> Result<Self> {
+    pub fn create(folder: RunFolder, config: Config, clip: &Clip) -> Result<Self> {
         folder.write(CONFIG, config.to_toml()?.as_bytes())?;
-        let run = Self { folder, config, state: State::default() };
+        let state = State { clip: ClipIdentity::of(clip), ..State::default() };
+        let run = Self { folder, config, state };
         run.save()?;
         Ok(run)
     }
@@ -75,11 +110,41 @@ impl Run {
     /// [`ErrorKind::Input`] when the folder holds no run, or its files are damaged.
     pub fn open(folder: RunFolder) -> Result<Self> {
         let text = |name: &str| -> Result<String> {
+            if !folder.has(name) {
+                return Err(Error::new(ErrorKind::Input, "there is no run in this folder")
+                    .at(folder.path(name).display())
+                    .found("no such file")
+                    .fix("give the folder of an interrupted run to --out, or leave --resume out"));
+            }
             String::from_utf8(folder.read(name)?).map_err(|e| damaged(&folder, name, &e))
         };
         let config = Config::parse(&text(CONFIG)?).map_err(|e| e.at(folder.path(CONFIG).display()))?;
-        let state = serde_json::from_str(&text(STATE)?).map_err(|e| damaged(&folder, STATE, &e))?;
+        let state: State = serde_json::from_str(&text(STATE)?).map_err(|e| damaged(&folder, STATE, &e))?;
+        let parameters = config.law()?.parameters().len();
+        let begun = state.unknowns.iter().chain(state.history.iter().map(|row| &row.unknowns));
+        if begun.into_iter().any(|unknowns| unknowns.parameters.len() != parameters) {
+            return Err(damaged(&folder, STATE, &"another number of parameters than the material has"));
+        }
+        if state.seconds.len() != state.finished.len() {
+            return Err(damaged(&folder, STATE, &"stages without their times"));
+        }
         Ok(Self { folder, config, state })
+    }
+
+    /// Whether a clip is the one that the run was begun with.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] when its name, cameras, image sizes or number of frames differ.
+    pub fn belongs_to(&self, clip: &Clip) -> Result<()> {
+        let given = ClipIdentity::of(clip);
+        if given == self.state.clip {
+            return Ok(());
+        }
+        Err(Error::new(ErrorKind::Input, "the run was begun with another clip")
+            .at(clip.root.display())
+            .found(given)
+            .wanted(&self.state.clip)
+            .fix("give the clip of the run, or start a new run with another --out"))
     }
 
     /// Writes the state.
@@ -159,12 +224,14 @@ impl Run {
     /// # Errors
     /// [`ErrorKind::Input`] when the file is missing or damaged.
     pub fn load_field(&self, adam: &mut Adam) -> Result<(Field, Params)> {
-        let file =
-            TensorFile::from_bytes(&self.folder.read(FIELD)?).map_err(|e| e.at(self.folder.path(FIELD).display()))?;
+        let file = TensorFile::from_bytes(&self.folder.read(FIELD)?).map_err(|e| damaged(&self.folder, FIELD, &e))?;
         let lattice = file.metadata.get("lattice").map_or("", String::as_str);
         let (origin, spacing, dims): ([f64; 3], f64, [usize; 3]) =
             serde_json::from_str(lattice).map_err(|e| damaged(&self.folder, FIELD, &e))?;
         let lattice = Lattice { origin, spacing, dims };
+        for name in ["voxels", "field.density", "field.colour"] {
+            file.get(name).map_err(|e| damaged(&self.folder, FIELD, &e))?;
+        }
         let voxels = file.get("voxels")?;
         let nodes = dims.iter().try_fold(1usize, |n, d| n.checked_mul(*d)).unwrap_or(0);
         let fits = voxels.dtype() == gradreel::DType::U32
@@ -175,7 +242,7 @@ impl Run {
             return Err(damaged(&self.folder, FIELD, &"tensors that do not belong together"));
         }
         if file.tensors.contains_key("adam.steps") {
-            adam.restore(&file.tensors)?;
+            adam.restore(&file.tensors).map_err(|e| damaged(&self.folder, FIELD, &e))?;
         }
         let field = Field { lattice, voxels: voxels.slice::<u32>().to_vec() };
         let params = file.tensors.into_iter().filter(|(path, _)| path.starts_with("field.")).collect();

@@ -55,13 +55,37 @@ impl RunFolder {
         Ok(Self { root: path.to_path_buf() })
     }
 
+    /// Makes a folder of its own below `base`, named as [`next_free`] says. Of two runs that begin at once, each gets
+    /// another one.
+    ///
+    /// # Errors
+    ///
+    /// `base` is a file, or a folder cannot be made in it.
+    pub fn create_free(base: &Path, name: &str) -> Result<Self> {
+        let failed = |path: &Path, e: &std::io::Error| Error::io(path, "make the folder of the run", e);
+        fs::create_dir_all(base).map_err(|e| match e.kind() {
+            std::io::ErrorKind::AlreadyExists | std::io::ErrorKind::NotADirectory => not_a_folder(base),
+            _ => failed(base, &e),
+        })?;
+        loop {
+            let root = next_free(base, name);
+            match fs::create_dir(&root) {
+                Ok(()) => return Ok(Self { root }),
+                Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {}
+                Err(e) => return Err(failed(&root, &e)),
+            }
+        }
+    }
+
     /// Opens the folder of an earlier run.
     ///
     /// # Errors
     ///
     /// The path does not exist or is not a folder.
     pub fn open(path: &Path) -> Result<Self> {
-        let found = fs::metadata(path).map_err(|e| Error::io(path, "open the folder of the run", &e))?;
+        let found = fs::metadata(path).map_err(|e| {
+            Error::io(path, "open the folder of the run", &e).fix("give the folder of an interrupted run to --out")
+        })?;
         if !found.is_dir() {
             return Err(not_a_folder(path));
         }
@@ -104,7 +128,9 @@ impl RunFolder {
     /// The name leads out of the folder, or the file is missing or unreadable.
     pub fn read(&self, relative: &str) -> Result<Vec<u8>> {
         let path = self.inside(relative)?;
-        fs::read(&path).map_err(|e| Error::io(&path, "read a file of the run", &e))
+        fs::read(&path).map_err(|e| {
+            Error::io(&path, "read a file of the run", &e).fix("start again with another `--out`, if it is lost")
+        })
     }
 
     /// Whether the run has this file.

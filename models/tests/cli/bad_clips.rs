@@ -1,0 +1,95 @@
+//! Clips that are broken in one place: refused with the place and a way out, before anything is written.
+
+use std::fs;
+
+use serde_json::Value;
+
+use crate::scene::Scene;
+
+const RUN: &str = "reconstruct clip --out out --config quick.toml";
+
+fn paint(scene: &Scene, file: &str, (width, height): (u32, u32)) {
+    let file = fs::File::create(scene.path(file)).unwrap();
+    let mut encoder = png::Encoder::new(file, width, height);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.write_header().unwrap().write_image_data(&vec![90; (width * height * 3) as usize]).unwrap();
+}
+
+#[test]
+fn a_folder_that_is_not_there() {
+    Scene::new().refuses("reconstruct nowhere --out out", &["nowhere", "all_data.json"]);
+    Scene::new().refuses("reconstruct quick.toml", &["quick.toml", "a file"]);
+}
+
+#[test]
+fn a_list_that_is_not_json() {
+    let scene = Scene::with_clip(&[0, 3], 2);
+    scene.write("clip/all_data.json", "[{\"file_path\": ");
+    scene.refuses(RUN, &["all_data.json", "line 1"]);
+    scene.write("clip/all_data.json", "");
+    scene.refuses(RUN, &["all_data.json"]);
+    fs::remove_file(scene.path("clip/all_data.json")).unwrap();
+    scene.refuses(RUN, &["all_data.json"]);
+}
+
+#[test]
+fn a_truncated_image() {
+    let scene = Scene::with_clip(&[0, 3], 2);
+    let whole = fs::read(scene.path("clip/data/r_3_1.png")).unwrap();
+    scene.write("clip/data/r_3_1.png", &whole[..whole.len() / 2]);
+    scene.refuses(RUN, &["r_3_1.png", "decode"]);
+}
+
+#[test]
+fn an_image_of_another_size() {
+    let scene = Scene::with_clip(&[0, 3], 2);
+    paint(&scene, "clip/data/r_3_1.png", (80, 160));
+    scene.refuses(RUN, &["r_3_1.png", "80 × 160", "160 × 160"]);
+}
+
+#[test]
+fn a_camera_without_background() {
+    let scene = Scene::with_clip(&[0, 3], 2);
+    fs::remove_file(scene.path("clip/data/r_3_-1.png")).unwrap();
+    scene.refuses(RUN, &["camera 3", "r_3_-1.png"]);
+}
+
+#[test]
+fn a_scene_without_an_object() {
+    let scene = Scene::with_clip(&[0, 3], 2);
+    for frame in 0..2 {
+        fs::copy(scene.path("clip/data/r_3_-1.png"), scene.path(&format!("clip/data/r_3_{frame}.png"))).unwrap();
+    }
+    scene.refuses(RUN, &["clip", "camera 3 never sees an object"]);
+}
+
+#[test]
+fn a_missing_frame() {
+    let scene = Scene::with_clip(&[0, 3], 4);
+    fs::remove_file(scene.path("clip/data/r_3_2.png")).unwrap();
+    scene.refuses(RUN, &["r_3_2.png", "frame 2 is missing"]);
+}
+
+#[test]
+fn frames_at_uneven_times() {
+    let scene = Scene::with_clip(&[0, 3], 4);
+    let list = fs::read(scene.path("clip/all_data.json")).unwrap();
+    let mut list: Vec<Value> = serde_json::from_slice(&list).unwrap();
+    list.iter_mut().filter(|e| e["file_path"] == "./data/r_3_2.png").for_each(|e| e["time"] = 0.5.into());
+    scene.write("clip/all_data.json", Value::from(list).to_string());
+    scene.refuses(RUN, &["all_data.json", "synchronous"]);
+}
+
+#[test]
+fn a_single_frame() {
+    Scene::with_clip(&[0, 3], 1).refuses(RUN, &["clip", "two frames"]);
+}
+
+#[test]
+fn an_output_folder_with_something_in_it() {
+    let scene = Scene::with_clip(&[0, 3], 2);
+    fs::create_dir(scene.path("out")).unwrap();
+    scene.write("out/config.toml", "mine");
+    scene.refuses(RUN, &["out", "not empty", "--resume"]);
+    scene.refuses("reconstruct clip --out quick.toml", &["quick.toml", "file"]);
+}

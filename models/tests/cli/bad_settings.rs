@@ -1,0 +1,58 @@
+//! Settings that make no sense: refused by name, before anything is written.
+
+use crate::scene::Scene;
+
+#[test]
+fn files_of_settings() {
+    let scene = Scene::with_clip(&[0, 3], 2);
+    for (settings, parts) in [
+        ("[geometry]\nvoxel_size = 1.0", ["voxel_size", "config.toml"]),
+        ("[geometry", ["line 1", "bad.toml"]),
+        ("[geometry]\ndx = 'small'", ["dx", "bad.toml"]),
+        ("[geometry]\ndx = -0.1", ["geometry.dx", "0.00001"]),
+        ("[geometry]\ndx = 1e-300", ["geometry.dx", "0.00001"]),
+        ("[geometry]\ndx = nan", ["geometry.dx", "0.00001"]),
+        ("[geometry]\nhull_coverage = 2.0", ["geometry.hull_coverage", "0 to 1"]),
+        ("[geometry.fit]\ndensity_rate = nan", ["geometry.fit.density_rate", "positive"]),
+        ("[world]\ndensity = 0.0", ["world.density", "kg/m³"]),
+        ("[world]\ngravity = [0.0, inf, 0.0]", ["world.gravity", "m/s²"]),
+        ("[world]\ncfl = 3.0", ["world.cfl", "0.01 to 1"]),
+        ("[world]\ncfl = 1e-30", ["world.cfl", "0.01 to 1"]),
+        ("[geometry]\nleast_opacity = 1.0", ["geometry.least_opacity", "below 1"]),
+        ("[clip]\nshrink = 5000", ["clip.shrink", "at most 20"]),
+        ("[material]\nname = 'cheese'", ["cheese", "neo_hookean"]),
+        ("[material.start]\nhardness = 3.0", ["hardness", "young"]),
+    ] {
+        scene.write("bad.toml", settings);
+        scene.refuses("reconstruct clip --out out --config bad.toml", &parts);
+    }
+    scene.refuses("reconstruct clip --out out --config missing.toml", &["missing.toml"]);
+}
+
+#[test]
+fn starting_values() {
+    let scene = Scene::with_clip(&[0, 3], 2);
+    for young in ["-5", "0", "nan", "inf", "1e300", "1e-300"] {
+        scene.refuses(&format!("reconstruct clip --out out --young {young}"), &["young", "Pa"]);
+    }
+    for poisson in ["0.5", "-0.9", "nan"] {
+        scene.refuses(&format!("reconstruct clip --out out --poisson {poisson}"), &["poisson", "0.45"]);
+    }
+    scene.refuses("reconstruct clip --out out --density -1", &["world.density"]);
+    scene.refuses("reconstruct clip --out out --dx -1", &["geometry.dx"]);
+    scene.refuses("reconstruct clip --out out --dx 0.00001", &["--dx", "too fine"]);
+    scene.refuses("reconstruct clip --out out --ground nan", &["world.ground"]);
+}
+
+#[test]
+fn cameras_and_frames() {
+    let scene = Scene::with_clip(&[0, 3], 2);
+    scene.refuses("reconstruct clip --out out --cameras 0,9", &["camera 9", "0 and 3"]);
+    scene.refuses("reconstruct clip --out out --frames 1", &["two frames", "--frames"]);
+    for arguments in ["reconstruct clip --young soft", "reconstruct clip --cameras left", "reconstruct", "cook clip"] {
+        let output = scene.run(arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments}");
+        assert!(String::from_utf8_lossy(&output.stderr).contains("--help"), "{arguments}");
+        assert!(!scene.path("runs").exists());
+    }
+}

@@ -1,0 +1,39 @@
+//! `gradreel check` and `gradreel gradcheck`.
+
+use std::fs;
+
+use crate::scene::{Scene, bundled, text};
+
+#[test]
+fn the_bundled_clip_is_complete() {
+    let scene = Scene::new();
+    let printed = scene.succeeds(&format!("check {}", bundled().display()));
+    for part in ["7 cameras", "14 frames", "160 × 160", "ready to open"] {
+        assert!(printed.contains(part), "no {part:?} in: {printed}");
+    }
+}
+
+#[test]
+fn an_incomplete_clip_is_listed() {
+    let scene = Scene::with_clip(&[0, 3], 3);
+    scene.succeeds("check clip");
+    fs::remove_file(scene.path("clip/data/r_3_1.png")).unwrap();
+    fs::remove_file(scene.path("clip/data/r_0_-1.png")).unwrap();
+    scene.refuses("check clip", &["not complete", "clip"]);
+    let printed = text(&scene.run("check clip").stdout);
+    for part in ["r_3_1.png", "camera 0"] {
+        assert!(printed.contains(part), "no {part:?} in: {printed}");
+    }
+    scene.refuses("check nowhere", &["nowhere"]);
+}
+
+#[test]
+fn derivatives_are_tables() {
+    let scene = Scene::new();
+    for name in ["tanh", "neo_hookean"] {
+        let printed = scene.succeeds(&format!("gradcheck {name}"));
+        assert!(printed.contains(name) && printed.contains(", 0 failed"), "{printed}");
+        assert!(!printed.contains("FAIL"), "{printed}");
+    }
+    scene.refuses("gradcheck nosuchop", &["nosuchop"]);
+}

@@ -1,0 +1,10 @@
+//! The command line as its users meet it: the program itself, its exit codes, its messages and what it leaves behind.
+
+mod bad_clips;
+mod bad_settings;
+mod checks;
+#[cfg(unix)]
+mod interrupted;
+mod resumed;
+mod results;
+mod scene;

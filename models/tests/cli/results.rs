@@ -1,0 +1,89 @@
+//! What a finished run leaves: every file can be read back and says what it should.
+
+use std::fs;
+
+use gradreel_models::identify::Config;
+use serde_json::Value;
+
+use crate::scene::{Scene, bundled};
+
+#[test]
+fn a_quick_run_leaves_every_result() {
+    let scene = Scene::new();
+    let clip = bundled();
+    let arguments = "--cameras 0,2,4,6 --frames 8 --young 20000 --out out --config quick.toml";
+    let printed = scene.succeeds(&format!("reconstruct {} {arguments}", clip.display()));
+    let young = printed.lines().find(|line| line.contains("Young's modulus")).expect("the summary names it");
+    assert!(young.trim_end().ends_with("Pa"), "{young}");
+    assert!(printed.contains("index.html"));
+
+    let out = scene.path("out");
+    let config = Config::parse(&fs::read_to_string(out.join("config.toml")).unwrap()).unwrap();
+    assert_eq!((config.clip.cameras, config.clip.frames), (vec![0, 2, 4, 6], 8));
+    assert_eq!(config.material.start["young"], 20000.0);
+
+    let file = fs::read(out.join("parameters.json")).unwrap();
+    let parameters: Value = serde_json::from_slice(&file).unwrap();
+    for (name, unit) in [("young", "Pa"), ("poisson", "-"), ("velocity_y", "m/s")] {
+        let entry = &parameters["parameters"][name];
+        assert_eq!(entry["unit"], unit, "{name}");
+        assert!(entry["value"].as_f64().is_some_and(f64::is_finite), "{entry}");
+    }
+    assert!(parameters["parameters"]["young"]["value"].as_f64().unwrap() > 0.0);
+    assert_eq!(parameters["parameters"]["young"]["start"], 20000.0);
+    assert!(parameters["assumed"]["density"]["value"] == 1000.0);
+    let particles = parameters["quality"]["particles"].as_f64().unwrap();
+
+    for frame in 0..8 {
+        let ply = fs::read(out.join(format!("particles/frame_{frame:03}.ply"))).unwrap();
+        let header = String::from_utf8_lossy(&ply[..ply.len().min(200)]).into_owned();
+        assert!(header.starts_with("ply\n") && header.contains(&format!("element vertex {particles}\n")), "{header}");
+    }
+    assert!(!out.join("particles/frame_008.ply").exists());
+    let animation = fs::read(out.join("input_and_reconstruction.gif")).unwrap();
+    let mut options = gif::DecodeOptions::new();
+    options.set_color_output(gif::ColorOutput::RGBA);
+    let mut decoder = options.read_info(&animation[..]).unwrap();
+    let mut pictures = 0;
+    while decoder.read_next_frame().unwrap().is_some() {
+        pictures += 1;
+    }
+    assert_eq!(pictures, 8);
+    let plots: Vec<_> = fs::read_dir(out.join("plots")).unwrap().collect();
+    assert!(plots.len() >= 3, "{plots:?}");
+
+    let page = fs::read_to_string(out.join("index.html")).unwrap();
+    for part in ["Young", "assumed", "data:image/gif;base64,"] {
+        assert!(page.contains(part), "no {part:?}");
+    }
+    for link in ["src=\"http", "href=\"http", "url(http", "import(\"http"] {
+        assert!(!page.contains(link), "the page asks the network: {link}");
+    }
+    let left = fs::read_dir(&out).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
+    assert_eq!(left.filter(|name| name.ends_with(".partial")).count(), 0);
+}
+
+#[test]
+fn a_single_camera_says_what_it_assumes() {
+    let scene = Scene::with_clip(&[0], 4);
+    scene.succeeds("reconstruct clip --cameras 0 --out out --config quick.toml");
+    let notes = scene.state("out")["notes"].to_string();
+    assert!(notes.contains("a single camera cannot tell distance"), "{notes}");
+    let page = fs::read_to_string(scene.path("out/index.html")).unwrap();
+    assert!(page.contains("a single camera cannot tell distance"));
+}
+
+#[test]
+fn runs_without_out_that_begin_at_once_each_get_a_folder() {
+    let scene = Scene::with_clip(&[0, 3], 2);
+    let start = || scene.command("reconstruct clip --quiet --config quick.toml").spawn().unwrap();
+    let runs = [start(), start()];
+    for run in runs {
+        let output = run.wait_with_output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        assert!(output.stderr.is_empty(), "--quiet is quiet");
+    }
+    for folder in ["runs/clip", "runs/clip-2"] {
+        assert!(scene.path(folder).join("index.html").is_file(), "{folder}");
+    }
+}
