@@ -30,7 +30,7 @@ fn main() -> Result<()> {
 
     // A run lives in a folder, from which it could go on after an interruption.
     let folder = std::env::temp_dir().join(format!("gradreel-06-{}", std::process::id()));
-    let mut run = Run::create(RunFolder::create(&folder)?, config)?;
+    let mut run = Run::create(RunFolder::create(&folder)?, config, &clip)?;
     let found = reconstruct(&clip, &mut run, &Progress::new(false))?;
     for (stage, seconds) in run.state.finished.iter().zip(&run.state.seconds) {
         println!("  {seconds:5.1} s  {stage}");

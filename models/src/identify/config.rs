@@ -23,7 +23,7 @@ pub struct Config {
     pub weights: Weights,
     /// How occupancy becomes opacity.
     pub surface: Surface,
-    /// Iterations of the estimates.
+    /// Effort of the estimates.
     pub estimate: EstimateConfig,
 }
 
@@ -99,23 +99,25 @@ impl Default for MaterialConfig {
     }
 }
 
-/// Iterations of the estimates.
+/// Effort of the estimates, in evaluations of the forward model with its gradient.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct EstimateConfig {
-    /// L-BFGS iterations of the velocity before contact.
+    /// Evaluations at most for the velocity before contact, each time.
     pub velocity: usize,
-    /// L-BFGS iterations of the material on a grid of twice the spacing, first on the frames around contact, then on all.
+    /// Evaluations at most on a grid of twice the spacing, first on the frames around contact, then on all.
     pub coarse: usize,
-    /// L-BFGS iterations of the material and the velocity together, on the full grid and all frames.
+    /// Evaluations at most for the material on the full grid and all frames, and again in each round.
     pub fine: usize,
+    /// Rounds at most of fitting the shape to the whole motion and the material to the new shape.
+    pub rounds: usize,
     /// Frames after first contact that the first coarse estimate sees.
     pub warm_up_frames: usize,
 }
 
 impl Default for EstimateConfig {
     fn default() -> Self {
-        Self { velocity: 20, coarse: 20, fine: 15, warm_up_frames: 3 }
+        Self { velocity: 30, coarse: 16, fine: 10, rounds: 2, warm_up_frames: 3 }
     }
 }
 

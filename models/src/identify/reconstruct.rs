@@ -59,7 +59,7 @@ pub fn reconstruct(clip: &Clip, run: &mut Run, progress: &Progress) -> Result<Re
     let warm = (flight + run.config.estimate.warm_up_frames).min(frames);
     stages.unknowns(run, "magnitudes around contact, coarse", Free::Magnitudes, 2, warm, &mut unknowns)?;
     stages.unknowns(run, "magnitudes, coarse", Free::Magnitudes, 2, frames, &mut unknowns)?;
-    stages.unknowns(run, "material", Free::Material, 1, frames, &mut unknowns)?;
+    stages.unknowns(run, MATERIAL, Free::Material, 1, frames, &mut unknowns)?;
     stages.refine(run, frames, &mut unknowns)?;
     if flight >= frames {
         run.note("the object never touched the ground: the material is not determined by this clip".into());
@@ -87,31 +87,31 @@ struct Stages<'a> {
 }
 
 impl Stages<'_> {
-    /// Fits the voxels to all frames as the simulation moves them, and the material once more; keeps whichever of both
-    /// states, before or after, agrees better with the clip.
+    /// In rounds, fits the voxels to all frames as the simulation moves them, and then the material once more. Ends after a
+    /// round that does not agree better with the clip than what was there before, and goes back to that.
     fn refine(&self, run: &mut Run, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
-        const FITTED: &str = "material";
-        const SHAPE: &str = "shape in motion";
-        const REFINED: &str = "material, refined";
-        if run.has_finished(REFINED) {
-            return Ok(());
-        }
-        let (before, loss_before) = run.best_of(FITTED).unwrap_or((unknowns.clone(), f64::INFINITY));
-        if !run.has_finished(SHAPE) {
-            run.keep_field()?;
-        }
-        self.shape(run, SHAPE, run.config.geometry.fit.in_motion, Moved::Simulated(&before))?;
-        self.unknowns(run, REFINED, Free::Material, 1, frames, unknowns)?;
-        let (_, loss_after) = run.best_of(REFINED).unwrap_or((before.clone(), f64::INFINITY));
-        if loss_after >= loss_before {
-            run.restore_field()?;
-            *unknowns = before;
-            run.state.unknowns = Some(unknowns.clone());
-            run.note(format!(
-                "fitting the shape to the whole motion did not help (loss {loss_after:.5} after, {loss_before:.5} before): \
-                 the shape and material from before were kept"
-            ));
-            run.save()?;
+        let mut fitted = MATERIAL.to_owned();
+        for round in 1..=run.config.estimate.rounds {
+            let shape = format!("shape in motion, round {round}");
+            let material = format!("{MATERIAL}, round {round}");
+            let (before, loss_before) = run.best_of(&fitted).unwrap_or((unknowns.clone(), f64::INFINITY));
+            if !run.has_finished(&shape) {
+                run.keep_field()?;
+            }
+            self.shape(run, &shape, run.config.geometry.fit.in_motion, Moved::Simulated(&before))?;
+            self.unknowns(run, &material, Free::Material, 1, frames, unknowns)?;
+            let (_, loss_after) = run.best_of(&material).unwrap_or((before.clone(), f64::INFINITY));
+            if loss_after >= loss_before {
+                run.restore_field()?;
+                *unknowns = before;
+                run.state.unknowns = Some(unknowns.clone());
+                run.note(format!(
+                    "round {round} of fitting shape and material did not help (loss {loss_after:.5} after, \
+                     {loss_before:.5} before): what was there before was kept"
+                ));
+                return run.save();
+            }
+            fitted = material;
         }
         Ok(())
     }
@@ -221,12 +221,12 @@ impl Stages<'_> {
         let fine = self.particles(run)?;
         let particles = if coarseness == 2 { fine.coarsened() } else { fine };
         let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
-        let iterations = match (free, coarseness) {
+        let budget = match (free, coarseness) {
             (Free::Velocity, _) => run.config.estimate.velocity,
             (_, 2) => run.config.estimate.coarse,
             _ => run.config.estimate.fine,
         };
-        let bar = self.progress.stage(stage, iterations as u64);
+        let bar = self.progress.stage(stage, budget as u64);
         let mut notes = Vec::new();
         let mut evaluations = 0;
         let mut best = f64::INFINITY;
@@ -236,7 +236,7 @@ impl Stages<'_> {
             &start,
             free,
             frames,
-            iterations,
+            budget,
             &mut |evaluation| {
                 evaluations += 1;
                 run.state.history.push(HistoryRow {
@@ -250,10 +250,7 @@ impl Stages<'_> {
                     *unknowns = evaluation.unknowns.clone();
                 }
                 run.save()?;
-                bar.set(
-                    evaluations.min(iterations as u64),
-                    &format!("loss {best:.5}  {}", describe(self.law, unknowns)),
-                );
+                bar.set(evaluations.min(budget as u64), &format!("loss {best:.5}  {}", describe(self.law, unknowns)));
                 interrupt::check()
             },
             &mut |note| notes.push(note),
@@ -301,6 +298,9 @@ pub(crate) fn describe(law: &Law, unknowns: &Unknowns) -> String {
     });
     format!("v ({x:.3}, {y:.3}, {z:.3}) m/s  {}", parameters.collect::<Vec<_>>().join("  "))
 }
+
+/// The stage that first estimates the whole material.
+const MATERIAL: &str = "material";
 
 /// Iterations of a fit between two savings.
 const SAVE_EVERY: usize = 20;

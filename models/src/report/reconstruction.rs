@@ -213,12 +213,13 @@ fn assumed(run: &Run) -> Vec<Quantity> {
 }
 
 fn headline(quantity: &Quantity) -> Headline {
+    let unit = if quantity.unit == "-" { "" } else { &quantity.unit };
     Headline {
         symbol: quantity.symbol.clone(),
         label: quantity.label.clone(),
         readable: quantity.readable(),
-        exact: format!("{:.5e} {}", quantity.value, quantity.unit),
-        note: quantity.start.map_or_else(String::new, |start| format!("fitted; started at {start} {}", quantity.unit)),
+        exact: format!("{:.5e} {unit}", quantity.value).trim_end().to_owned(),
+        note: quantity.start.map_or_else(String::new, |start| format!("fitted; started at {start} {unit}")),
     }
 }
 
