@@ -4,7 +4,7 @@ use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
 use crate::field::FitSettings;
-use crate::physics::{CFL, Law, Map, materials};
+use crate::physics::{Law, Map, materials};
 use crate::render::{Surface, Weights};
 
 /// Everything a reconstruction can be told. A run stores the resolved values as `config.toml`.
@@ -70,7 +70,7 @@ pub struct WorldConfig {
     pub ground: f64,
     /// Density of the object \[kg/m³\]. Motion shows stiffness per density only: a wrong density scales E alike.
     pub density: f64,
-    /// Share of a grid cell that waves may cross in a substep.
+    /// Share of a grid cell that waves and particles may cross in a substep; stable up to about 1.
     pub cfl: f64,
     /// Memory for the states of a rollout \[MiB\].
     pub memory_mib: usize,
@@ -78,7 +78,7 @@ pub struct WorldConfig {
 
 impl Default for WorldConfig {
     fn default() -> Self {
-        Self { gravity: [0.0, -9.8, 0.0], ground: 0.0, density: 1000.0, cfl: CFL, memory_mib: 1024 }
+        Self { gravity: [0.0, -9.8, 0.0], ground: 0.0, density: 1000.0, cfl: 0.45, memory_mib: 1024 }
     }
 }
 

@@ -47,7 +47,7 @@ pub fn estimate(
         };
         if first {
             let steepest = gradient.iter().fold(0.0f64, |m, g| m.max(g.abs()));
-            scale = if steepest > 0.0 { FIRST_MOVE / steepest } else { 1.0 };
+            scale = if steepest > 0.0 { first_move(free) / steepest } else { 1.0 };
         }
         let evaluation = Evaluation { unknowns, loss };
         each(&evaluation)?;
@@ -70,8 +70,14 @@ pub fn estimate(
     Ok(best.expect("the start was evaluated"))
 }
 
-/// Length of the first trial in the optimiser's coordinates (decades of a modulus, tenths of a metre per second).
-const FIRST_MOVE: f64 = 0.25;
+/// Length of the first trial in the optimiser's coordinates (decades of a modulus, tenths of a metre per second): bold where
+/// the start may be far off, short where an estimate is refined.
+fn first_move(free: Free) -> f64 {
+    match free {
+        Free::Velocity | Free::Magnitudes => 0.25,
+        Free::Material | Free::Both => 0.06,
+    }
+}
 
 /// Longest move of one trial.
 const LARGEST_MOVE: f64 = 0.5;

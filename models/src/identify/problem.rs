@@ -47,6 +47,8 @@ pub struct Problem<'a> {
     pub observed: &'a Observed,
     /// Grid, gravity, ground.
     pub world: World,
+    /// Height of the ground \[m\].
+    pub ground: f64,
     /// The material.
     pub law: Law,
     /// How occupancy becomes opacity.
@@ -74,6 +76,7 @@ impl<'a> Problem<'a> {
             particles,
             observed,
             world,
+            ground: config.world.ground,
             law,
             surface: config.surface.clone(),
             density: config.world.density,
@@ -83,11 +86,15 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// A schedule for `frames` frames that is stable for these unknowns.
+    /// A schedule for `frames` frames that is stable for these unknowns: for the sound in the material, and for the speed that
+    /// the highest particle can reach before the ground stops it.
     pub fn schedule(&self, unknowns: &Unknowns, frames: usize) -> Schedule {
         let norm = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
         let time = self.observed.frame_dt * frames.saturating_sub(1) as f64;
-        let speed = norm(unknowns.velocity) + norm(self.world.gravity) * time;
+        let (start, gravity) = (norm(unknowns.velocity), norm(self.world.gravity));
+        let highest = self.particles.positions.iter().fold(f64::NEG_INFINITY, |high, x| high.max(x[1]));
+        let drop = (highest - self.ground).max(0.0);
+        let speed = (start + gravity * time).min((start * start + 2.0 * gravity * drop).sqrt());
         let sound = self.law.wave_speed(&unknowns.parameters, self.density);
         Schedule::stable(&self.world, frames, self.observed.frame_dt, sound, speed, self.cfl)
     }

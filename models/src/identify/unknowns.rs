@@ -7,6 +7,16 @@ use crate::physics::{Law, Map};
 /// One unit of the optimiser's velocity coordinates \[m/s\], so that a unit step is of similar effect in all unknowns.
 const SPEED: f64 = 0.1;
 
+/// One unit of the optimiser's coordinate of a parameter, in its unconstrained form: a decade of a magnitude, and three of a
+/// bounded parameter, which moves particles less (the curvatures of the loss along Poisson's ratio and along a modulus differ
+/// by a factor of about ten).
+fn unit(map: Map) -> f64 {
+    match map {
+        Map::Log10 => 1.0,
+        Map::Bounded { .. } => 3.0,
+    }
+}
+
 /// Velocity \[m/s\] and material parameters (SI units).
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Unknowns {
@@ -61,7 +71,7 @@ impl Unknowns {
             x.extend(self.velocity.map(|v| v / SPEED));
         }
         let parameters = law.parameters().iter().zip(&self.parameters);
-        x.extend(parameters.filter(|(p, _)| free.parameter(p.map)).map(|(p, value)| p.map.raw(*value)));
+        x.extend(parameters.filter(|(p, _)| free.parameter(p.map)).map(|(p, value)| p.map.raw(*value) / unit(p.map)));
         x
     }
 
@@ -76,7 +86,7 @@ impl Unknowns {
         }
         for (p, value) in law.parameters().iter().zip(&mut moved.parameters) {
             if free.parameter(p.map) {
-                *value = p.map.value(next());
+                *value = p.map.value(next() * unit(p.map));
             }
         }
         moved
@@ -116,8 +126,9 @@ impl Unknowns {
         let velocity = &raw_velocity * SPEED;
         let mut parameters = Vec::new();
         for (parameter, value) in law.parameters().iter().zip(&self.parameters) {
-            let raw = make(tensor(vec![parameter.map.raw(*value)])?, free.parameter(parameter.map));
-            parameters.push(constrained(parameter.map, &raw));
+            let unit = unit(parameter.map);
+            let coordinate = make(tensor(vec![parameter.map.raw(*value) / unit])?, free.parameter(parameter.map));
+            parameters.push(constrained(parameter.map, &(&coordinate * unit)));
         }
         Ok(Bound { leaves, velocity, parameters })
     }
