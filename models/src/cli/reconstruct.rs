@@ -56,7 +56,7 @@ pub(super) struct Arguments {
 
 const EXAMPLES: &str = "\
 Examples:
-  gradreel reconstruct examples/clips/bird                     the bundled clip, about two minutes on two cores
+  gradreel reconstruct examples/clips/bird                     the bundled clip, under three minutes on two cores
   gradreel reconstruct my/clip --cameras 0,4 --out runs/two    two cameras only
   gradreel reconstruct my/clip --out runs/two --resume         go on after Ctrl-C
 

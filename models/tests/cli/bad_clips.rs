@@ -43,8 +43,8 @@ fn a_truncated_image() {
 #[test]
 fn an_image_of_another_size() {
     let scene = Scene::with_clip(&[0, 3], 2);
-    paint(&scene, "clip/data/r_3_1.png", (80, 160));
-    scene.refuses(RUN, &["r_3_1.png", "80 × 160", "160 × 160"]);
+    paint(&scene, "clip/data/r_3_1.png", (80, 192));
+    scene.refuses(RUN, &["r_3_1.png", "80 × 192", "192 × 192"]);
 }
 
 #[test]

@@ -8,7 +8,7 @@ use crate::scene::{Scene, bundled, text};
 fn the_bundled_clip_is_complete() {
     let scene = Scene::new();
     let printed = scene.succeeds(&format!("check {}", bundled().display()));
-    for part in ["7 cameras", "14 frames", "160 × 160", "ready to open"] {
+    for part in ["7 cameras", "14 frames", "192 × 192", "ready to open"] {
         assert!(printed.contains(part), "no {part:?} in: {printed}");
     }
 }
