@@ -15,3 +15,8 @@ pub use random::Key;
 pub use tape::gradcheck::{GradCheck, GradReport, gradcheck};
 pub use tape::{Backward, Forward, Gradients, Op, Tape, Var};
 pub use tensor::{DType, Device, Element, Shape, Spec, Tensor};
+
+/// The program in the README runs as a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -45,7 +45,7 @@ mod tests {
     fn classes_hold_what_they_are_for_and_waste_little() {
         for bytes in (0..100_000).chain([1 << 20, (1 << 30) + 4, (1 << 32) - 4]) {
             let class = class(bytes);
-            assert!(class >= bytes as u64 && class % 4 == 0, "{bytes}: {class}");
+            assert!(class >= bytes as u64 && class.is_multiple_of(4), "{bytes}: {class}");
             assert!(bytes < 256 || class as f64 <= 1.25 * bytes as f64, "{bytes}: {class}");
         }
     }
