@@ -35,8 +35,9 @@ pub struct Reconstruction {
 /// Runs every stage that the run has not finished yet.
 ///
 /// # Errors
-/// [`gradreel::ErrorKind::Input`] for a clip that cannot be used; [`gradreel::ErrorKind::Physics`] when the simulation breaks down whatever the
-/// step; [`gradreel::ErrorKind::Interrupted`] when the user stopped it. The run can go on from there.
+/// [`gradreel::ErrorKind::Input`] for a clip that cannot be used; [`gradreel::ErrorKind::Physics`] when the simulation
+/// breaks down whatever the step; [`gradreel::ErrorKind::Interrupted`] when the user stopped it. The run can go on from
+/// there.
 pub fn reconstruct(clip: &Clip, run: &mut Run, progress: &Progress) -> Result<Reconstruction> {
     let law = run.config.law()?;
     let spacing = particle_spacing(clip, run)?;
