@@ -19,7 +19,7 @@ fn files_of_settings() {
         ("[world]\ncfl = 3.0", ["world.cfl", "0.01 to 1"]),
         ("[world]\ncfl = 1e-30", ["world.cfl", "0.01 to 1"]),
         ("[geometry]\nleast_opacity = 1.0", ["geometry.least_opacity", "below 1"]),
-        ("[clip]\nshrink = 5000", ["clip.shrink", "at most 20"]),
+        ("[clip]\nshrink = 5000", ["clip.shrink", "at most 24"]),
         ("[material]\nname = 'cheese'", ["cheese", "neo_hookean"]),
         ("[material.start]\nhardness = 3.0", ["hardness", "young"]),
     ] {
