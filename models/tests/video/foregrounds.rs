@@ -134,7 +134,7 @@ fn the_bundled_clip_opens() {
     let inventory = inspect(path.as_ref()).unwrap();
     assert!(inventory.is_complete());
     let text = inventory.to_string();
-    for part in ["7 cameras", "24.0 per second", "camera 6: 160 × 160, frames 0–13", "ready to open"] {
+    for part in ["7 cameras", "24.0 per second", "camera 6: 192 × 192, frames 0–13", "ready to open"] {
         assert!(text.contains(part), "{text}");
     }
 }
