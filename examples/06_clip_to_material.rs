@@ -24,9 +24,10 @@ fn main() -> Result<()> {
     config.geometry.dx = 0.05;
     config.geometry.fit.iterations = 20;
     config.geometry.fit.in_motion = 5;
-    config.estimate.velocity = 8;
-    config.estimate.coarse = 4;
-    config.estimate.fine = 3;
+    config.estimate.velocity = 24;
+    config.estimate.coarse = 8;
+    config.estimate.fine = 4;
+    config.estimate.rounds = 1;
 
     // A run lives in a folder, from which it could go on after an interruption.
     let folder = std::env::temp_dir().join(format!("gradreel-06-{}", std::process::id()));
