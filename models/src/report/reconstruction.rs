@@ -170,11 +170,7 @@ impl Agreement {
 pub fn quantities(found: &Reconstruction, run: &Run) -> Vec<Quantity> {
     let material = found.law.parameters().iter().zip(&found.unknowns.parameters).map(|(p, &value)| Quantity {
         name: p.name.into(),
-        label: match p.name {
-            "young" => "Young's modulus".into(),
-            "poisson" => "Poisson ratio".into(),
-            other => other.replace('_', " "),
-        },
+        label: label(p.name),
         symbol: p.symbol.into(),
         unit: p.unit.into(),
         value,
@@ -210,6 +206,15 @@ fn assumed(run: &Run) -> Vec<Quantity> {
         quantity("ground", "Height of the sticky ground", "y_0", "m", world.ground),
         quantity("dx", "Grid spacing", "dx", "m", run.config.geometry.dx),
     ]
+}
+
+/// The name of a material parameter for people.
+fn label(name: &str) -> String {
+    match name {
+        "young" => "Young's modulus".into(),
+        "poisson" => "Poisson ratio".into(),
+        other => other.replace('_', " "),
+    }
 }
 
 fn headline(quantity: &Quantity) -> Headline {
@@ -276,13 +281,8 @@ fn plots(found: &Reconstruction, run: &Run) -> Vec<Plot> {
     for (index, p) in found.law.parameters().iter().enumerate() {
         let log = p.map == crate::physics::Map::Log10;
         let y_label = if p.unit == "-" { p.symbol.to_owned() } else { format!("{} [{}]", p.symbol, p.unit) };
-        let title = match p.name {
-            "young" => "Young's modulus",
-            "poisson" => "Poisson ratio",
-            other => other,
-        };
         let of = |row: &HistoryRow| row.unknowns.parameters.get(index).copied();
-        plots.push(plot(title, y_label, log, series(&of, &|stage| !stage.starts_with("velocity"))));
+        plots.push(plot(&label(p.name), y_label, log, series(&of, &|stage| !stage.starts_with("velocity"))));
     }
     let axis = |a: usize, name: &str| Series {
         label: name.into(),
