@@ -9,8 +9,10 @@
 
 mod abs;
 mod add;
+pub(crate) mod axes;
 mod broadcast_to;
 mod concat;
+mod convolution;
 mod div;
 mod exp;
 mod grid_sample_3d;
@@ -40,6 +42,9 @@ mod tanh;
 
 use std::rc::Rc;
 
+pub use axes::PerAxis;
+pub use convolution::Conv;
+pub(crate) use convolution::{Geometry, Phase};
 pub use grid_sample_3d::Lattice;
 pub use map::{Map, Pointwise};
 
@@ -101,6 +106,9 @@ pub fn registry() -> Vec<Entry> {
         tanh::TANH.entry(),
         broadcast_to::ENTRY,
         concat::ENTRY,
+        convolution::forward::ENTRY,
+        convolution::transposed::ENTRY,
+        convolution::weights::ENTRY,
         grid_sample_3d::ENTRY,
         grid_scatter_3d::ENTRY,
         index_add::ENTRY,
@@ -118,6 +126,9 @@ pub fn registry() -> Vec<Entry> {
 pub fn kernels() -> Vec<&'static Kernel> {
     vec![
         &concat::KERNEL,
+        &convolution::FORWARD,
+        &convolution::TRANSPOSED,
+        &convolution::WEIGHTS,
         &index_add::KERNEL,
         &index_select::KERNEL,
         &matmul::KERNEL,
