@@ -9,7 +9,8 @@
 
 mod abs;
 mod add;
-pub(crate) mod axes;
+mod average_pool;
+mod axes;
 mod broadcast_to;
 mod concat;
 mod convolution;
@@ -23,15 +24,19 @@ mod ln;
 mod logistic;
 mod map;
 mod matmul;
+mod max_pool;
 mod maximum;
 mod minimum;
 mod mul;
 mod neg;
 mod pad;
 mod permute;
+mod pool;
 mod powf;
 mod relu;
+mod resample;
 mod reshape;
+mod resize;
 mod slice;
 mod softplus;
 mod sqrt;
@@ -47,6 +52,8 @@ pub use convolution::Conv;
 pub(crate) use convolution::{Geometry, Phase};
 pub use grid_sample_3d::Lattice;
 pub use map::{Map, Pointwise};
+pub use pool::Pool;
+pub use resize::Interpolation;
 
 use crate::backend::gpu::{Kernel, STRIDED};
 use crate::{Key, Op, Shape, Tensor};
@@ -114,8 +121,11 @@ pub fn registry() -> Vec<Entry> {
         index_add::ENTRY,
         index_select::ENTRY,
         matmul::ENTRY,
+        max_pool::PICK_ENTRY,
+        max_pool::UNPOOL_ENTRY,
         pad::ENTRY,
         permute::ENTRY,
+        resample::ENTRY,
         reshape::ENTRY,
         slice::ENTRY,
         sum::ENTRY,
@@ -132,7 +142,10 @@ pub fn kernels() -> Vec<&'static Kernel> {
         &index_add::KERNEL,
         &index_select::KERNEL,
         &matmul::KERNEL,
+        &max_pool::PICK,
+        &max_pool::UNPOOL,
         &pad::KERNEL,
+        &resample::KERNEL,
         &STRIDED,
         &sum::ROWS,
         &sum::TREE,
