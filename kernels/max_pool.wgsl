@@ -36,13 +36,13 @@ fn number(place: vec3<u32>, size: vec4<u32>) -> u32 {
 // Where the window at `window` of the plane that begins at `start` has its first NaN or else its first maximum.
 fn first_maximum(start: u32, window: vec3<u32>) -> u32 {
     let corner = window * sizes.stride.xyz;
-    let from = max(corner, sizes.padding.xyz) - sizes.padding.xyz;
-    let to = min(corner + sizes.kernel.xyz - sizes.padding.xyz, sizes.image.xyz);
-    var found = number(from, sizes.image);
+    let low = max(corner, sizes.padding.xyz) - sizes.padding.xyz;
+    let high = min(corner + sizes.kernel.xyz - sizes.padding.xyz, sizes.image.xyz);
+    var found = number(low, sizes.image);
     var best = x[start + found];
-    for (var i = from.x; i < to.x; i++) {
-        for (var j = from.y; j < to.y; j++) {
-            for (var k = from.z; k < to.z; k++) {
+    for (var i = low.x; i < high.x; i++) {
+        for (var j = low.y; j < high.y; j++) {
+            for (var k = low.z; k < high.z; k++) {
                 let at = number(vec3(i, j, k), sizes.image);
                 let value = x[start + at];
                 if (value > best || is_nan(value)) && !is_nan(best) {
@@ -85,12 +85,12 @@ fn unpool(
     let plane = i / pixels;
     let pixel = i % pixels;
     let reach = place(pixel, sizes.image) + sizes.padding.xyz;
-    let from = (max(reach + 1u, sizes.kernel.xyz) - sizes.kernel.xyz + sizes.stride.xyz - 1u) / sizes.stride.xyz;
-    let to = min(reach / sizes.stride.xyz + 1u, sizes.pooled.xyz);
+    let low = (max(reach + 1u, sizes.kernel.xyz) - sizes.kernel.xyz + sizes.stride.xyz - 1u) / sizes.stride.xyz;
+    let high = min(reach / sizes.stride.xyz + 1u, sizes.pooled.xyz);
     var total = 0.0;
-    for (var d = from.x; d < to.x; d++) {
-        for (var h = from.y; h < to.y; h++) {
-            for (var w = from.z; w < to.z; w++) {
+    for (var d = low.x; d < high.x; d++) {
+        for (var h = low.y; h < high.y; h++) {
+            for (var w = low.z; w < high.z; w++) {
                 let window = vec3(d, h, w);
                 if first_maximum(plane * pixels, window) == pixel {
                     total += values[plane * volume(sizes.pooled) + number(window, sizes.pooled)];

@@ -2,6 +2,7 @@
 //!
 //! `cargo bench --bench core -- [threads] [filter]`; `benches/compare.sh` runs the peer first.
 
+mod convolution;
 mod harness;
 mod matmul;
 
@@ -10,5 +11,5 @@ fn main() {
     let threads = arguments.first().and_then(|a| a.parse().ok()).unwrap_or(1);
     let filter = arguments.iter().find(|a| a.parse::<usize>().is_err()).cloned().unwrap_or_default();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a thread pool");
-    pool.install(|| harness::run(threads, &filter, &[matmul::cases]));
+    pool.install(|| harness::run(threads, &filter, &[matmul::cases, convolution::cases]));
 }

@@ -1,7 +1,6 @@
 //! The CPU backend: fixed work chunks over rayon's threads, so that results do not depend on the thread count.
 
 pub(crate) mod convolution;
-pub(crate) mod widest;
 
 use rayon::prelude::*;
 

@@ -1,52 +1,71 @@
 //! Convolutions on the CPU.
+//!
+//! ```text
+//! walk       which taps meet which places of a padded image
+//! direct     row by row, for few channels
+//! product    as products of matrices whose patches are packed from the image
+//! gradient   the gradient in the weight, likewise
+//! winograd   3×3 kernels of stride 1, with fewer multiplications
+//! layout     images with their channels last
+//! ```
 
 mod direct;
+mod gradient;
+mod layout;
+mod product;
+#[cfg(test)]
+mod tests;
 mod walk;
+mod winograd;
 
-use rayon::prelude::*;
-
-use crate::backend::cpu::buffer;
 use crate::ops::Geometry;
 use crate::scalar::Real;
 use walk::Walk;
+use winograd::Plan;
 
-/// `batch × channels` planes that hold the bias of their channel.
-fn biased<T: Real>(batch: usize, channels: usize, plane: usize, bias: Option<&[T]>) -> Vec<T> {
-    let mut values = buffer(batch * channels * plane);
-    values.par_chunks_mut(plane.max(1)).enumerate().for_each(|(number, values)| {
-        values.fill(bias.map_or(T::ZERO, |bias| bias[number % channels]));
-    });
-    values
-}
+/// Channels of a group's result up to which it is made row by row.
+const FEW: usize = 4;
 
 /// The result of image, weight and bias.
 pub(crate) fn forward<T: Real>(g: &Geometry, image: &[T], weight: &[T], bias: Option<&[T]>) -> Vec<T> {
-    let (channels, [_, places, volume]) = (g.groups * g.outputs, g.volumes());
-    let mut result = biased(g.batch, channels, places, bias);
     let walk = Walk::forward(g);
-    let padded = walk.pad(image);
-    let at = |output: usize, input: usize, tap: usize| weight[(output * g.inputs + input) * volume + tap];
-    direct::add(g, &walk, &mut result, channels, (&padded, g.inputs), at);
-    result
+    if g.outputs <= FEW {
+        direct::forward(g, &walk, image, weight, bias)
+    } else if let Some(plan) = Plan::new(g, &walk, false) {
+        let volume = g.volumes()[2];
+        plan.run(image, weight, |input, output, tap| (output * g.inputs + input) * volume + 9 * tap, false, bias)
+    } else {
+        product::forward(g, &walk, image, weight, bias)
+    }
 }
 
 /// The image of result, weight and bias.
 pub(crate) fn transposed<T: Real>(g: &Geometry, result: &[T], weight: &[T], bias: Option<&[T]>) -> Vec<T> {
-    let (channels, [pixels, _, volume]) = (g.groups * g.inputs, g.volumes());
-    let mut image = biased(g.batch, channels, pixels, bias);
-    let at = |channel: usize, output: usize, tap: usize| {
-        let (group, input) = (channel / g.inputs, channel % g.inputs);
-        weight[((group * g.outputs + output) * g.inputs + input) * volume + tap]
-    };
-    for walk in Walk::transposed(g) {
-        let padded = walk.pad(result);
-        direct::add(g, &walk, &mut image, channels, (&padded, g.outputs), at);
+    let walks = Walk::transposed(g);
+    if g.inputs <= FEW {
+        return direct::transposed(g, &walks, result, weight, bias);
     }
-    image
+    match &walks[..] {
+        [walk] => match Plan::new(g, walk, true) {
+            Some(plan) => {
+                let volume = g.volumes()[2];
+                let at = |output: usize, input: usize, tap: usize| (output * g.inputs + input) * volume + 9 * tap;
+                plan.run(result, weight, at, true, bias)
+            }
+            None => product::transposed(g, &walks, result, weight, bias),
+        },
+        _ => product::transposed(g, &walks, result, weight, bias),
+    }
 }
 
 /// The weight of image and result.
 pub(crate) fn weights<T: Real>(g: &Geometry, image: &[T], result: &[T]) -> Vec<T> {
     let walk = Walk::forward(g);
-    direct::weights(g, &walk, &walk.pad(image), result)
+    if g.outputs <= FEW {
+        direct::weights(g, &walk, &walk.pad(image), result)
+    } else if let Some(plan) = Plan::new(g, &walk, false) {
+        plan.weights(image, result)
+    } else {
+        gradient::weights(g, &walk, image, result)
+    }
 }

@@ -58,7 +58,8 @@ impl Axis {
         }
     }
 
-    fn padded(&self) -> usize {
+    /// Places of the padded source.
+    pub(super) fn padded(&self) -> usize {
         self.before + self.source + self.after
     }
 }
