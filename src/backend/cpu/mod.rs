@@ -1,5 +1,7 @@
 //! The CPU backend: fixed work chunks over rayon's threads, so that results do not depend on the thread count.
 
+pub(crate) mod gemm;
+
 use rayon::prelude::*;
 
 /// Elements per work item of a pointwise loop: large enough to hide scheduling, small enough to stay in cache.
