@@ -17,7 +17,7 @@ fn naive<T: Real>(a: Strided<'_, T>, b: Strided<'_, T>, [m, k, n]: [usize; 3]) -
 
 #[track_caller]
 fn close<T: Real>(found: T, wanted: f64, k: usize, what: &str) {
-    let bound = 4.0 * T::EPSILON.to_f64() * (k as f64 + 4.0).sqrt() * (1.0 + wanted.abs());
+    let bound = 16.0 * T::EPSILON.to_f64() * (k as f64 + 4.0).sqrt() * (1.0 + wanted.abs());
     assert!((found.to_f64() - wanted).abs() <= bound, "{what}: {found}, not {wanted}");
 }
 
