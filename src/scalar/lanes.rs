@@ -5,6 +5,7 @@
 //! loops and macros. Values move by explicit loads and stores; a step may write over one of its operands.
 
 use super::instruction::{Binary, Unary};
+use super::kernel::Job;
 use super::lower::{Op, Step};
 use super::real::Real;
 
@@ -21,9 +22,11 @@ pub struct Port<T> {
 /// # Safety
 /// Every method must be called with the instruction set of the type enabled. `load` and `store` need a pointer to
 /// `WIDTH` values; alignment does not matter. Conditions are vectors of 0 and 1.
-pub(super) trait Lane: Copy {
+pub trait Lane: Copy {
     type Element: Real;
     const WIDTH: usize;
+    /// How many such vectors the processor's registers hold at once.
+    const REGISTERS: usize;
 
     unsafe fn load(from: *const Self::Element) -> Self;
     unsafe fn store(self, to: *mut Self::Element);
@@ -127,12 +130,30 @@ macro_rules! elementwise {
 }
 pub(super) use elementwise;
 
+/// Runs register code over `lanes` lanes, rounded up to whole vectors; the contract is that of
+/// [`Kernel::execute`](super::kernel::Kernel::execute).
+pub(super) struct Execute<'a, T> {
+    pub(super) steps: &'a [Step],
+    pub(super) ports: &'a [Port<T>],
+    pub(super) lanes: usize,
+}
+
+impl<T: Real> Job<T> for Execute<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    unsafe fn run<V: Lane<Element = T>>(self) {
+        // SAFETY: the caller's promise.
+        unsafe { execute::<V>(self.steps, self.ports, self.lanes) }
+    }
+}
+
 /// Runs register code over `lanes` lanes, rounded up to whole vectors.
 ///
 /// # Safety
 /// As [`Kernel::execute`](super::kernel::Kernel::execute), with the instruction set of `V` enabled.
 #[inline(always)]
-pub(super) unsafe fn execute<V: Lane>(steps: &[Step], ports: &[Port<V::Element>], lanes: usize) {
+unsafe fn execute<V: Lane>(steps: &[Step], ports: &[Port<V::Element>], lanes: usize) {
     let vectors = lanes.div_ceil(V::WIDTH);
     for step in steps {
         macro_rules! port {

@@ -1,6 +1,7 @@
 //! The CPU backend: fixed work chunks over rayon's threads, so that results do not depend on the thread count.
 
 pub(crate) mod convolution;
+pub(crate) mod gemm;
 
 use rayon::prelude::*;
 
