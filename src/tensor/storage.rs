@@ -6,6 +6,7 @@ use std::sync::Arc;
 use half::f16;
 use ndarray::{ArrayD, ArrayViewD, IxDyn};
 
+use crate::backend::cpu::{CHUNK, filled, pool};
 use crate::backend::gpu::GpuBuffer;
 use crate::tensor::{DType, Device, Element, Shape, Spec};
 use crate::{Error, ErrorKind, Result};
@@ -18,6 +19,20 @@ pub(crate) enum Storage {
     F64(Vec<f64>),
     U32(Vec<u32>),
     Gpu(GpuBuffer),
+}
+
+impl Drop for Storage {
+    /// Buffers go back to the pools that results come from.
+    fn drop(&mut self) {
+        match self {
+            Self::F16(values) => pool::give(std::mem::take(values)),
+            Self::F32(values) => pool::give(std::mem::take(values)),
+            Self::F64(values) => pool::give(std::mem::take(values)),
+            Self::U32(values) => pool::give(std::mem::take(values)),
+            // its own drop does so
+            Self::Gpu(_) => {}
+        }
+    }
 }
 
 /// A contiguous, row-major, immutable array; cloning shares its storage.
@@ -52,11 +67,15 @@ impl Tensor {
     pub fn full(value: f64, shape: impl Into<Shape>, dtype: DType) -> Self {
         let shape = shape.into();
         let len = shape.len();
+        fn constant<T: Element>(value: f64, len: usize) -> Storage {
+            let value = T::from_f64(value);
+            wrap(filled(len, CHUNK, |_, part: &mut [T]| part.fill(value)))
+        }
         let storage = match dtype {
-            DType::F16 => Storage::F16(vec![f16::from_f64(value); len]),
-            DType::F32 => Storage::F32(vec![value as f32; len]),
-            DType::F64 => Storage::F64(vec![value; len]),
-            DType::U32 => Storage::U32(vec![value as u32; len]),
+            DType::F16 => constant::<f16>(value, len),
+            DType::F32 => constant::<f32>(value, len),
+            DType::F64 => constant::<f64>(value, len),
+            DType::U32 => constant::<u32>(value, len),
         };
         Self { shape, dtype, storage: Arc::new(storage) }
     }
