@@ -16,7 +16,7 @@ pub fn cases() -> Vec<Case> {
             y = &y * 1.0001;
         }
         if both {
-            y.backward().expect("a gradient");
+            y.into_gradients().expect("a gradient");
         }
     };
     let large = numbers(1, [25 << 20]);
@@ -25,7 +25,7 @@ pub fn cases() -> Vec<Case> {
         let (a, b) = (tape.leaf(large.clone()), tape.leaf(large.clone()));
         let y = &a + &b;
         if both {
-            y.sum_all().backward().expect("a gradient");
+            y.sum_all().into_gradients().expect("a gradient");
         }
     };
     vec![
