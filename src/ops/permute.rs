@@ -5,7 +5,7 @@ use std::rc::Rc;
 use crate::backend::cpu::strided::gather;
 use crate::backend::gpu::{Gpu, Strides};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -60,6 +60,10 @@ impl Op for Permute {
     fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
         let x = &inputs[0];
         Ok(self.axes(x.shape()).gather(gpu, self.name(), x, 0, Spec::new(self.shape(x.shape()), x.dtype()))?.into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::nothing()
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -8,7 +8,7 @@ use crate::backend::gpu::Gpu;
 use crate::ops::reduction::{Axes, Join};
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Result, Shape, Spec, Tensor};
 
@@ -63,6 +63,10 @@ impl Op for Sum {
 
     fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
         Ok(self.axes.on_gpu(gpu, self.name(), &inputs[0], Join::Sum)?.into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::nothing()
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -1,11 +1,13 @@
 //! The CPU backend: fixed work chunks over rayon's threads, so that results do not depend on the thread count.
 
+pub mod pool;
 pub(crate) mod reduce;
 pub(crate) mod rows;
 pub(crate) mod scan;
 pub(crate) mod strided;
 mod widest;
 
+use bytemuck::Pod;
 use rayon::prelude::*;
 
 pub(crate) use widest::{Work, widest};
@@ -14,16 +16,12 @@ pub(crate) use widest::{Work, widest};
 pub(crate) const CHUNK: usize = 1 << 14;
 
 /// A vector of `len` numbers for a result. What it holds at first is unspecified: write every element.
-pub(crate) fn buffer<T: bytemuck::Zeroable + Clone>(len: usize) -> Vec<T> {
-    vec![T::zeroed(); len]
+pub(crate) fn buffer<T: Pod>(len: usize) -> Vec<T> {
+    pool::take(len)
 }
 
 /// Fills a vector of `len` by chunks in parallel; `fill(start, chunk)` writes the elements from `start` on.
-pub(crate) fn filled<T: bytemuck::Zeroable + Clone + Send>(
-    len: usize,
-    chunk: usize,
-    fill: impl Fn(usize, &mut [T]) + Sync,
-) -> Vec<T> {
+pub(crate) fn filled<T: Pod + Send>(len: usize, chunk: usize, fill: impl Fn(usize, &mut [T]) + Sync) -> Vec<T> {
     let mut values = buffer(len);
     if len <= chunk {
         fill(0, &mut values);
