@@ -6,7 +6,9 @@ use crate::{Tensor, Var};
 pub(super) const SIN: Pointwise<1> = Pointwise {
     name: "sin",
     function: |[x]| x.sin(),
-    cases: || vec![[uniform(1, [4, 5], -3.0..3.0)], [Tensor::from_vec(vec![-981.0f64, -512.5, 0.0, 1.0, 30.25, 801.0], [6])]],
+    cases: || {
+        vec![[uniform(1, [4, 5], -3.0..3.0)], [Tensor::from_vec(vec![-981.0f64, -512.5, 0.0, 1.0, 30.25, 801.0], [6])]]
+    },
     entry: || SIN.all_cases(),
 };
 

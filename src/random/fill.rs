@@ -108,9 +108,7 @@ mod tests {
     #[test]
     fn numbers_depend_neither_on_the_number_of_threads_nor_on_the_length() {
         let key = Key::new(11);
-        let make = |len: usize| {
-            (Tensor::uniform(key, [len], DType::F32), Tensor::normal(key, [len], DType::F32))
-        };
+        let make = |len: usize| (Tensor::uniform(key, [len], DType::F32), Tensor::normal(key, [len], DType::F32));
         let few = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         let (u, z) = make(50_000);
         let (one_u, one_z) = few.install(|| make(50_001));
