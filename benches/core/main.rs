@@ -4,6 +4,7 @@
 
 mod harness;
 mod matmul;
+mod pointwise;
 mod tape;
 
 fn main() {
@@ -11,5 +12,5 @@ fn main() {
     let threads = arguments.first().and_then(|a| a.parse().ok()).unwrap_or(1);
     let filter = arguments.iter().find(|a| a.parse::<usize>().is_err()).cloned().unwrap_or_default();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a thread pool");
-    pool.install(|| harness::run(threads, &filter, &[matmul::cases, tape::cases]));
+    pool.install(|| harness::run(threads, &filter, &[matmul::cases, pointwise::cases, tape::cases]));
 }
