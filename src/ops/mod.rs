@@ -52,13 +52,13 @@ mod minimum;
 mod mul;
 mod ne;
 mod neg;
-mod one_hot;
 mod operators;
 mod pad;
 mod permute;
 mod pow;
 mod powf;
 mod prod;
+mod put;
 mod recip;
 mod recurrence;
 mod reduction;
@@ -74,6 +74,7 @@ mod sqrt;
 mod square;
 mod sub;
 mod sum;
+mod take;
 mod tanh;
 
 use std::rc::Rc;
@@ -185,15 +186,16 @@ pub fn registry() -> Vec<Entry> {
         matmul::ENTRY,
         max::ENTRY,
         min::ENTRY,
-        one_hot::ENTRY,
         pad::ENTRY,
         permute::ENTRY,
         pow::ENTRY,
         prod::ENTRY,
+        put::ENTRY,
         recurrence::ENTRY,
         reshape::ENTRY,
         slice::ENTRY,
         sum::ENTRY,
+        take::ENTRY,
     ]
 }
 
@@ -207,12 +209,13 @@ pub fn kernels() -> Vec<&'static Kernel> {
         &index_add::KERNEL,
         &index_select::KERNEL,
         &matmul::KERNEL,
-        &one_hot::KERNEL,
         &pad::KERNEL,
+        &put::KERNEL,
         &recurrence::KERNEL,
         &*random::KERNEL,
         &reduction::ROWS,
         &reduction::TREE,
         &STRIDED,
+        &take::KERNEL,
     ]
 }

@@ -3,7 +3,7 @@
 use crate::backend::cpu::reduce::{Fold, reduce};
 use crate::backend::gpu::{Gpu, Kernel, Strides, Work, words};
 use crate::scalar::Real;
-use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor, Var};
+use crate::{DType, Error, ErrorKind, Result, Shape, Spec, Tensor, Var};
 
 const TEXT: &str = include_str!("../../kernels/reduce.wgsl");
 /// One invocation for each span.
@@ -110,6 +110,11 @@ impl Axes {
 
     /// Runs it on a GPU, along a tree whose shape depends on the operand's alone.
     pub(super) fn on_gpu(&self, gpu: &Gpu, op: &str, x: &Tensor, join: Join) -> Result<Tensor> {
+        if x.dtype() != DType::F32 {
+            return Err(Error::new(ErrorKind::Unsupported, format!("{op} computes in f32 on a GPU"))
+                .found(format!("{x:?}"))
+                .fix("cast it to f32"));
+        }
         let (mut kept, mut dropped) = (self.walk(x.shape(), false), self.walk(x.shape(), true));
         let mut partial = x.clone();
         loop {

@@ -169,6 +169,7 @@ impl Lane32 for F32x16 {
     }
 
     methods! {
+        times_two_to_the(n) |x| _mm512_scalef_ps(x, n);
         shift_into_exponent() |x| {
             let bits = _mm512_add_epi32(_mm512_castps_si512(x), _mm512_set1_epi32(127));
             _mm512_castsi512_ps(_mm512_slli_epi32::<23>(bits))
