@@ -1,6 +1,6 @@
 //! Which instruction set a block of lanes is run with.
 
-use super::lanes::{self, Port};
+use super::lanes::{self, Lane, Port};
 use super::lower::Step;
 
 /// The ways to run register code on this kind of processor, widest last.
@@ -36,6 +36,18 @@ impl Path {
     }
 }
 
+/// A hand-written loop over vectors, compiled once for each instruction set and run by [`Kernel::vectorised`].
+pub trait Vectorised<T> {
+    /// What it returns.
+    type Output;
+
+    /// Runs it. Must be `inline(always)`, and so must every function it calls, or the instruction set is lost there.
+    ///
+    /// # Safety
+    /// The instruction set of `V` must be enabled.
+    unsafe fn run<V: Lane<Element = T>>(self) -> Self::Output;
+}
+
 /// The half of [`Real`](super::Real) that is nobody else's business: running register code in this type.
 pub trait Kernel: Sized {
     /// Runs the steps over `lanes` lanes, rounded up to whole vectors of the path.
@@ -44,6 +56,9 @@ pub trait Kernel: Sized {
     /// The path must be available. Every slot that a step names must have a port; a port that does not repeat must be
     /// valid for `lanes` values rounded up to a multiple of 16, for writing too where a step writes it.
     unsafe fn execute(path: Path, steps: &[Step], ports: &[Port<Self>], lanes: usize);
+
+    /// Runs a loop over vectors with the widest instruction set that the processor has.
+    fn vectorised<K: Vectorised<Self>>(kernel: K) -> K::Output;
 }
 
 macro_rules! kernel {
@@ -70,6 +85,31 @@ macro_rules! kernel {
                         Path::Avx2 => avx2(steps, ports, lanes),
                         #[cfg(target_arch = "x86_64")]
                         Path::Avx512 => avx512(steps, ports, lanes),
+                    }
+                }
+            }
+
+            fn vectorised<K: Vectorised<Self>>(kernel: K) -> K::Output {
+                #[cfg(target_arch = "x86_64")]
+                #[target_feature(enable = "avx2,fma")]
+                unsafe fn avx2<K: Vectorised<$float>>(kernel: K) -> K::Output {
+                    // SAFETY: the instruction set is enabled here.
+                    unsafe { kernel.run::<$avx2>() }
+                }
+                #[cfg(target_arch = "x86_64")]
+                #[target_feature(enable = "avx512f,avx2,fma")]
+                unsafe fn avx512<K: Vectorised<$float>>(kernel: K) -> K::Output {
+                    // SAFETY: the instruction set is enabled here.
+                    unsafe { kernel.run::<$avx512>() }
+                }
+                // SAFETY: the path is available.
+                unsafe {
+                    match Path::best() {
+                        Path::Portable => kernel.run::<$portable>(),
+                        #[cfg(target_arch = "x86_64")]
+                        Path::Avx2 => avx2(kernel),
+                        #[cfg(target_arch = "x86_64")]
+                        Path::Avx512 => avx512(kernel),
                     }
                 }
             }

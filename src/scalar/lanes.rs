@@ -21,9 +21,14 @@ pub struct Port<T> {
 /// # Safety
 /// Every method must be called with the instruction set of the type enabled. `load` and `store` need a pointer to
 /// `WIDTH` values; alignment does not matter. Conditions are vectors of 0 and 1.
-pub(super) trait Lane: Copy {
+#[allow(clippy::missing_safety_doc)] // one contract for all methods
+pub trait Lane: Copy {
+    /// Type of its numbers.
     type Element: Real;
+    /// How many it holds: 4, 8 or 16.
     const WIDTH: usize;
+    /// How many vectors the registers hold.
+    const REGISTERS: usize = 16;
 
     unsafe fn load(from: *const Self::Element) -> Self;
     unsafe fn store(self, to: *mut Self::Element);
@@ -59,6 +64,57 @@ pub(super) trait Lane: Copy {
     unsafe fn tanh(self) -> Self;
     unsafe fn logistic(self) -> Self;
     unsafe fn softplus(self) -> Self;
+
+    /// The first `count` values, zeros after them; `count` may exceed the width.
+    #[inline(always)]
+    unsafe fn load_part(from: *const Self::Element, count: usize) -> Self {
+        // SAFETY: as this method, for `count` values; no vector is wider than 16.
+        unsafe {
+            if count >= Self::WIDTH {
+                return Self::load(from);
+            }
+            let mut values = [Self::Element::ZERO; 16];
+            std::ptr::copy_nonoverlapping(from, values.as_mut_ptr(), count);
+            Self::load(values.as_ptr())
+        }
+    }
+
+    /// Stores the first `count` values; `count` may exceed the width.
+    #[inline(always)]
+    unsafe fn store_part(self, to: *mut Self::Element, count: usize) {
+        // SAFETY: as this method, for `count` values; no vector is wider than 16.
+        unsafe {
+            if count >= Self::WIDTH {
+                return self.store(to);
+            }
+            let mut values = [Self::Element::ZERO; 16];
+            self.store(values.as_mut_ptr());
+            std::ptr::copy_nonoverlapping(values.as_ptr(), to, count);
+        }
+    }
+
+    /// The sum of its values, added in halves.
+    #[inline(always)]
+    unsafe fn total(self) -> Self::Element {
+        let mut values = [Self::Element::ZERO; 16];
+        // SAFETY: as this method; no vector is wider than 16.
+        unsafe { self.store(values.as_mut_ptr()) };
+        let mut half = Self::WIDTH / 2;
+        while half > 0 {
+            for i in 0..half {
+                values[i] += values[i + half];
+            }
+            half /= 2;
+        }
+        values[0]
+    }
+
+    /// `eˣ` for `x ≤ 0`, where 0 may stand for results below the normal numbers.
+    #[inline(always)]
+    unsafe fn exp_of_negative(self) -> Self {
+        // SAFETY: as this method.
+        unsafe { self.exp() }
+    }
 
     #[inline(always)]
     unsafe fn neg(self) -> Self {

@@ -8,7 +8,7 @@ use super::lanes::{Lane, elementwise};
 
 /// Eight numbers.
 #[derive(Clone, Copy)]
-pub(super) struct Portable<T>([T; 8]);
+pub struct Portable<T>([T; 8]);
 
 macro_rules! each_of {
     ($($name:ident($($b:ident),*) |$x:ident| $value:expr;)*) => {$(

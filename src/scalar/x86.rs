@@ -9,16 +9,16 @@ use super::lanes::{Lane, elementwise};
 
 /// Eight `f32`.
 #[derive(Clone, Copy)]
-pub(super) struct F32x8(__m256);
+pub struct F32x8(__m256);
 /// Four `f64`.
 #[derive(Clone, Copy)]
-pub(super) struct F64x4(__m256d);
+pub struct F64x4(__m256d);
 /// Sixteen `f32`.
 #[derive(Clone, Copy)]
-pub(super) struct F32x16(__m512);
+pub struct F32x16(__m512);
 /// Eight `f64`.
 #[derive(Clone, Copy)]
-pub(super) struct F64x8(__m512d);
+pub struct F64x8(__m512d);
 
 macro_rules! methods {
     ($($name:ident($($b:ident),*) |$x:ident| $value:expr;)*) => {$(
@@ -109,6 +109,7 @@ lane!(F64x4: f64 x 4,
 lane!(F32x16: f32 x 16,
     _mm512_loadu_ps _mm512_storeu_ps _mm512_set1_ps _mm512_add_ps _mm512_sub_ps _mm512_mul_ps _mm512_div_ps
     _mm512_sqrt_ps _mm512_fmadd_ps _mm512_fmsub_ps _mm512_fnmadd_ps _mm512_min_ps _mm512_max_ps {
+    const REGISTERS: usize = 32;
     methods! {
         abs() |x| _mm512_abs_ps(x);
         floor() |x| _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(x);
@@ -124,6 +125,7 @@ lane!(F32x16: f32 x 16,
 lane!(F64x8: f64 x 8,
     _mm512_loadu_pd _mm512_storeu_pd _mm512_set1_pd _mm512_add_pd _mm512_sub_pd _mm512_mul_pd _mm512_div_pd
     _mm512_sqrt_pd _mm512_fmadd_pd _mm512_fmsub_pd _mm512_fnmadd_pd _mm512_min_pd _mm512_max_pd {
+    const REGISTERS: usize = 32;
     methods! {
         abs() |x| _mm512_abs_pd(x);
         floor() |x| _mm512_roundscale_pd::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(x);

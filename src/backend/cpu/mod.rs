@@ -1,5 +1,10 @@
 //! The CPU backend: fixed work chunks over rayon's threads, so that results do not depend on the thread count.
 
+pub(crate) mod attention;
+pub(crate) mod depth_attention;
+pub(crate) mod normalise;
+pub(crate) mod softmax;
+
 use rayon::prelude::*;
 
 /// Elements per work item of a pointwise loop: large enough to hide scheduling, small enough to stay in cache.
@@ -23,4 +28,29 @@ pub(crate) fn filled<T: bytemuck::Zeroable + Clone + Send>(
         values.par_chunks_mut(chunk).enumerate().for_each(|(i, part)| fill(i * chunk, part));
     }
     values
+}
+
+/// A result that parallel work items write at places of their own.
+#[derive(Clone, Copy)]
+pub(crate) struct Shared<T>(*mut T);
+
+// SAFETY: whoever writes through it promises that no two items touch the same element.
+unsafe impl<T: Send> Send for Shared<T> {}
+// SAFETY: as above.
+unsafe impl<T: Send> Sync for Shared<T> {}
+
+impl<T> Shared<T> {
+    pub(crate) fn new(values: &mut [T]) -> Self {
+        Self(values.as_mut_ptr())
+    }
+
+    /// The element with this number.
+    ///
+    /// # Safety
+    /// It must lie within the slice, which must still be borrowed; no other item may touch what is written through it.
+    #[inline(always)]
+    pub(crate) unsafe fn at(self, index: usize) -> *mut T {
+        // SAFETY: the caller's promise.
+        unsafe { self.0.add(index) }
+    }
 }
