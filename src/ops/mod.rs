@@ -9,8 +9,10 @@
 
 mod abs;
 mod add;
+mod attention;
 mod broadcast_to;
 mod concat;
+mod depth_attention;
 mod div;
 mod exp;
 mod grid_sample_3d;
@@ -25,12 +27,14 @@ mod maximum;
 mod minimum;
 mod mul;
 mod neg;
+mod normalise;
 mod pad;
 mod permute;
 mod powf;
 mod relu;
 mod reshape;
 mod slice;
+mod softmax;
 mod softplus;
 mod sqrt;
 mod square;
@@ -99,17 +103,24 @@ pub fn registry() -> Vec<Entry> {
         square::SQUARE.entry(),
         sub::SUB.entry(),
         tanh::TANH.entry(),
+        attention::ENTRY,
         broadcast_to::ENTRY,
         concat::ENTRY,
+        depth_attention::ENTRY,
         grid_sample_3d::ENTRY,
         grid_scatter_3d::ENTRY,
         index_add::ENTRY,
         index_select::ENTRY,
         matmul::ENTRY,
+        normalise::GROUP_ENTRY,
+        normalise::LAYER_ENTRY,
         pad::ENTRY,
         permute::ENTRY,
         reshape::ENTRY,
         slice::ENTRY,
+        softmax::ADJOINT_ENTRY,
+        softmax::ENTRY,
+        softmax::LOG_ENTRY,
         sum::ENTRY,
     ]
 }
@@ -117,11 +128,30 @@ pub fn registry() -> Vec<Entry> {
 /// Every kernel of the crate but those made around scalar programs ([`Map::kernel`]). Adding one here adds its tests.
 pub fn kernels() -> Vec<&'static Kernel> {
     vec![
+        &attention::FORWARD,
+        &attention::FOR_KEYS,
+        &attention::FOR_QUERIES,
+        &attention::FOR_SCORES,
+        &attention::FOR_VALUES,
+        &attention::SUMS,
         &concat::KERNEL,
+        &depth_attention::MIX,
+        &depth_attention::SLOPES,
+        &depth_attention::SOFTMAX,
+        &depth_attention::SPREAD,
         &index_add::KERNEL,
         &index_select::KERNEL,
         &matmul::KERNEL,
+        &normalise::BACKWARD,
+        &normalise::FORWARD,
+        &normalise::MEANS,
+        &normalise::PARAMETERS,
+        &normalise::STATISTICS,
         &pad::KERNEL,
+        &softmax::ADJOINT_GROUPS,
+        &softmax::ADJOINT_LINES,
+        &softmax::GROUPS,
+        &softmax::LINES,
         &STRIDED,
         &sum::ROWS,
         &sum::TREE,

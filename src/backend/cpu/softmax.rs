@@ -96,8 +96,7 @@ impl<T: Real> Vectorised<T> for Run<'_, T> {
     }
 }
 
-/// The larger of both; `x` when it is NaN or `m` is smaller, so that one NaN is not lost at once. (It may be later; the
-/// sum keeps it.)
+/// The largest number of a vector. A NaN may be passed over; the sum of the exponentials brings it back.
 #[inline(always)]
 unsafe fn largest_of<V: Lane>(m: V) -> V::Element {
     let mut values = [V::Element::ZERO; 16];
