@@ -31,6 +31,9 @@ fn tolerance(op: &str) -> (f64, f64) {
         "broadcast_to" | "concat" | "index_select" | "pad" | "permute" | "reshape" | "slice" => (1e-6, 1e-6),
         // drivers compute exp with a few units in the last place
         "exp" | "ln" | "logistic" | "softplus" | "tanh" => (2e-6, 5e-6),
+        "attention" | "depth_attention" | "softmax" | "log_softmax" => (5e-6, 1e-5),
+        // sums over a run, divided by its deviation
+        "group_norm" | "layer_norm" => (1e-5, 1e-5),
         // exp of a product that carries the error of a logarithm
         "powf" => (5e-6, 2e-5),
         // WGSL allows 2.5 units in the last place in divisions and square roots

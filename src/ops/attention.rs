@@ -18,7 +18,8 @@ pub(super) const ENTRY: Entry = Entry {
     gpu: true,
     cases: || {
         let case = |leading: &[usize], [queries, keys, channels, values]: [usize; 4], mask: Option<&[usize]>| {
-            let operand = |seed, rows: usize, columns: usize| uniform(seed, [leading, &[rows, columns]].concat(), -1.0..1.0);
+            let operand =
+                |seed, rows: usize, columns: usize| uniform(seed, [leading, &[rows, columns]].concat(), -1.0..1.0);
             let mut inputs = vec![operand(1, queries, channels), operand(2, keys, channels), operand(3, keys, values)];
             inputs.extend(mask.map(|shape| uniform(4, shape, -2.0..2.0)));
             Case::new(Attention { scale: 0.7 }, inputs)
@@ -88,7 +89,9 @@ impl Sizes {
                     return None;
                 }
                 let mut steps = vec![0; scores.rank() - mask.rank()];
-                steps.extend(mask.strides().iter().zip(mask.dims()).map(|(step, size)| if *size == 1 { 0 } else { *step }));
+                steps.extend(
+                    mask.strides().iter().zip(mask.dims()).map(|(step, size)| if *size == 1 { 0 } else { *step }),
+                );
                 Some(steps)
             }
         };
@@ -248,7 +251,8 @@ impl Op for Attention {
             let mask = inputs[3].shape();
             let missing = scores.shape().rank() - mask.rank();
             let axes = 0..scores.shape().rank();
-            let stretched: Vec<usize> = axes.filter(|&axis| axis < missing || mask.dims()[axis - missing] == 1).collect();
+            let stretched: Vec<usize> =
+                axes.filter(|&axis| axis < missing || mask.dims()[axis - missing] == 1).collect();
             *scores = scores.sum(&stretched).reshape(mask);
         }
         Ok(cotangents)

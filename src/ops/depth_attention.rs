@@ -93,7 +93,7 @@ impl Op for DepthAttention {
         let sizes = sizes(q.shape(), k.shape());
         for_real!(q.dtype(), T => {
             let operands = [q.slice::<T>(), k.slice::<T>(), v.slice::<T>()];
-            let (result, weights) = cpu::forward(sizes, operands, T::from_f64(self.scale));
+            let (result, weights) = cpu::forward(sizes, operands, self.scale);
             let count = weights.len();
             Ok(Forward::with_residual(Tensor::from_vec(result, q.shape()), Tensor::from_vec(weights, [count])))
         })
@@ -118,7 +118,7 @@ impl Op for DepthAttention {
             Device::Cpu => for_real!(g.dtype(), T => {
                 let sizes = sizes(inputs[0].shape(), inputs[1].shape());
                 let slices = inputs.map(|x| x.slice::<T>());
-                let found = cpu::backward(sizes, slices, weights.slice(), g.slice(), T::from_f64(self.scale));
+                let found = cpu::backward(sizes, slices, weights.slice(), g.slice(), self.scale);
                 let mut shapes = inputs.iter().map(|x| x.shape());
                 found.map(|x| Tensor::from_vec(x, shapes.next().expect("three operands")))
             }),

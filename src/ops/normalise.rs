@@ -153,8 +153,12 @@ impl Op for Normalise {
         let fits = layout.is_some_and(|(_, parameters)| inputs[1..].iter().all(|p| p.shape == parameters));
         if !fits || !x.dtype.is_real() || inputs.iter().any(|other| other.dtype != x.dtype) {
             let wanted = match self.over {
-                Over::Groups(groups) => format!("[batch, channels, ..] with channels a multiple of {groups} groups, and scale and shift [channels]"),
-                Over::LastAxes(axes) => format!("at least {axes} axes, not 0, and scale and shift of the shape of the last {axes}"),
+                Over::Groups(groups) => format!(
+                    "[batch, channels, ..] with channels a multiple of {groups} groups, and scale and shift [channels]"
+                ),
+                Over::LastAxes(axes) => {
+                    format!("at least {axes} axes, not 0, and scale and shift of the shape of the last {axes}")
+                }
             };
             return Err(Error::new(ErrorKind::Shape, format!("{}: the operands do not fit", self.name()))
                 .found(format!("{inputs:?}"))

@@ -74,9 +74,9 @@ mod wgsl;
 mod x86;
 
 pub use evaluate::Lanes;
+pub use handle::{Condition, Scalar};
 pub(crate) use kernel::Vectorised;
 pub(crate) use lanes::Lane;
-pub use handle::{Condition, Scalar};
 pub use mat3::Mat3;
 pub use program::Program;
 pub use real::Real;

@@ -24,7 +24,8 @@ pub(crate) struct Sizes {
 }
 
 /// The result `[heads, channels, pixels]` and the weights `[heads, depths, pixels]`.
-pub(crate) fn forward<T: Real>(sizes: Sizes, [q, k, v]: [&[T]; 3], scale: T) -> (Vec<T>, Vec<T>) {
+pub(crate) fn forward<T: Real>(sizes: Sizes, [q, k, v]: [&[T]; 3], scale: f64) -> (Vec<T>, Vec<T>) {
+    let scale = T::from_f64(scale);
     let mut result = buffer::<T>(sizes.heads * sizes.channels * sizes.pixels);
     let mut weights = buffer::<T>(sizes.heads * sizes.depths * sizes.pixels);
     let to = [Shared::new(&mut result), Shared::new(&mut weights)];
@@ -33,13 +34,8 @@ pub(crate) fn forward<T: Real>(sizes: Sizes, [q, k, v]: [&[T]; 3], scale: T) -> 
 }
 
 /// Cotangents of queries, keys and values from that of the result, `g`, and the weights of the forward pass.
-pub(crate) fn backward<T: Real>(
-    sizes: Sizes,
-    [q, k, v]: [&[T]; 3],
-    weights: &[T],
-    g: &[T],
-    scale: T,
-) -> [Vec<T>; 3] {
+pub(crate) fn backward<T: Real>(sizes: Sizes, [q, k, v]: [&[T]; 3], weights: &[T], g: &[T], scale: f64) -> [Vec<T>; 3] {
+    let scale = T::from_f64(scale);
     let (mut dq, mut dk, mut dv) = (buffer::<T>(q.len()), buffer::<T>(k.len()), buffer::<T>(v.len()));
     let to = [Shared::new(&mut dq), Shared::new(&mut dk), Shared::new(&mut dv)];
     strips(sizes, |strip, scratch| {

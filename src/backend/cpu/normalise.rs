@@ -7,6 +7,7 @@
 use rayon::prelude::*;
 
 use super::{Shared, buffer};
+use crate::Element;
 use crate::scalar::{Lane, Real, Vectorised};
 
 /// What is normalised together, and which parameter belongs to an element.
@@ -191,8 +192,8 @@ unsafe fn sums<V: Lane>(x: &[V::Element], from: V::Element) -> [f64; 2] {
                 i += count;
             }
             for k in 0..GROUP {
-                totals[0] += crate::Element::to_f64(firsts[k].total());
-                totals[1] += crate::Element::to_f64(seconds[k].total());
+                totals[0] += firsts[k].total().to_f64();
+                totals[1] += seconds[k].total().to_f64();
             }
             block += BLOCK;
         }
@@ -308,7 +309,7 @@ impl<T: Real> Vectorised<T> for Backward<'_, T> {
                 };
                 match affine {
                     RowAffine::Same(scale, _) => {
-                        let scale = crate::Element::to_f64(scale);
+                        let scale = scale.to_f64();
                         means[0] += scale * sums[0];
                         means[1] += scale * sums[1];
                         if !each && !self.sums.is_empty() {
@@ -392,8 +393,8 @@ impl<T: Real> Line<T> {
                     }
                     at += V::WIDTH;
                 }
-                totals[0] += crate::Element::to_f64(firsts.total());
-                totals[1] += crate::Element::to_f64(seconds.total());
+                totals[0] += firsts.total().to_f64();
+                totals[1] += seconds.total().to_f64();
                 block += BLOCK;
             }
         }

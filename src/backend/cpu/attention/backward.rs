@@ -140,9 +140,17 @@ impl<T: Real> Scratch<T> {
         let &Heads { keys, channels, .. } = given.heads;
         for block in (0..item.count).step_by(QUERIES) {
             let count = QUERIES.min(item.count - block);
-            let scores = if item.scores.is_empty() { &mut [] } else { &mut item.scores[block * keys..][..count * keys] };
+            let scores =
+                if item.scores.is_empty() { &mut [] } else { &mut item.scores[block * keys..][..count * keys] };
             let place = (item.head, item.first + block);
-            self.block(given, place, &mut item.q[block * channels..][..count * channels], item.share, scores, block == 0);
+            self.block(
+                given,
+                place,
+                &mut item.q[block * channels..][..count * channels],
+                item.share,
+                scores,
+                block == 0,
+            );
         }
     }
 
@@ -159,7 +167,8 @@ impl<T: Real> Scratch<T> {
         let &Heads { channels, values, .. } = heads;
         let count = q.len() / channels;
         let at = head * heads.queries + first;
-        let (query_rows, g_rows) = (&heads.q[at * channels..][..count * channels], &given.g[at * values..][..count * values]);
+        let (query_rows, g_rows) =
+            (&heads.q[at * channels..][..count * channels], &given.g[at * values..][..count * values]);
         transpose(query_rows, channels, heads.scale, &mut self.queries);
         transpose(g_rows, values, T::ONE, &mut self.g);
         pad(query_rows, channels, heads.scale, &mut self.query_rows);

@@ -11,7 +11,7 @@ mod backward;
 mod forward;
 mod product;
 
-pub(crate) use backward::{Cotangents, backward};
+pub(crate) use backward::backward;
 pub(crate) use forward::forward;
 
 use crate::scalar::Real;
