@@ -47,8 +47,8 @@ fn sizes(q: &Shape, k: &Shape) -> Sizes {
 }
 
 impl DepthAttention {
-    fn words(&self, sizes: Sizes) -> [u32; 8] {
-        let mut words = words([sizes.heads, sizes.channels, sizes.depths, sizes.pixels, 0, 0, 0, 0]);
+    fn words(&self, sizes: Sizes) -> [u32; 5] {
+        let mut words = words([sizes.heads, sizes.channels, sizes.depths, sizes.pixels, 0]);
         words[4] = (self.scale as f32).to_bits();
         words
     }

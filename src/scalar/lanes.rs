@@ -5,6 +5,7 @@
 //! loops and macros. Values move by explicit loads and stores; a step may write over one of its operands.
 
 use super::instruction::{Binary, Unary};
+use super::kernel::Job;
 use super::lower::{Op, Step};
 use super::real::Real;
 
@@ -23,12 +24,10 @@ pub struct Port<T> {
 /// `WIDTH` values; alignment does not matter. Conditions are vectors of 0 and 1.
 #[allow(clippy::missing_safety_doc)] // one contract for all methods
 pub trait Lane: Copy {
-    /// Type of its numbers.
     type Element: Real;
-    /// How many it holds: 4, 8 or 16.
     const WIDTH: usize;
-    /// How many vectors the registers hold.
-    const REGISTERS: usize = 16;
+    /// How many such vectors the processor's registers hold at once.
+    const REGISTERS: usize;
 
     unsafe fn load(from: *const Self::Element) -> Self;
     unsafe fn store(self, to: *mut Self::Element);
@@ -183,12 +182,30 @@ macro_rules! elementwise {
 }
 pub(super) use elementwise;
 
+/// Runs register code over `lanes` lanes, rounded up to whole vectors; the contract is that of
+/// [`Kernel::execute`](super::kernel::Kernel::execute).
+pub(super) struct Execute<'a, T> {
+    pub(super) steps: &'a [Step],
+    pub(super) ports: &'a [Port<T>],
+    pub(super) lanes: usize,
+}
+
+impl<T: Real> Job<T> for Execute<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    unsafe fn run<V: Lane<Element = T>>(self) {
+        // SAFETY: the caller's promise.
+        unsafe { execute::<V>(self.steps, self.ports, self.lanes) }
+    }
+}
+
 /// Runs register code over `lanes` lanes, rounded up to whole vectors.
 ///
 /// # Safety
 /// As [`Kernel::execute`](super::kernel::Kernel::execute), with the instruction set of `V` enabled.
 #[inline(always)]
-pub(super) unsafe fn execute<V: Lane>(steps: &[Step], ports: &[Port<V::Element>], lanes: usize) {
+unsafe fn execute<V: Lane>(steps: &[Step], ports: &[Port<V::Element>], lanes: usize) {
     let vectors = lanes.div_ceil(V::WIDTH);
     for step in steps {
         macro_rules! port {

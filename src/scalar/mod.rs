@@ -75,7 +75,7 @@ mod x86;
 
 pub use evaluate::Lanes;
 pub use handle::{Condition, Scalar};
-pub(crate) use kernel::Vectorised;
+pub(crate) use kernel::{Job, Path};
 pub(crate) use lanes::Lane;
 pub use mat3::Mat3;
 pub use program::Program;

@@ -34,13 +34,14 @@ macro_rules! methods {
 
 macro_rules! lane {
     (
-        $name:ident: $float:ident x $width:literal,
+        $name:ident: $float:ident x $width:literal in $registers:literal,
         $load:ident $store:ident $splat:ident $add:ident $sub:ident $mul:ident $div:ident $sqrt:ident
         $fmadd:ident $fmsub:ident $fnmadd:ident $min:ident $max:ident { $($rest:tt)* }
     ) => {
         impl Lane for $name {
             type Element = $float;
             const WIDTH: usize = $width;
+            const REGISTERS: usize = $registers;
 
             #[inline(always)]
             unsafe fn load(from: *const $float) -> Self {
@@ -78,7 +79,7 @@ macro_rules! lane {
     };
 }
 
-lane!(F32x8: f32 x 8,
+lane!(F32x8: f32 x 8 in 16,
     _mm256_loadu_ps _mm256_storeu_ps _mm256_set1_ps _mm256_add_ps _mm256_sub_ps _mm256_mul_ps _mm256_div_ps
     _mm256_sqrt_ps _mm256_fmadd_ps _mm256_fmsub_ps _mm256_fnmadd_ps _mm256_min_ps _mm256_max_ps {
     methods! {
@@ -92,7 +93,7 @@ lane!(F32x8: f32 x 8,
     single_precision!();
 });
 
-lane!(F64x4: f64 x 4,
+lane!(F64x4: f64 x 4 in 16,
     _mm256_loadu_pd _mm256_storeu_pd _mm256_set1_pd _mm256_add_pd _mm256_sub_pd _mm256_mul_pd _mm256_div_pd
     _mm256_sqrt_pd _mm256_fmadd_pd _mm256_fmsub_pd _mm256_fnmadd_pd _mm256_min_pd _mm256_max_pd {
     methods! {
@@ -106,10 +107,9 @@ lane!(F64x4: f64 x 4,
     elementwise!(exp, ln, exp_m1, ln_1p, sin, cos, tanh, logistic, softplus);
 });
 
-lane!(F32x16: f32 x 16,
+lane!(F32x16: f32 x 16 in 32,
     _mm512_loadu_ps _mm512_storeu_ps _mm512_set1_ps _mm512_add_ps _mm512_sub_ps _mm512_mul_ps _mm512_div_ps
     _mm512_sqrt_ps _mm512_fmadd_ps _mm512_fmsub_ps _mm512_fnmadd_ps _mm512_min_ps _mm512_max_ps {
-    const REGISTERS: usize = 32;
     methods! {
         abs() |x| _mm512_abs_ps(x);
         floor() |x| _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(x);
@@ -122,10 +122,9 @@ lane!(F32x16: f32 x 16,
     single_precision!();
 });
 
-lane!(F64x8: f64 x 8,
+lane!(F64x8: f64 x 8 in 32,
     _mm512_loadu_pd _mm512_storeu_pd _mm512_set1_pd _mm512_add_pd _mm512_sub_pd _mm512_mul_pd _mm512_div_pd
     _mm512_sqrt_pd _mm512_fmadd_pd _mm512_fmsub_pd _mm512_fnmadd_pd _mm512_min_pd _mm512_max_pd {
-    const REGISTERS: usize = 32;
     methods! {
         abs() |x| _mm512_abs_pd(x);
         floor() |x| _mm512_roundscale_pd::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(x);

@@ -5,8 +5,8 @@
 
 use rayon::prelude::*;
 
-use super::{Shared, buffer};
-use crate::scalar::{Lane, Real, Vectorised};
+use super::{Shared, buffer, vectorised};
+use crate::scalar::{Job, Lane, Real};
 
 /// Pixels of a strip.
 const STRIP: usize = 512;
@@ -29,7 +29,7 @@ pub(crate) fn forward<T: Real>(sizes: Sizes, [q, k, v]: [&[T]; 3], scale: f64) -
     let mut result = buffer::<T>(sizes.heads * sizes.channels * sizes.pixels);
     let mut weights = buffer::<T>(sizes.heads * sizes.depths * sizes.pixels);
     let to = [Shared::new(&mut result), Shared::new(&mut weights)];
-    strips(sizes, |strip, scratch| T::vectorised(Forward { sizes, strip, operands: [q, k, v], scale, to, scratch }));
+    strips(sizes, |strip, scratch| vectorised(Forward { sizes, strip, operands: [q, k, v], scale, to, scratch }));
     (result, weights)
 }
 
@@ -39,7 +39,7 @@ pub(crate) fn backward<T: Real>(sizes: Sizes, [q, k, v]: [&[T]; 3], weights: &[T
     let (mut dq, mut dk, mut dv) = (buffer::<T>(q.len()), buffer::<T>(k.len()), buffer::<T>(v.len()));
     let to = [Shared::new(&mut dq), Shared::new(&mut dk), Shared::new(&mut dv)];
     strips(sizes, |strip, scratch| {
-        T::vectorised(Backward { sizes, strip, operands: [q, k, v, weights, g], scale, to, scratch });
+        vectorised(Backward { sizes, strip, operands: [q, k, v, weights, g], scale, to, scratch });
     });
     [dq, dk, dv]
 }
@@ -91,7 +91,7 @@ struct Forward<'a, T> {
     scratch: &'a mut [T],
 }
 
-impl<T: Real> Vectorised<T> for Forward<'_, T> {
+impl<T: Real> Job<T> for Forward<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -155,7 +155,7 @@ struct Backward<'a, T> {
     scratch: &'a mut [T],
 }
 
-impl<T: Real> Vectorised<T> for Backward<'_, T> {
+impl<T: Real> Job<T> for Backward<'_, T> {
     type Output = ();
 
     #[inline(always)]

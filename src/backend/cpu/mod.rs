@@ -7,6 +7,8 @@ pub(crate) mod softmax;
 
 use rayon::prelude::*;
 
+use crate::scalar::{Job, Path, Real};
+
 /// Elements per work item of a pointwise loop: large enough to hide scheduling, small enough to stay in cache.
 pub(crate) const CHUNK: usize = 1 << 14;
 
@@ -28,6 +30,12 @@ pub(crate) fn filled<T: bytemuck::Zeroable + Clone + Send>(
         values.par_chunks_mut(chunk).enumerate().for_each(|(i, part)| fill(i * chunk, part));
     }
     values
+}
+
+/// Runs a job with the widest vectors that the processor has.
+pub(crate) fn vectorised<T: Real, J: Job<T>>(job: J) -> J::Output {
+    // SAFETY: the path is available; jobs given to this function ask for nothing else.
+    unsafe { T::dispatch(Path::best(), job) }
 }
 
 /// A result that parallel work items write at places of their own.

@@ -6,9 +6,9 @@
 
 use rayon::prelude::*;
 
-use super::{Shared, buffer};
+use super::{Shared, buffer, vectorised};
 use crate::Element;
-use crate::scalar::{Lane, Real, Vectorised};
+use crate::scalar::{Job, Lane, Real};
 
 /// What is normalised together, and which parameter belongs to an element.
 #[derive(Debug, Clone, Copy)]
@@ -62,7 +62,7 @@ impl<T: Real> Normalise<'_, T> {
             return (y, statistics);
         }
         y.par_chunks_mut(len).zip(statistics.par_chunks_mut(3)).enumerate().for_each(|(group, (y, statistics))| {
-            statistics.copy_from_slice(&T::vectorised(Forward { of: self, group, y }));
+            statistics.copy_from_slice(&vectorised(Forward { of: self, group, y }));
         });
         (y, statistics)
     }
@@ -89,7 +89,7 @@ impl<T: Real> Normalise<'_, T> {
                 // SAFETY: the runs lie within `dx` and do not overlap.
                 let dx = unsafe { std::slice::from_raw_parts_mut(to.at(group * len), len) };
                 let statistics = std::array::from_fn(|i| statistics[3 * group + i]);
-                T::vectorised(Backward { of: self, group, statistics, g, dx, sums });
+                vectorised(Backward { of: self, group, statistics, g, dx, sums });
             }
         });
         for totals in affine.iter_mut() {
@@ -115,7 +115,7 @@ struct Forward<'a, T> {
     y: &'a mut [T],
 }
 
-impl<T: Real> Vectorised<T> for Forward<'_, T> {
+impl<T: Real> Job<T> for Forward<'_, T> {
     type Output = Statistics<T>;
 
     #[inline(always)]
@@ -278,7 +278,7 @@ struct Backward<'a, T> {
     sums: &'a mut [T],
 }
 
-impl<T: Real> Vectorised<T> for Backward<'_, T> {
+impl<T: Real> Job<T> for Backward<'_, T> {
     type Output = ();
 
     /// With the normalised `n`, the cotangent `c` of `z = scale · n + shift`, and means over the run:

@@ -2,8 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::{CHUNK, Shared, buffer};
-use crate::scalar::{Lane, Real, Vectorised};
+use super::{CHUNK, Shared, buffer, vectorised};
+use crate::scalar::{Job, Lane, Real};
 
 /// A tensor as `[outer, len, inner]`, with the axis in the middle.
 #[derive(Debug, Clone, Copy)]
@@ -42,7 +42,7 @@ pub(crate) fn run<T: Real>(axis: Axis, pass: Pass<'_, T>) -> Vec<T> {
         let columns = (CHUNK / axis.len).next_multiple_of(64);
         (axis.outer * axis.inner.div_ceil(columns), columns)
     };
-    (0..runs).into_par_iter().for_each(|run| T::vectorised(Run { axis, pass, to, run, per_run }));
+    (0..runs).into_par_iter().for_each(|run| vectorised(Run { axis, pass, to, run, per_run }));
     result
 }
 
@@ -54,7 +54,7 @@ struct Run<'a, T> {
     per_run: usize,
 }
 
-impl<T: Real> Vectorised<T> for Run<'_, T> {
+impl<T: Real> Job<T> for Run<'_, T> {
     type Output = ();
 
     #[inline(always)]

@@ -7,8 +7,8 @@ use rayon::prelude::*;
 
 use super::product::{Left, Product, Start};
 use super::{Heads, KEYS, QUERIES, transpose};
-use crate::backend::cpu::buffer;
-use crate::scalar::{Lane, Real, Vectorised};
+use crate::backend::cpu::{buffer, vectorised};
+use crate::scalar::{Job, Lane, Real};
 
 /// Work items to aim at: enough for many threads, few enough that their partial sums are small beside the work.
 const ITEMS: usize = 16;
@@ -209,7 +209,7 @@ impl<T: Real> Scratch<T> {
                 start: Start::Zero,
             }
             .run();
-            T::vectorised(Slopes {
+            vectorised(Slopes {
                 weights: &mut self.weights[..keys * QUERIES],
                 slopes: &mut self.slopes[..keys * QUERIES],
                 log_sums: &self.log_sums,
@@ -279,7 +279,7 @@ struct Slopes<'a, T> {
     means: &'a [T; QUERIES],
 }
 
-impl<T: Real> Vectorised<T> for Slopes<'_, T> {
+impl<T: Real> Job<T> for Slopes<'_, T> {
     type Output = ();
 
     #[inline(always)]

@@ -4,8 +4,8 @@ use rayon::prelude::*;
 
 use super::product::{Left, Product, Start};
 use super::{Heads, KEYS, QUERIES, transpose};
-use crate::backend::cpu::buffer;
-use crate::scalar::{Lane, Real, Vectorised};
+use crate::backend::cpu::{buffer, vectorised};
+use crate::scalar::{Job, Lane, Real};
 
 /// The result `[heads, queries, values]`, and for each query `ln Σ exp(score)`: +∞ where no key counts, so that weights
 /// recomputed from it are 0.
@@ -76,7 +76,7 @@ impl<T: Real> Scratch<T> {
             .run();
             let scores = &mut self.scores[..keys * QUERIES];
             heads.add_mask(scores, head, first, count, key);
-            T::vectorised(Weights {
+            vectorised(Weights {
                 scores,
                 largest: &mut self.largest,
                 sums: &mut self.sums,
@@ -114,7 +114,7 @@ struct Weights<'a, T> {
     factors: &'a mut [T; QUERIES],
 }
 
-impl<T: Real> Vectorised<T> for Weights<'_, T> {
+impl<T: Real> Job<T> for Weights<'_, T> {
     type Output = ();
 
     #[inline(always)]

@@ -3,7 +3,8 @@
 //! Elements of the left operand are broadcast from wherever they lie, so that keys and values are read in place, as they
 //! are or transposed. Rows of the right operand and of the result are vectors.
 
-use crate::scalar::{Lane, Real, Vectorised};
+use crate::backend::cpu::vectorised;
+use crate::scalar::{Job, Lane, Real};
 
 /// What the sums start from.
 #[derive(Clone, Copy)]
@@ -50,11 +51,11 @@ impl<T: Real> Product<'_, T> {
         if let Start::Scaled(factors) = self.start {
             assert!(factors.len() >= self.columns);
         }
-        T::vectorised(self);
+        vectorised(self);
     }
 }
 
-impl<T: Real> Vectorised<T> for Product<'_, T> {
+impl<T: Real> Job<T> for Product<'_, T> {
     type Output = ();
 
     #[inline(always)]
