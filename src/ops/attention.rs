@@ -207,7 +207,8 @@ impl Op for Attention {
             let (result, log_sums) = cpu::forward(&sizes.cpu::<T>(&inputs, self.scale));
             let shape = [&sizes.leading[..], &[sizes.queries, sizes.values]].concat();
             let count = log_sums.len();
-            Ok(Forward::with_residual(Tensor::from_vec(result, shape), Tensor::from_vec(log_sums, [count])))
+            let y = Tensor::from_vec(result, shape);
+            Ok(Forward::with_residual(y, Tensor::from_vec(log_sums, [count])).holding(count * size_of::<T>()))
         })
     }
 
@@ -221,7 +222,7 @@ impl Op for Attention {
         let log_sums = gpu.launch(&SUMS, &[q, k, mask], &words, Spec::new([count], q.dtype()), work)?;
         let result = Spec::new([&sizes.leading[..], &[sizes.queries, sizes.values]].concat(), q.dtype());
         let y = gpu.launch(&FORWARD, &[q, k, v, mask, &log_sums], &words, result, work)?;
-        Ok(Forward::with_residual(y, log_sums))
+        Ok(Forward::with_residual(y, log_sums).holding(4 * count))
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

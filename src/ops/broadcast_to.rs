@@ -5,7 +5,7 @@ use std::rc::Rc;
 use crate::backend::cpu::{CHUNK, filled};
 use crate::backend::gpu::{Gpu, Strides};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Element, Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -74,6 +74,10 @@ impl Op for BroadcastTo {
         let x = &inputs[0];
         let strides = Strides::new(self.shape.dims().iter().copied().zip(self.steps(x.shape())));
         Ok(strides.gather(gpu, self.name(), x, 0, Spec::new(&self.shape, x.dtype()))?.into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::nothing()
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

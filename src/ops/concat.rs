@@ -4,7 +4,7 @@ use std::rc::Rc;
 
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Element, Error, ErrorKind, Result, Spec, Tensor};
 
@@ -82,6 +82,10 @@ impl Op for Concat {
             start += from;
         }
         Ok(y.into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::nothing()
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -8,7 +8,7 @@ use std::rc::Rc;
 use crate::backend::cpu::depth_attention::{self as cpu, Sizes};
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Device, Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -95,7 +95,8 @@ impl Op for DepthAttention {
             let operands = [q.slice::<T>(), k.slice::<T>(), v.slice::<T>()];
             let (result, weights) = cpu::forward(sizes, operands, self.scale);
             let count = weights.len();
-            Ok(Forward::with_residual(Tensor::from_vec(result, q.shape()), Tensor::from_vec(weights, [count])))
+            let y = Tensor::from_vec(result, q.shape());
+            Ok(Forward::with_residual(y, Tensor::from_vec(weights, [count])).holding(count * size_of::<T>()))
         })
     }
 
@@ -107,7 +108,12 @@ impl Op for DepthAttention {
         let lines = Work::Invocations(sizes.heads * sizes.pixels);
         let weights = gpu.launch(&SOFTMAX, &[q, k], &words, weights, lines)?;
         let y = gpu.launch(&MIX, &[v, &weights], &words, q.spec(), Work::Invocations(q.len()))?;
-        Ok(Forward::with_residual(y, weights))
+        let bytes = 4 * weights.len();
+        Ok(Forward::with_residual(y, weights).holding(bytes))
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::inputs()
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -11,7 +11,7 @@ use crate::backend::cpu::{CHUNK, filled};
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry};
 use crate::scalar::{Lanes, Program, Real, Scalar};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -78,8 +78,29 @@ impl<const N: usize> Pointwise<N> {
 #[derive(Debug)]
 pub struct Map {
     program: Program,
-    derivatives: Vec<OnceCell<Rc<Map>>>,
+    partials: Vec<OnceCell<Partial>>,
     kernel: OnceCell<Kernel>,
+}
+
+/// How the cotangent of one operand follows from the operands and the cotangent of the result.
+#[derive(Debug)]
+enum Partial {
+    /// It is 0 everywhere.
+    Zero,
+    /// It is the cotangent of the result.
+    Same,
+    /// A map of some of the operands; the number after the last operand's stands for the cotangent of the result.
+    Map(Rc<Map>, Vec<usize>),
+}
+
+impl Partial {
+    /// The operands that it reads.
+    fn operands(&self) -> &[usize] {
+        match self {
+            Self::Zero | Self::Same => &[],
+            Self::Map(_, operands) => operands,
+        }
+    }
 }
 
 impl Map {
@@ -90,8 +111,8 @@ impl Map {
     #[track_caller]
     pub fn new(program: Program) -> Self {
         assert_eq!(program.outputs().len(), 1, "map: the program {} must have one output", program.name());
-        let derivatives = (0..program.inputs().len()).map(|_| OnceCell::new()).collect();
-        Self { program, derivatives, kernel: OnceCell::new() }
+        let partials = (0..program.inputs().len()).map(|_| OnceCell::new()).collect();
+        Self { program, partials, kernel: OnceCell::new() }
     }
 
     /// The program applied to each element.
@@ -99,9 +120,26 @@ impl Map {
         &self.program
     }
 
-    /// The map whose operands are this one's and the cotangent, and whose result is the cotangent of one operand.
-    fn derivative(&self, input: usize) -> Rc<Self> {
-        self.derivatives[input].get_or_init(|| Rc::new(Self::new(self.program.vjp_wrt(&[input])))).clone()
+    /// The derivative with respect to one operand, without the operands that it does not depend on.
+    fn partial(&self, input: usize) -> &Partial {
+        self.partials[input].get_or_init(|| {
+            let whole = self.program.vjp_wrt(&[input]);
+            let count = whole.inputs().len();
+            let used: Vec<usize> = (0..count).filter(|&n| whole.depends(0, n)).collect();
+            match used[..] {
+                [] => Partial::Zero,
+                [only] if only == count - 1 && whole.is_empty() => Partial::Same,
+                _ => {
+                    let names: Vec<&str> = used.iter().map(|&n| whole.inputs()[n].as_str()).collect();
+                    let part = Program::trace(whole.name(), &names, &[whole.outputs()[0].as_str()], |given| {
+                        let mut all = vec![Scalar::from(0.0); count];
+                        used.iter().zip(given).for_each(|(&n, &x)| all[n] = x);
+                        whole.apply(&all)
+                    });
+                    Partial::Map(Rc::new(Self::new(part)), used)
+                }
+            }
+        })
     }
 
     /// The kernel around the program, made at the first call.
@@ -188,18 +226,34 @@ impl Op for Map {
         Ok(gpu.launch(self.kernel()?, &operands, &words([len, each]), result, Work::Invocations(len))?.into())
     }
 
+    fn reads(&self, wanted: &[bool]) -> Reads {
+        let operands = self.program.inputs().len();
+        let wanted = (0..operands).filter(|&i| wanted[i]);
+        wanted
+            .flat_map(|i| self.partial(i).operands())
+            .filter(|&&n| n < operands)
+            .fold(Reads::nothing(), |reads, &n| reads.input(n))
+    }
+
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
-        Ok((0..cx.inputs().len())
-            .map(|i| {
-                cx.wants(i).then(|| {
-                    let x = cx.input(i);
-                    let operands: Vec<_> = cx.inputs().iter().chain([cx.gradient()]).collect();
-                    let cotangent = Var::run(self.derivative(i), &operands);
-                    let whole = if x.len() == cotangent.len() { cotangent } else { cotangent.sum_all() };
-                    whole.reshape(x.shape())
-                })
-            })
-            .collect())
+        let operand = |n: usize| if n < cx.inputs().len() { cx.input(n) } else { cx.gradient() };
+        let cotangent = |i: usize| -> Result<Var> {
+            let x = cx.input(i);
+            let each = match self.partial(i) {
+                Partial::Zero => {
+                    let zeros = Tensor::zeros(x.shape(), x.dtype()).to_device(&x.device())?;
+                    return Ok(x.tape().constant(zeros));
+                }
+                Partial::Same => cx.gradient().clone(),
+                Partial::Map(map, operands) => {
+                    let operands: Vec<_> = operands.iter().map(|&n| operand(n)).collect();
+                    Var::run(map.clone(), &operands)
+                }
+            };
+            let whole = if x.len() == each.len() { each } else { each.sum_all() };
+            Ok(whole.reshape(x.shape()))
+        };
+        (0..cx.inputs().len()).map(|i| cx.wants(i).then(|| cotangent(i)).transpose()).collect()
     }
 }
 

@@ -10,7 +10,7 @@ use crate::backend::cpu::normalise as cpu;
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Device, Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -172,10 +172,8 @@ impl Op for Normalise {
         for_real!(inputs[0].dtype(), T => {
             let (y, statistics) = self.cpu::<T>(&operands).forward();
             let count = statistics.len();
-            Ok(Forward::with_residual(
-                Tensor::from_vec(y, inputs[0].shape()),
-                Tensor::from_vec(statistics, [count]),
-            ))
+            let y = Tensor::from_vec(y, inputs[0].shape());
+            Ok(Forward::with_residual(y, Tensor::from_vec(statistics, [count])).holding(count * size_of::<T>()))
         })
     }
 
@@ -184,7 +182,11 @@ impl Op for Normalise {
         let spec = Spec::new([3 * layout.groups], x.dtype());
         let runs = gpu.launch(&STATISTICS, &[x], &sizes, spec, Work::Groups(layout.groups))?;
         let y = gpu.launch(&FORWARD, &[x, &runs, scale, shift], &sizes, x.spec(), Work::Invocations(x.len()))?;
-        Ok(Forward::with_residual(y, runs))
+        Ok(Forward::with_residual(y, runs).holding(12 * layout.groups))
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::inputs()
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

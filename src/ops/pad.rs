@@ -4,7 +4,7 @@ use std::rc::Rc;
 
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Element, Error, ErrorKind, Result, Spec, Tensor};
 
@@ -67,6 +67,10 @@ impl Op for Pad {
         let len = result.shape.len();
         let sizes = words([len, from, to, self.before * inner]);
         Ok(gpu.launch(&KERNEL, &[x], &sizes, result, Work::Invocations(len))?.into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::nothing()
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -5,7 +5,7 @@ use std::rc::Rc;
 
 use crate::backend::gpu::{Gpu, Strides};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Element, Error, ErrorKind, Result, Spec, Tensor};
 
@@ -64,6 +64,10 @@ impl Op for Slice {
         let start = self.range.start * strides[self.axis];
         let axes = Strides::new(result.shape.dims().iter().copied().zip(strides));
         Ok(axes.gather(gpu, self.name(), x, start, result)?.into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::nothing()
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -10,7 +10,7 @@ use std::rc::Rc;
 use crate::backend::cpu::softmax::{Axis, Pass, run};
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -111,6 +111,10 @@ impl Op for Softmax {
         Ok(launch(gpu, [&LINES, &GROUPS], &[&inputs[0]], axis, self.log)?.into())
     }
 
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::nothing().output()
+    }
+
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
         let (y, g) = (cx.output(), cx.gradient());
         let cotangent = match self.log {
@@ -154,6 +158,10 @@ impl Op for Adjoint {
     fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
         let axis = axis_of(inputs[0].shape(), self.axis);
         Ok(launch(gpu, [&ADJOINT_LINES, &ADJOINT_GROUPS], &[&inputs[0], &inputs[1]], axis, false)?.into())
+    }
+
+    fn reads(&self, wanted: &[bool]) -> Reads {
+        Reads::nothing().input(0).input_if(1, wanted[0])
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

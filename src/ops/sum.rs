@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use crate::backend::cpu::{CHUNK, filled};
 use crate::backend::gpu::{Gpu, Kernel, Strides, Work, words};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Element, Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -114,6 +114,10 @@ impl Op for Sum {
             }
             (kept, summed) = (Strides::new([(sums, 1)]), Strides::new([(spans, sums)]));
         }
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::nothing()
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

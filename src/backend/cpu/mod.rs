@@ -3,8 +3,10 @@
 pub(crate) mod attention;
 pub(crate) mod depth_attention;
 pub(crate) mod normalise;
+pub mod pool;
 pub(crate) mod softmax;
 
+use bytemuck::Pod;
 use rayon::prelude::*;
 
 use crate::scalar::{Job, Path, Real};
@@ -13,16 +15,12 @@ use crate::scalar::{Job, Path, Real};
 pub(crate) const CHUNK: usize = 1 << 14;
 
 /// A vector of `len` numbers for a result. What it holds at first is unspecified: write every element.
-pub(crate) fn buffer<T: bytemuck::Zeroable + Clone>(len: usize) -> Vec<T> {
-    vec![T::zeroed(); len]
+pub(crate) fn buffer<T: Pod>(len: usize) -> Vec<T> {
+    pool::take(len)
 }
 
 /// Fills a vector of `len` by chunks in parallel; `fill(start, chunk)` writes the elements from `start` on.
-pub(crate) fn filled<T: bytemuck::Zeroable + Clone + Send>(
-    len: usize,
-    chunk: usize,
-    fill: impl Fn(usize, &mut [T]) + Sync,
-) -> Vec<T> {
+pub(crate) fn filled<T: Pod + Send>(len: usize, chunk: usize, fill: impl Fn(usize, &mut [T]) + Sync) -> Vec<T> {
     let mut values = buffer(len);
     if len <= chunk {
         fill(0, &mut values);
