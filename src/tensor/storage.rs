@@ -217,6 +217,7 @@ impl Tensor {
             Storage::F64(values) => bytemuck::cast_slice_mut(values),
             Storage::U32(values) => bytemuck::cast_slice_mut(values),
             Storage::Gpu(_) => panic!("slice_mut: the tensor is on a GPU"),
+            Storage::Hollow(_) => panic!("slice_mut: the tape has freed the numbers of this tensor"),
         }
     }
 
