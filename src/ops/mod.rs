@@ -86,7 +86,7 @@ pub use grid_sample_3d::Lattice;
 pub use map::{Map, Pointwise};
 
 use crate::backend::gpu::{Kernel, STRIDED};
-use crate::{Key, Op, Shape, Tensor};
+use crate::{Key, Op, Shape, Tensor, random};
 
 /// An op of the crate with the cases its tests feed it.
 pub struct Entry {
@@ -236,6 +236,7 @@ pub fn kernels() -> Vec<&'static Kernel> {
         &one_hot::KERNEL,
         &pad::KERNEL,
         &recurrence::KERNEL,
+        &*random::KERNEL,
         &reduction::ROWS,
         &reduction::TREE,
         &softmax::ADJOINT_GROUPS,
