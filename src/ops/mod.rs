@@ -13,8 +13,9 @@ mod broadcast_to;
 mod concat;
 mod div;
 mod exp;
-mod grid_sample_3d;
-mod grid_scatter_3d;
+pub(crate) mod grid;
+mod grid_sample;
+mod grid_scatter;
 mod index_add;
 mod index_select;
 mod ln;
@@ -40,10 +41,10 @@ mod tanh;
 
 use std::rc::Rc;
 
-pub use grid_sample_3d::Lattice;
+pub use grid::{GridSampling, Interpolation, Lattice, Padding};
 pub use map::{Map, Pointwise};
 
-use crate::backend::gpu::{Kernel, STRIDED};
+use crate::backend::gpu::{Kernel, SORT_BLOCKS, SORT_STEPS, SORT_TAILS, STRIDED};
 use crate::{Key, Op, Shape, Tensor};
 
 /// An op of the crate with the cases its tests feed it.
@@ -101,8 +102,8 @@ pub fn registry() -> Vec<Entry> {
         tanh::TANH.entry(),
         broadcast_to::ENTRY,
         concat::ENTRY,
-        grid_sample_3d::ENTRY,
-        grid_scatter_3d::ENTRY,
+        grid_sample::ENTRY,
+        grid_scatter::ENTRY,
         index_add::ENTRY,
         index_select::ENTRY,
         matmul::ENTRY,
@@ -118,10 +119,18 @@ pub fn registry() -> Vec<Entry> {
 pub fn kernels() -> Vec<&'static Kernel> {
     vec![
         &concat::KERNEL,
+        &grid_sample::SAMPLE,
+        &grid_sample::SLOPE,
+        &grid_scatter::CELLS,
+        &grid_scatter::GATHER,
+        &grid_scatter::STARTS,
         &index_add::KERNEL,
         &index_select::KERNEL,
         &matmul::KERNEL,
         &pad::KERNEL,
+        &SORT_BLOCKS,
+        &SORT_STEPS,
+        &SORT_TAILS,
         &STRIDED,
         &sum::ROWS,
         &sum::TREE,

@@ -75,6 +75,7 @@ mod x86;
 
 pub use evaluate::Lanes;
 pub use handle::{Condition, Scalar};
+pub(crate) use kernel::Path;
 pub use mat3::Mat3;
 pub use program::Program;
 pub use real::Real;

@@ -5,7 +5,10 @@ use std::collections::BTreeSet;
 use crate::{Error, ErrorKind, Result};
 
 /// The files that kernels may import, by the path they are imported under.
-const SHARED: &[(&str, &str)] = &[("shared/linear.wgsl", include_str!("../../../kernels/shared/linear.wgsl"))];
+const SHARED: &[(&str, &str)] = &[
+    ("shared/grid.wgsl", include_str!("../../../kernels/shared/grid.wgsl")),
+    ("shared/linear.wgsl", include_str!("../../../kernels/shared/linear.wgsl")),
+];
 
 /// A kernel's text after its imports, and where each of its lines came from.
 #[derive(Debug)]
