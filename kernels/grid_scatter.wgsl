@@ -126,7 +126,10 @@ fn gather(
                 weight *= hat_at(axis, p, poison).weight[side_of(corner, axis, sizes.rank)];
             }
             let place = batch * sizes.channels * sizes.count + p % sizes.count * sizes.point_step;
-            total += weight * samples[place + channel * sizes.sample_step];
+            // not a single bit but the sign: 0 times infinity must not become NaN, and NaN must stay
+            if (bitcast<u32>(weight) << 1u) != 0u {
+                total += weight * samples[place + channel * sizes.sample_step];
+            }
         }
     }
     y[i] = total;

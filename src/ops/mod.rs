@@ -11,6 +11,7 @@ mod abs;
 mod add;
 mod broadcast_to;
 mod concat;
+mod density_to_alpha;
 mod div;
 mod exp;
 pub(crate) mod grid;
@@ -29,8 +30,13 @@ mod neg;
 mod pad;
 mod permute;
 mod powf;
+mod ray_transmittance;
+mod ray_weights;
 mod relu;
 mod reshape;
+mod segment_repeat;
+mod segment_sum;
+mod segments;
 mod slice;
 mod softplus;
 mod sqrt;
@@ -43,6 +49,7 @@ use std::rc::Rc;
 
 pub use grid::{GridSampling, Interpolation, Lattice, Padding};
 pub use map::{Map, Pointwise};
+pub use segments::segment_offsets;
 
 use crate::backend::gpu::{Kernel, SORT_BLOCKS, SORT_STEPS, SORT_TAILS, STRIDED};
 use crate::{Key, Op, Shape, Tensor};
@@ -85,6 +92,7 @@ pub fn registry() -> Vec<Entry> {
     vec![
         abs::ABS.entry(),
         add::ADD.entry(),
+        density_to_alpha::DENSITY_TO_ALPHA.entry(),
         div::DIV.entry(),
         exp::EXP.entry(),
         ln::LN.entry(),
@@ -109,7 +117,11 @@ pub fn registry() -> Vec<Entry> {
         matmul::ENTRY,
         pad::ENTRY,
         permute::ENTRY,
+        ray_transmittance::ENTRY,
+        ray_weights::ENTRY,
         reshape::ENTRY,
+        segment_repeat::ENTRY,
+        segment_sum::ENTRY,
         slice::ENTRY,
         sum::ENTRY,
     ]
@@ -131,6 +143,12 @@ pub fn kernels() -> Vec<&'static Kernel> {
         &SORT_BLOCKS,
         &SORT_STEPS,
         &SORT_TAILS,
+        &ray_transmittance::LEFT,
+        &ray_transmittance::SLOPE,
+        &ray_weights::SLOPE,
+        &ray_weights::WEIGHTS,
+        &segment_repeat::KERNEL,
+        &segment_sum::KERNEL,
         &STRIDED,
         &sum::ROWS,
         &sum::TREE,

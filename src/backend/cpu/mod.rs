@@ -2,6 +2,7 @@
 
 pub(crate) mod grid;
 mod partition;
+pub(crate) mod rays;
 mod transpose;
 mod widest;
 

@@ -98,7 +98,8 @@ impl<T: Real, const D: usize, const K: usize> Job for Scatter<'_, T, D, K> {
                 let Some((offsets, weights)) = cells.weights(&points[p * D..][..D]) else { continue };
                 let sample = samples[p * channels..][..channels].as_ptr();
                 for corner in 0..K {
-                    if !corners[corner] {
+                    // a node outside has weight 0, and 0 times infinity must not become NaN in its neighbour
+                    if !corners[corner] || weights[corner] == T::ZERO {
                         continue;
                     }
                     let node = &mut sums[(offsets[corner] - start) * channels..][..channels];
