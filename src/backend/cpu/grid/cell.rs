@@ -89,7 +89,8 @@ impl<T: Real, const D: usize, const K: usize> Cells<T, D, K> {
         let (mut weight, mut slopes) = ([T::ONE - f, f], [-slope, slope]);
         if K == 1 {
             // the same number for every place in the cell; NaN for NaN
-            (weight, slopes) = ([T::ONE + (f - f), T::ZERO], [f - f, T::ZERO]);
+            let nothing = if f.is_nan() { f } else { T::ZERO };
+            (weight, slopes) = ([T::ONE + nothing, T::ZERO], [nothing, T::ZERO]);
         }
         let mut offset = [base as usize * stride, (base + 1) as usize * stride];
         if base < 0 {
@@ -150,9 +151,10 @@ impl<T: Real, const D: usize, const K: usize> Cells<T, D, K> {
 /// first cell with weights of NaN.
 #[inline(always)]
 fn poison<T: Real>(point: &[T]) -> T {
+    // 0 · x is 0, or NaN where x is not finite
     let mut sum = T::ZERO;
-    for i in 0..point.len() {
-        sum += point[i] - point[i];
+    for x in point {
+        sum += T::ZERO * *x;
     }
     sum
 }

@@ -4,6 +4,9 @@
 //! tensors with channels first they are given (and return) transposed copies: two passes over memory, where every lookup
 //! would otherwise touch a cache line per channel.
 
+// plain loops over indices: iterator adaptors are not sure to be compiled for the wide registers
+#![allow(clippy::needless_range_loop)]
+
 mod cell;
 mod sample;
 mod scatter;
