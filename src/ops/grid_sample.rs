@@ -7,7 +7,7 @@ use crate::backend::gpu::{Gpu, Kernel, Work};
 use crate::ops::grid::Placement;
 use crate::ops::grid_scatter::GridScatter;
 use crate::ops::{Case, Entry, GridSampling, Interpolation, Lattice, Padding, uniform};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Device, Error, ErrorKind, Result, Spec, Tensor};
 
@@ -80,6 +80,11 @@ impl Op for GridSample {
         let len = result.shape.len();
         let words = self.place.words(extent, len);
         Ok(gpu.launch(&SAMPLE, &[grid, points], &words, result, Work::Invocations(len))?.into())
+    }
+
+    fn reads(&self, wanted: &[bool]) -> Reads {
+        // where the points are always, what lies around them for their slopes alone
+        Reads::nothing().input(1).input_if(0, wanted[1])
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

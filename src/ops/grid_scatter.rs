@@ -8,7 +8,7 @@ use crate::backend::gpu::{Gpu, Kernel, Work, sorted_pairs, words};
 use crate::ops::grid::{Extent, Placement};
 use crate::ops::grid_sample::{GridSample, slope};
 use crate::ops::{Case, Entry, GridSampling, Interpolation, Lattice, Padding, uniform};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{DType, Result, Spec, Tensor};
 
@@ -96,6 +96,11 @@ impl Op for GridScatter {
         let [samples, points] = inputs else { unreachable!("grid_scatter has two operands") };
         let (extent, result) = self.place.scattered(self.name(), &samples.spec(), &points.spec())?;
         Ok(self.run(gpu, samples, points, extent, result)?.into())
+    }
+
+    fn reads(&self, wanted: &[bool]) -> Reads {
+        // where the points are always, what they spread for their slopes alone
+        Reads::nothing().input(1).input_if(0, wanted[1])
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

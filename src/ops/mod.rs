@@ -9,34 +9,72 @@
 
 mod abs;
 mod add;
+mod arg_extremum;
+mod axes;
 mod broadcast_to;
+mod choose;
+mod clamp;
 mod concat;
+mod cos;
+mod cumsum;
 mod density_to_alpha;
 mod div;
+mod elu;
+mod encoding;
+mod eq;
+mod erf;
 mod exp;
+mod exp_m1;
+mod flip;
+mod floor;
+mod gather;
+mod ge;
+mod gelu;
+mod gelu_sigmoid;
+mod gelu_tanh;
 pub(crate) mod grid;
 mod grid_sample;
 mod grid_scatter;
+mod gt;
 mod index_add;
 mod index_select;
+mod le;
+mod leaky_relu;
 mod ln;
+mod ln_1p;
 mod logistic;
+mod logsumexp;
+mod lt;
 mod map;
 mod matmul;
+mod max;
 mod maximum;
+mod min;
 mod minimum;
 mod mul;
+mod ne;
 mod neg;
+mod one_hot;
+mod operators;
 mod pad;
 mod permute;
+mod pow;
 mod powf;
+mod prod;
 mod ray_transmittance;
 mod ray_weights;
+mod recip;
+mod recurrence;
+mod reduction;
 mod relu;
 mod reshape;
+mod rsqrt;
 mod segment_repeat;
 mod segment_sum;
 mod segments;
+mod sign;
+mod silu;
+mod sin;
 mod slice;
 mod softplus;
 mod sqrt;
@@ -70,12 +108,25 @@ pub struct Case {
     pub op: Rc<dyn Op>,
     /// Its operands.
     pub inputs: Vec<Tensor>,
+    /// Whether the result answers a question (is x below y? where is the largest?), so that NaN gives an answer, too.
+    pub condition: bool,
 }
 
 impl Case {
     /// An op applied to these operands.
     pub fn new(op: impl Op, inputs: impl Into<Vec<Tensor>>) -> Self {
-        Self { op: Rc::new(op), inputs: inputs.into() }
+        Self::of(Rc::new(op), inputs)
+    }
+
+    /// An op that exists already, applied to these operands.
+    pub fn of(op: Rc<dyn Op>, inputs: impl Into<Vec<Tensor>>) -> Self {
+        Self { op, inputs: inputs.into(), condition: false }
+    }
+
+    /// The same case of an op whose result answers a question, so that NaN gives an answer instead of NaN.
+    #[must_use]
+    pub fn condition(self) -> Self {
+        Self { condition: true, ..self }
     }
 }
 
@@ -92,33 +143,65 @@ pub fn registry() -> Vec<Entry> {
     vec![
         abs::ABS.entry(),
         add::ADD.entry(),
+        choose::CHOOSE.entry(),
+        clamp::CLAMP.entry(),
+        cos::COS.entry(),
         density_to_alpha::DENSITY_TO_ALPHA.entry(),
         div::DIV.entry(),
+        elu::ELU.entry(),
+        eq::EQ.entry(),
+        erf::ERF.entry(),
         exp::EXP.entry(),
+        exp_m1::EXP_M1.entry(),
+        floor::FLOOR.entry(),
+        ge::GE.entry(),
+        gelu::GELU.entry(),
+        gelu_sigmoid::GELU_SIGMOID.entry(),
+        gelu_tanh::GELU_TANH.entry(),
+        gt::GT.entry(),
+        le::LE.entry(),
+        leaky_relu::LEAKY_RELU.entry(),
         ln::LN.entry(),
+        ln_1p::LN_1P.entry(),
         logistic::LOGISTIC.entry(),
+        lt::LT.entry(),
         maximum::MAXIMUM.entry(),
         minimum::MINIMUM.entry(),
         mul::MUL.entry(),
+        ne::NE.entry(),
         neg::NEG.entry(),
         powf::POWF.entry(),
+        recip::RECIP.entry(),
         relu::RELU.entry(),
+        rsqrt::RSQRT.entry(),
+        sign::SIGN.entry(),
+        silu::SILU.entry(),
+        sin::SIN.entry(),
         softplus::SOFTPLUS.entry(),
         sqrt::SQRT.entry(),
         square::SQUARE.entry(),
         sub::SUB.entry(),
         tanh::TANH.entry(),
+        arg_extremum::ENTRY,
         broadcast_to::ENTRY,
         concat::ENTRY,
+        cumsum::ENTRY,
+        flip::ENTRY,
         grid_sample::ENTRY,
         grid_scatter::ENTRY,
         index_add::ENTRY,
         index_select::ENTRY,
         matmul::ENTRY,
+        max::ENTRY,
+        min::ENTRY,
+        one_hot::ENTRY,
         pad::ENTRY,
         permute::ENTRY,
+        pow::ENTRY,
+        prod::ENTRY,
         ray_transmittance::ENTRY,
         ray_weights::ENTRY,
+        recurrence::ENTRY,
         reshape::ENTRY,
         segment_repeat::ENTRY,
         segment_sum::ENTRY,
@@ -130,7 +213,10 @@ pub fn registry() -> Vec<Entry> {
 /// Every kernel of the crate but those made around scalar programs ([`Map::kernel`]). Adding one here adds its tests.
 pub fn kernels() -> Vec<&'static Kernel> {
     vec![
+        &arg_extremum::ROWS,
+        &arg_extremum::TREE,
         &concat::KERNEL,
+        &cumsum::KERNEL,
         &grid_sample::SAMPLE,
         &grid_sample::SLOPE,
         &grid_scatter::CELLS,
@@ -139,18 +225,20 @@ pub fn kernels() -> Vec<&'static Kernel> {
         &index_add::KERNEL,
         &index_select::KERNEL,
         &matmul::KERNEL,
+        &one_hot::KERNEL,
         &pad::KERNEL,
-        &SORT_BLOCKS,
-        &SORT_STEPS,
-        &SORT_TAILS,
         &ray_transmittance::LEFT,
         &ray_transmittance::SLOPE,
         &ray_weights::SLOPE,
         &ray_weights::WEIGHTS,
+        &recurrence::KERNEL,
+        &reduction::ROWS,
+        &reduction::TREE,
         &segment_repeat::KERNEL,
         &segment_sum::KERNEL,
+        &SORT_BLOCKS,
+        &SORT_STEPS,
+        &SORT_TAILS,
         &STRIDED,
-        &sum::ROWS,
-        &sum::TREE,
     ]
 }

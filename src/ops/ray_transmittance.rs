@@ -7,7 +7,7 @@ use crate::backend::gpu::{Gpu, Kernel, Work};
 use crate::ops::ray_weights::{cases, check_rays, ray_words};
 use crate::ops::segments::check_offsets;
 use crate::ops::{Case, Entry};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Device, Result, Spec, Tensor};
 
@@ -54,6 +54,10 @@ impl Op for RayTransmittance {
         let result = Spec::new([rays], alpha.dtype());
         let words = ray_words(offsets, self.stop);
         Ok(gpu.launch(&LEFT, &[alpha, offsets], &words, result, Work::Invocations(rays))?.into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::inputs()
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -6,7 +6,7 @@ use crate::backend::cpu::rays;
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::segments::{are_offsets, check_offsets};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Device, Error, ErrorKind, Result, Spec, Tensor};
 
@@ -81,6 +81,10 @@ impl Op for RayWeights {
         check_offsets(self.name(), offsets.gpu_buffer().indices()?, alpha.len())?;
         let work = Work::Invocations(offsets.len() - 1);
         Ok(gpu.launch(&WEIGHTS, &[alpha, offsets], &ray_words(offsets, self.stop), alpha.spec(), work)?.into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::inputs()
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

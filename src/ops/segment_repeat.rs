@@ -5,12 +5,12 @@ use std::rc::Rc;
 
 use rayon::prelude::*;
 
-use crate::backend::cpu::{Shared, buffer};
+use crate::backend::cpu::{Places, buffer};
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::segments::{are_offsets, check_offsets};
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Spec, Tensor};
 
@@ -45,13 +45,13 @@ pub(super) struct SegmentRepeat {
 
 fn run<T: Real>(x: &[T], offsets: &[u32], rows: usize, row: usize) -> Vec<T> {
     let mut result = buffer(rows * row);
-    let out = Shared::new(&mut result);
+    let out = Places::of(&mut result);
     let segments = offsets.len() - 1;
     (0..segments.div_ceil(SEGMENTS)).into_par_iter().for_each(|item| {
         for s in item * SEGMENTS..segments.min((item + 1) * SEGMENTS) {
             let (start, end) = (offsets[s] as usize * row, offsets[s + 1] as usize * row);
             // SAFETY: the offsets never fall and end with the number of rows, so that the ranges do not overlap.
-            let part = unsafe { std::slice::from_raw_parts_mut(out.at(start), end - start) };
+            let part = unsafe { out.part(start, end - start) };
             if row == 1 {
                 part.fill(x[s]);
             } else {
@@ -97,6 +97,10 @@ impl Op for SegmentRepeat {
         let (len, row) = (result.shape.len(), x.dims()[1..].iter().product::<usize>());
         let sizes = words([len, row, offsets.len() - 1]);
         Ok(gpu.launch(&KERNEL, &[x, offsets], &sizes, result, Work::Invocations(len))?.into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::nothing().input(1)
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

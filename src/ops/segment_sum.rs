@@ -8,7 +8,7 @@ use crate::ops::segment_repeat::SegmentRepeat;
 use crate::ops::segments::{are_offsets, check_offsets};
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Spec, Tensor};
 
@@ -86,6 +86,10 @@ impl Op for SegmentSum {
         let result = self.infer(&[x.spec(), offsets.spec()])?;
         let (len, row) = (result.shape.len(), x.dims()[1..].iter().product::<usize>());
         Ok(gpu.launch(&KERNEL, &[x, offsets], &words([len, row]), result, Work::Invocations(len))?.into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::nothing().input(1)
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

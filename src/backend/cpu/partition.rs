@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::backend::cpu::{Shared, buffer};
+use crate::backend::cpu::{Places, buffer};
 
 /// Positions of a list ordered by bin, and by place in the list within a bin.
 pub(crate) struct Bins {
@@ -43,7 +43,7 @@ pub(crate) fn partition(list: &[u32], bins: usize) -> Bins {
     }
     starts[bins] = next;
     let mut order: Vec<u32> = buffer(list.len());
-    let places = Shared::new(&mut order);
+    let places = Places::of(&mut order);
     list.par_chunks(chunk).zip(&mut counts).enumerate().for_each(|(i, (part, place))| {
         for (position, &bin) in ((i * chunk) as u32..).zip(part) {
             let at = &mut place[bin as usize];

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::backend::cpu::{Shared, buffer, filled};
+use crate::backend::cpu::{Places, buffer, filled};
 use crate::scalar::Real;
 
 /// Rays per work item.
@@ -26,12 +26,12 @@ fn threshold<T: Real>(stop: Option<f64>) -> T {
 fn each_ray<T: Real>(alpha: &[T], offsets: &[u32], work: impl Fn(usize, &[T], &mut [T]) + Sync) -> Vec<T> {
     let mut result = buffer(alpha.len());
     let rays = offsets.len() - 1;
-    let out = Shared::new(&mut result);
+    let out = Places::of(&mut result);
     let some = |item: usize| {
         for ray in item * RAYS..rays.min((item + 1) * RAYS) {
             let (start, end) = (offsets[ray] as usize, offsets[ray + 1] as usize);
             // SAFETY: the offsets never fall and end with the length, so that the ranges of rays do not overlap.
-            let rows = unsafe { std::slice::from_raw_parts_mut(out.at(start), end - start) };
+            let rows = unsafe { out.part(start, end - start) };
             work(ray, &alpha[start..end], rows);
         }
     };

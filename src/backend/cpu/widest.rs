@@ -1,37 +1,35 @@
-//! Plain loops compiled for the widest instruction set that the processor has.
+//! Running a piece of plain Rust with the widest vectors that the processor has.
 
 use crate::scalar::Path;
 
-/// A piece of work as plain loops. Implement [`Job::run`] with `#[inline(always)]`, call only functions that have it too,
-/// and use neither closures nor iterator adaptors in it: only what is inlined is compiled for the wide registers.
-pub(crate) trait Job {
-    /// Does the work.
-    fn run(self);
+/// A piece of work that the compiler turns into vectors of the instruction set it is compiled for.
+///
+/// `run` must be `#[inline(always)]`, with plain loops inside: what is not inlined, closures among it, is compiled for
+/// the least processor.
+pub(crate) trait Work {
+    type Output;
+    fn run(self) -> Self::Output;
 }
 
-/// Runs a job with the widest instruction set.
-pub(crate) fn widest(job: impl Job) {
+/// Runs the work compiled for the widest available instruction set. Sums keep their order: the results are the same.
+pub(crate) fn widest<W: Work>(work: W) -> W::Output {
     #[cfg(target_arch = "x86_64")]
     {
-        #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma")]
-        unsafe fn avx512(job: impl Job) {
-            job.run();
+        #[target_feature(enable = "avx512f,avx2,fma")]
+        unsafe fn avx512<W: Work>(work: W) -> W::Output {
+            work.run()
         }
         #[target_feature(enable = "avx2,fma")]
-        unsafe fn avx2(job: impl Job) {
-            job.run();
+        unsafe fn avx2<W: Work>(work: W) -> W::Output {
+            work.run()
         }
-        let modern = is_x86_feature_detected!("avx512vl")
-            && is_x86_feature_detected!("avx512dq")
-            && is_x86_feature_detected!("avx512bw");
-        // SAFETY: the instruction sets were detected.
-        unsafe {
-            match Path::best() {
-                Path::Avx512 if modern => return avx512(job),
-                Path::Avx512 | Path::Avx2 => return avx2(job),
-                Path::Portable => {}
-            }
+        match Path::best() {
+            // SAFETY: the path was found to be available.
+            Path::Avx512 => return unsafe { avx512(work) },
+            // SAFETY: as above.
+            Path::Avx2 => return unsafe { avx2(work) },
+            Path::Portable => {}
         }
     }
-    job.run();
+    work.run()
 }

@@ -7,7 +7,10 @@ use crate::{Error, ErrorKind, Result};
 /// The files that kernels may import, by the path they are imported under.
 const SHARED: &[(&str, &str)] = &[
     ("shared/grid.wgsl", include_str!("../../../kernels/shared/grid.wgsl")),
+    ("shared/is_nan.wgsl", include_str!("../../../kernels/shared/is_nan.wgsl")),
     ("shared/linear.wgsl", include_str!("../../../kernels/shared/linear.wgsl")),
+    ("shared/max.wgsl", include_str!("../../../kernels/shared/max.wgsl")),
+    ("shared/min.wgsl", include_str!("../../../kernels/shared/min.wgsl")),
 ];
 
 /// A kernel's text after its imports, and where each of its lines came from.

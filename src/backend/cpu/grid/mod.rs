@@ -12,7 +12,8 @@ mod sample;
 mod scatter;
 mod slope;
 
-use crate::backend::cpu::transposed;
+use crate::backend::cpu::strided;
+use crate::backend::gpu::Strides;
 use crate::ops::grid::{Extent, Placement};
 use crate::scalar::Real;
 
@@ -48,17 +49,17 @@ macro_rules! for_cells {
 
 /// The values of the grid at the points.
 pub(crate) fn sample<T: Real>(place: &Placement, extent: Extent, values: &[T], points: &[T]) -> Vec<T> {
-    let turned = node_rows(place, extent, values);
-    let values = turned.as_deref().unwrap_or(values);
+    let rows = node_rows(place, extent, values);
+    let values = rows.as_deref().unwrap_or(values);
     for_cells!(place, cells => sample::run(&cells, extent, values, points, place.channels_first))
 }
 
 /// What the samples add to the nodes around their points.
 pub(crate) fn scatter<T: Real>(place: &Placement, extent: Extent, samples: &[T], points: &[T]) -> Vec<T> {
-    let turned = point_rows(place, extent, samples);
-    let samples = turned.as_deref().unwrap_or(samples);
+    let rows = point_rows(place, extent, samples);
+    let samples = rows.as_deref().unwrap_or(samples);
     let sums = for_cells!(place, cells => scatter::run(&cells, extent, samples, points));
-    if place.channels_first && extent.channels > 1 { transposed(&sums, extent.nodes, extent.channels) } else { sums }
+    if place.channels_first && extent.channels > 1 { turned(&sums, extent.nodes, extent.channels) } else { sums }
 }
 
 /// The derivative of `Σ samples · sample(values, points)` with respect to the points.
@@ -70,12 +71,19 @@ pub(crate) fn slope<T: Real>(place: &Placement, extent: Extent, values: &[T], po
 
 /// The values of the grid with the channels of a node side by side, where they are not.
 fn node_rows<T: Real>(place: &Placement, extent: Extent, values: &[T]) -> Option<Vec<T>> {
-    (place.channels_first && extent.channels > 1).then(|| transposed(values, extent.channels, extent.nodes))
+    (place.channels_first && extent.channels > 1).then(|| turned(values, extent.channels, extent.nodes))
 }
 
 /// The samples with the channels of a point side by side, where they are not.
 fn point_rows<T: Real>(place: &Placement, extent: Extent, samples: &[T]) -> Option<Vec<T>> {
-    (place.channels_first && extent.channels > 1).then(|| transposed(samples, extent.channels, extent.count))
+    (place.channels_first && extent.channels > 1).then(|| turned(samples, extent.channels, extent.count))
+}
+
+/// Matrices `[rows, columns]` one after the other, turned over to `[columns, rows]`.
+fn turned<T: Real>(values: &[T], rows: usize, columns: usize) -> Vec<T> {
+    let matrix = rows * columns;
+    let axes = Strides::new([(values.len() / matrix.max(1), matrix), (columns, 1), (rows, columns)]);
+    strided::gather(values, 0, &axes)
 }
 
 /// Calls `$block::<W>($i)` for blocks of channels, the widest first, until all are done.

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::{Cells, TILE, by_blocks};
-use crate::backend::cpu::{Job, Shared, buffer, widest};
+use crate::backend::cpu::{Places, Work, buffer, widest};
 use crate::ops::grid::Extent;
 use crate::scalar::Real;
 
@@ -22,7 +22,7 @@ pub(super) fn run<T: Real, const D: usize, const K: usize>(
         return samples;
     }
     let columns = columns && channels > 1;
-    let out = Shared::new(&mut samples);
+    let out = Places::of(&mut samples);
     // whole tiles, some 16k numbers
     let part = TILE * (16384 / (TILE * channels)).max(1);
     let parts = count.div_ceil(part);
@@ -34,7 +34,7 @@ pub(super) fn run<T: Real, const D: usize, const K: usize>(
             values: &values[b * nodes * channels..][..nodes * channels],
             points: &points[(b * count + first) * D..(b * count + end) * D],
             channels,
-            out: Target { all: &out, start: b * count * channels, first, count, columns },
+            out: Target { all: out, start: b * count * channels, first, count, columns },
             scratch,
         });
     };
@@ -48,8 +48,8 @@ pub(super) fn run<T: Real, const D: usize, const K: usize>(
 }
 
 /// Where the samples of some points go.
-struct Target<'a, T> {
-    all: &'a Shared<T>,
+struct Target<T> {
+    all: Places<T>,
     /// Place of the batch entry.
     start: usize,
     /// Number of the first point.
@@ -64,11 +64,13 @@ struct Sample<'a, T, const D: usize, const K: usize> {
     values: &'a [T],
     points: &'a [T],
     channels: usize,
-    out: Target<'a, T>,
+    out: Target<T>,
     scratch: &'a mut [T],
 }
 
-impl<T: Real, const D: usize, const K: usize> Job for Sample<'_, T, D, K> {
+impl<T: Real, const D: usize, const K: usize> Work for Sample<'_, T, D, K> {
+    type Output = ();
+
     #[inline(always)]
     fn run(self) {
         let Self { cells, values, points, channels, out, scratch } = self;
@@ -76,15 +78,8 @@ impl<T: Real, const D: usize, const K: usize> Job for Sample<'_, T, D, K> {
         if !out.columns {
             for p in 0..count {
                 // SAFETY: the row of this point, which no other work item has.
-                unsafe {
-                    row(
-                        cells,
-                        values,
-                        &points[p * D..][..D],
-                        channels,
-                        out.all.at(out.start + (out.first + p) * channels),
-                    )
-                };
+                let samples = unsafe { out.all.part(out.start + (out.first + p) * channels, channels) };
+                row(cells, values, &points[p * D..][..D], samples);
             }
             return;
         }
@@ -92,17 +87,13 @@ impl<T: Real, const D: usize, const K: usize> Job for Sample<'_, T, D, K> {
             let first = tile * TILE;
             let len = if first + TILE < count { TILE } else { count - first };
             for p in 0..len {
-                // SAFETY: the scratch holds TILE rows.
-                unsafe {
-                    row(cells, values, &points[(first + p) * D..][..D], channels, scratch[p * channels..].as_mut_ptr())
-                };
+                row(cells, values, &points[(first + p) * D..][..D], &mut scratch[p * channels..][..channels]);
             }
             for c in 0..channels {
                 // SAFETY: these columns of the batch entry, which no other work item has.
-                let column = unsafe { out.all.at(out.start + c * out.count + out.first + first) };
+                let column = unsafe { out.all.part(out.start + c * out.count + out.first + first, len) };
                 for p in 0..len {
-                    // SAFETY: as above.
-                    unsafe { column.add(p).write(scratch[p * channels + c]) };
+                    column[p] = scratch[p * channels + c];
                 }
             }
         }
@@ -110,29 +101,18 @@ impl<T: Real, const D: usize, const K: usize> Job for Sample<'_, T, D, K> {
 }
 
 /// All channels at one point.
-///
-/// # Safety
-/// `out` must be valid for `channels` numbers.
 #[inline(always)]
-unsafe fn row<T: Real, const D: usize, const K: usize>(
-    cells: &Cells<T, D, K>,
-    values: &[T],
-    point: &[T],
-    channels: usize,
-    out: *mut T,
-) {
+fn row<T: Real, const D: usize, const K: usize>(cells: &Cells<T, D, K>, values: &[T], point: &[T], out: &mut [T]) {
+    let channels = out.len();
     let Some((mut offsets, weights)) = cells.weights(point) else {
-        for c in 0..channels {
-            // SAFETY: the caller's promise.
-            unsafe { out.add(c).write(T::ZERO) };
-        }
+        out.fill(T::ZERO);
         return;
     };
     for offset in &mut offsets {
         *offset *= channels;
         assert!(*offset + channels <= values.len(), "the nodes of a cell lie in the grid");
     }
-    let values = values.as_ptr();
+    let (values, out) = (values.as_ptr(), out.as_mut_ptr());
     // SAFETY: `channels` numbers can be read from each node and written to the row.
     unsafe { by_blocks!(channels, i => block(values.add(i), &offsets, &weights, out.add(i))) }
 }

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::{Cells, by_blocks};
-use crate::backend::cpu::{Bins, Job, buffer, partition, widest};
+use crate::backend::cpu::{Bins, Work, buffer, partition, widest};
 use crate::ops::grid::Extent;
 use crate::scalar::Real;
 
@@ -80,7 +80,9 @@ struct Scatter<'a, T, const D: usize, const K: usize> {
     sums: &'a mut [T],
 }
 
-impl<T: Real, const D: usize, const K: usize> Job for Scatter<'_, T, D, K> {
+impl<T: Real, const D: usize, const K: usize> Work for Scatter<'_, T, D, K> {
+    type Output = ();
+
     #[inline(always)]
     fn run(self) {
         let Self { cells, bins, keys, samples, points, channels, first, end, sums } = self;

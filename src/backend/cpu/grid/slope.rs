@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::{Cells, by_blocks};
-use crate::backend::cpu::{Job, buffer, widest};
+use crate::backend::cpu::{Work, buffer, widest};
 use crate::ops::grid::Extent;
 use crate::scalar::Real;
 
@@ -40,7 +40,9 @@ struct Slope<'a, T, const D: usize, const K: usize> {
     out: &'a mut [T],
 }
 
-impl<T: Real, const D: usize, const K: usize> Job for Slope<'_, T, D, K> {
+impl<T: Real, const D: usize, const K: usize> Work for Slope<'_, T, D, K> {
+    type Output = ();
+
     #[inline(always)]
     fn run(self) {
         let Self { cells, values, points, samples, channels, out } = self;
