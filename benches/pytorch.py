@@ -98,4 +98,22 @@ case("permute heads 8x1024x8x40", lambda x: x.permute(0, 2, 1, 3).contiguous(), 
 case("concat channels 4x320x32^2", lambda a, b: torch.cat([a, b], 1), leaf(*image), leaf(*image))
 case("pad 4x320x32^2", lambda x: F.pad(x, (1, 1, 1, 1)), leaf(*image))
 
+def lookup(grid, at):
+    return F.grid_sample(grid, at, align_corners=True)
+
+
+def composite(alpha):
+    left = torch.cumprod(torch.cat([torch.ones(len(alpha), 1), 1 - alpha], 1), 1)
+    return (left[:, :-1] * alpha).sum() + left[:, -1].sum()
+
+
+case("grid_sample_3d 64ch 32^3 -> 48x32x32", lookup, leaf(1, 64, 32, 32, 32), leaf(1, 48, 32, 32, 3))
+case("grid_sample_2d 64ch 128^2 -> 256x256", lookup, leaf(1, 64, 128, 128), leaf(1, 256, 256, 2))
+case("grid_sample_3d 1ch 128^3 -> 2^20 points", lookup, leaf(1, 1, 128, 128, 128), leaf(1, 1 << 20, 1, 1, 3))
+case("composite 8192 rays x 128", composite, (torch.rand(8192, 128) * 0.1).requires_grad_())
+destinations = torch.randint(1 << 16, (1 << 20,))
+case("index_add 2^20 x 4 -> 2^16", lambda x: torch.zeros(1 << 16, 4).index_add(0, destinations, x), leaf(1 << 20, 4))
+rays = torch.arange(1 << 20) >> 6
+case("segment_sum 2^20 x 4 -> 2^14", lambda x: torch.zeros(1 << 14, 4).index_add(0, rays, x), leaf(1 << 20, 4))
+
 json.dump(rows, open(out, "w"), indent=1)

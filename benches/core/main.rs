@@ -7,6 +7,7 @@ mod harness;
 mod matmul;
 mod normalisation;
 mod pointwise;
+mod sampling;
 mod tape;
 
 /// One group of cases for each module.
@@ -15,6 +16,7 @@ const GROUPS: &[fn() -> Vec<harness::Case>] = &[
     matmul::cases,
     normalisation::cases,
     pointwise::cases,
+    sampling::cases,
     tape::cases,
 ];
 

@@ -18,6 +18,7 @@ mod clamp;
 mod concat;
 mod cos;
 mod cumsum;
+mod density_to_alpha;
 mod depth_attention;
 mod div;
 mod elu;
@@ -33,8 +34,9 @@ mod ge;
 mod gelu;
 mod gelu_sigmoid;
 mod gelu_tanh;
-mod grid_sample_3d;
-mod grid_scatter_3d;
+pub(crate) mod grid;
+mod grid_sample;
+mod grid_scatter;
 mod gt;
 mod index_add;
 mod index_select;
@@ -62,12 +64,17 @@ mod permute;
 mod pow;
 mod powf;
 mod prod;
+mod ray_transmittance;
+mod ray_weights;
 mod recip;
 mod recurrence;
 mod reduction;
 mod relu;
 mod reshape;
 mod rsqrt;
+mod segment_repeat;
+mod segment_sum;
+mod segments;
 mod sign;
 mod silu;
 mod sin;
@@ -82,10 +89,11 @@ mod tanh;
 
 use std::rc::Rc;
 
-pub use grid_sample_3d::Lattice;
+pub use grid::{GridSampling, Interpolation, Lattice, Padding};
 pub use map::{Map, Pointwise};
+pub use segments::segment_offsets;
 
-use crate::backend::gpu::{Kernel, STRIDED};
+use crate::backend::gpu::{Kernel, SORT_BLOCKS, SORT_STEPS, SORT_TAILS, STRIDED};
 use crate::{Key, Op, Shape, Tensor, random};
 
 /// An op of the crate with the cases its tests feed it.
@@ -142,6 +150,7 @@ pub fn registry() -> Vec<Entry> {
         choose::CHOOSE.entry(),
         clamp::CLAMP.entry(),
         cos::COS.entry(),
+        density_to_alpha::DENSITY_TO_ALPHA.entry(),
         div::DIV.entry(),
         elu::ELU.entry(),
         eq::EQ.entry(),
@@ -184,8 +193,8 @@ pub fn registry() -> Vec<Entry> {
         cumsum::ENTRY,
         depth_attention::ENTRY,
         flip::ENTRY,
-        grid_sample_3d::ENTRY,
-        grid_scatter_3d::ENTRY,
+        grid_sample::ENTRY,
+        grid_scatter::ENTRY,
         index_add::ENTRY,
         index_select::ENTRY,
         matmul::ENTRY,
@@ -198,8 +207,12 @@ pub fn registry() -> Vec<Entry> {
         permute::ENTRY,
         pow::ENTRY,
         prod::ENTRY,
+        ray_transmittance::ENTRY,
+        ray_weights::ENTRY,
         recurrence::ENTRY,
         reshape::ENTRY,
+        segment_repeat::ENTRY,
+        segment_sum::ENTRY,
         slice::ENTRY,
         softmax::ADJOINT_ENTRY,
         softmax::ENTRY,
@@ -225,6 +238,11 @@ pub fn kernels() -> Vec<&'static Kernel> {
         &depth_attention::SLOPES,
         &depth_attention::SOFTMAX,
         &depth_attention::SPREAD,
+        &grid_sample::SAMPLE,
+        &grid_sample::SLOPE,
+        &grid_scatter::CELLS,
+        &grid_scatter::GATHER,
+        &grid_scatter::STARTS,
         &index_add::KERNEL,
         &index_select::KERNEL,
         &matmul::KERNEL,
@@ -235,6 +253,10 @@ pub fn kernels() -> Vec<&'static Kernel> {
         &normalise::STATISTICS,
         &one_hot::KERNEL,
         &pad::KERNEL,
+        &ray_transmittance::LEFT,
+        &ray_transmittance::SLOPE,
+        &ray_weights::SLOPE,
+        &ray_weights::WEIGHTS,
         &recurrence::KERNEL,
         &*random::KERNEL,
         &reduction::ROWS,
@@ -243,6 +265,11 @@ pub fn kernels() -> Vec<&'static Kernel> {
         &softmax::ADJOINT_LINES,
         &softmax::GROUPS,
         &softmax::LINES,
+        &segment_repeat::KERNEL,
+        &segment_sum::KERNEL,
+        &SORT_BLOCKS,
+        &SORT_STEPS,
+        &SORT_TAILS,
         &STRIDED,
     ]
 }
