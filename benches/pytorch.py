@@ -116,4 +116,16 @@ case("index_add 2^20 x 4 -> 2^16", lambda x: torch.zeros(1 << 16, 4).index_add(0
 rays = torch.arange(1 << 20) >> 6
 case("segment_sum 2^20 x 4 -> 2^14", lambda x: torch.zeros(1 << 14, 4).index_add(0, rays, x), leaf(1 << 20, 4))
 
+def convolution(name, function, x, weight, outputs, **settings):
+    case(name, lambda x, w, b: function(x, w, b, **settings), leaf(*x), leaf(*weight), leaf(outputs))
+
+
+convolution("conv2d 3x3 320->320 @32^2", F.conv2d, (1, 320, 32, 32), (320, 320, 3, 3), 320, padding=1)
+convolution("conv2d 3x3 1280->1280 @8^2", F.conv2d, (1, 1280, 8, 8), (1280, 1280, 3, 3), 1280, padding=1)
+convolution("conv2d 1x1 320->640 @32^2", F.conv2d, (1, 320, 32, 32), (640, 320, 1, 1), 640)
+convolution("conv2d 3x3 depth-wise 256 @64^2", F.conv2d, (1, 256, 64, 64), (256, 1, 3, 3), 256, padding=1, groups=256)
+convolution("conv3d 3^3 64->64 @32^3", F.conv3d, (1, 64, 32, 32, 32), (64, 64, 3, 3, 3), 64, padding=1)
+convolution("conv_transpose3d 128->64 16^3->32^3", F.conv_transpose3d, (1, 128, 16, 16, 16), (128, 64, 3, 3, 3), 64,
+            stride=2, padding=1, output_padding=1)
+
 json.dump(rows, open(out, "w"), indent=1)

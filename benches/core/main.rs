@@ -3,6 +3,7 @@
 //! `cargo bench --bench core -- [threads] [filter]`; `benches/compare.sh` runs the peer first.
 
 mod attention;
+mod convolution;
 mod harness;
 mod matmul;
 mod normalisation;
@@ -13,6 +14,7 @@ mod tape;
 /// One group of cases for each module.
 const GROUPS: &[fn() -> Vec<harness::Case>] = &[
     attention::cases,
+    convolution::cases,
     matmul::cases,
     normalisation::cases,
     pointwise::cases,

@@ -11,11 +11,13 @@ mod abs;
 mod add;
 mod arg_extremum;
 mod attention;
+mod average_pool;
 mod axes;
 mod broadcast_to;
 mod choose;
 mod clamp;
 mod concat;
+mod convolution;
 mod cos;
 mod cumsum;
 mod density_to_alpha;
@@ -50,6 +52,7 @@ mod lt;
 mod map;
 mod matmul;
 mod max;
+mod max_pool;
 mod maximum;
 mod min;
 mod minimum;
@@ -60,7 +63,9 @@ mod normalise;
 mod one_hot;
 mod operators;
 mod pad;
+mod per_axis;
 mod permute;
+mod pool;
 mod pow;
 mod powf;
 mod prod;
@@ -70,7 +75,9 @@ mod recip;
 mod recurrence;
 mod reduction;
 mod relu;
+mod resample;
 mod reshape;
+mod resize;
 mod rsqrt;
 mod segment_repeat;
 mod segment_sum;
@@ -89,8 +96,13 @@ mod tanh;
 
 use std::rc::Rc;
 
+pub use convolution::Conv;
+pub(crate) use convolution::{Geometry, Phase};
 pub use grid::{GridSampling, Interpolation, Lattice, Padding};
 pub use map::{Map, Pointwise};
+pub use per_axis::PerAxis;
+pub use pool::Pool;
+pub use resize::Resampling;
 pub use segments::segment_offsets;
 
 use crate::backend::gpu::{Kernel, SORT_BLOCKS, SORT_STEPS, SORT_TAILS, STRIDED};
@@ -190,6 +202,9 @@ pub fn registry() -> Vec<Entry> {
         attention::ENTRY,
         broadcast_to::ENTRY,
         concat::ENTRY,
+        convolution::forward::ENTRY,
+        convolution::transposed::ENTRY,
+        convolution::weights::ENTRY,
         cumsum::ENTRY,
         depth_attention::ENTRY,
         flip::ENTRY,
@@ -199,6 +214,8 @@ pub fn registry() -> Vec<Entry> {
         index_select::ENTRY,
         matmul::ENTRY,
         max::ENTRY,
+        max_pool::PICK_ENTRY,
+        max_pool::UNPOOL_ENTRY,
         min::ENTRY,
         normalise::GROUP_ENTRY,
         normalise::LAYER_ENTRY,
@@ -210,6 +227,7 @@ pub fn registry() -> Vec<Entry> {
         ray_transmittance::ENTRY,
         ray_weights::ENTRY,
         recurrence::ENTRY,
+        resample::ENTRY,
         reshape::ENTRY,
         segment_repeat::ENTRY,
         segment_sum::ENTRY,
@@ -270,6 +288,12 @@ pub fn kernels() -> Vec<&'static Kernel> {
         &SORT_BLOCKS,
         &SORT_STEPS,
         &SORT_TAILS,
+        &convolution::FORWARD,
+        &convolution::TRANSPOSED,
+        &convolution::WEIGHTS,
+        &max_pool::PICK,
+        &max_pool::UNPOOL,
+        &resample::KERNEL,
         &STRIDED,
     ]
 }

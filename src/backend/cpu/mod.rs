@@ -1,7 +1,9 @@
 //! The CPU backend: fixed work chunks over rayon's threads, so that results do not depend on the thread count.
 
 pub(crate) mod attention;
+pub(crate) mod convolution;
 pub(crate) mod depth_attention;
+pub(crate) mod gemm;
 pub(crate) mod grid;
 pub(crate) mod normalise;
 mod partition;
