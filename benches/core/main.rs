@@ -7,6 +7,7 @@ mod convolution;
 mod harness;
 mod matmul;
 mod normalisation;
+mod optimiser;
 mod pointwise;
 mod sampling;
 mod tape;
@@ -17,6 +18,7 @@ const GROUPS: &[fn() -> Vec<harness::Case>] = &[
     convolution::cases,
     matmul::cases,
     normalisation::cases,
+    optimiser::cases,
     pointwise::cases,
     sampling::cases,
     tape::cases,
