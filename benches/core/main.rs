@@ -13,5 +13,7 @@ fn main() {
     let threads = arguments.first().and_then(|a| a.parse().ok()).unwrap_or(1);
     let filter = arguments.iter().find(|a| a.parse::<usize>().is_err()).cloned().unwrap_or_default();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a thread pool");
-    pool.install(|| harness::run(threads, &filter, &[attention::cases, matmul::cases, normalisation::cases, tape::cases]));
+    pool.install(|| {
+        harness::run(threads, &filter, &[attention::cases, matmul::cases, normalisation::cases, tape::cases])
+    });
 }
