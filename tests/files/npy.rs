@@ -68,7 +68,10 @@ fn headers_that_lie_are_refused() {
         (file("{'descr': [('a', '<f4')], 'fortran_order': False, 'shape': (2,), }", 8), "[('a', '<f4')]"),
         (file("{'descr': '<f4', 'fortran_order': False, 'shape': (-1,), }", 4), "descr, fortran_order and shape"),
         (file("{'descr': '<f4', 'shape': (1,), }", 4), "descr, fortran_order and shape"),
-        (file("{'descr': '<f4', 'fortran_order': False, 'shape': (4294967296, 4294967296, 0), }", 0), "bytes for shape"),
+        (
+            file("{'descr': '<f4', 'fortran_order': False, 'shape': (4294967296, 4294967296, 0), }", 0),
+            "bytes for shape",
+        ),
         (b"\x93NUMPY\x01\x00\xff\xff".to_vec(), "longer than the file"),
         (b"\x93NUMPY\x09\x00\x00\x00".to_vec(), "version 9"),
     ];

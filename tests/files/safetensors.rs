@@ -91,7 +91,8 @@ fn every_type_of_the_format_is_read_or_named() {
 
 #[test]
 fn hostile_headers_are_refused() {
-    let one = |shape: &str, offsets: &str| format!(r#"{{"a":{{"dtype":"F32","shape":{shape},"data_offsets":{offsets}}}}}"#);
+    let one =
+        |shape: &str, offsets: &str| format!(r#"{{"a":{{"dtype":"F32","shape":{shape},"data_offsets":{offsets}}}}}"#);
     Archive::from_bytes(file(&one("[2]", "[0,8]"), 8)).unwrap();
     let cases = [
         file(&one("[2]", "[0,8]"), 7),

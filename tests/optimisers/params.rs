@@ -70,7 +70,8 @@ fn loading_takes_the_numbers_and_keeps_the_dtypes() {
         Err(_) => {
             assert!(long.is_err());
             assert_eq!(params.get("net.half").unwrap().slice::<f32>(), [0.0; 6]);
-            params = params.iter().filter(|(path, _)| *path != "net.long").map(|(p, x)| (p.to_owned(), x.clone())).collect();
+            params =
+                params.iter().filter(|(path, _)| *path != "net.long").map(|(p, x)| (p.to_owned(), x.clone())).collect();
             params.load(&archive, &how).unwrap();
         }
     }
