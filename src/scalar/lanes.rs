@@ -59,6 +59,7 @@ pub(super) trait Lane: Copy {
     unsafe fn tanh(self) -> Self;
     unsafe fn logistic(self) -> Self;
     unsafe fn softplus(self) -> Self;
+    unsafe fn erf(self) -> Self;
 
     #[inline(always)]
     unsafe fn neg(self) -> Self {
@@ -210,6 +211,7 @@ pub(super) unsafe fn execute<V: Lane>(steps: &[Step], ports: &[Port<V::Element>]
                 Unary::Softplus => each!(a => a.softplus()),
                 Unary::Ln1p => each!(a => a.ln_1p()),
                 Unary::ExpM1 => each!(a => a.exp_m1()),
+                Unary::Erf => each!(a => a.erf()),
             },
         }
     }

@@ -1,9 +1,16 @@
 //! The CPU backend: fixed work chunks over rayon's threads, so that results do not depend on the thread count.
 
 pub mod pool;
+pub(crate) mod reduce;
+pub(crate) mod rows;
+pub(crate) mod scan;
+pub(crate) mod strided;
+mod widest;
 
 use bytemuck::Pod;
 use rayon::prelude::*;
+
+pub(crate) use widest::{Work, widest};
 
 /// Elements per work item of a pointwise loop: large enough to hide scheduling, small enough to stay in cache.
 pub(crate) const CHUNK: usize = 1 << 14;

@@ -5,7 +5,12 @@ use std::collections::BTreeSet;
 use crate::{Error, ErrorKind, Result};
 
 /// The files that kernels may import, by the path they are imported under.
-const SHARED: &[(&str, &str)] = &[("shared/linear.wgsl", include_str!("../../../kernels/shared/linear.wgsl"))];
+const SHARED: &[(&str, &str)] = &[
+    ("shared/is_nan.wgsl", include_str!("../../../kernels/shared/is_nan.wgsl")),
+    ("shared/linear.wgsl", include_str!("../../../kernels/shared/linear.wgsl")),
+    ("shared/max.wgsl", include_str!("../../../kernels/shared/max.wgsl")),
+    ("shared/min.wgsl", include_str!("../../../kernels/shared/min.wgsl")),
+];
 
 /// A kernel's text after its imports, and where each of its lines came from.
 #[derive(Debug)]
