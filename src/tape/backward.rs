@@ -1,5 +1,7 @@
 //! The backward pass: one loop over the tape from the result to the leaves.
 
+use smallvec::SmallVec;
+
 use crate::tape::{Applied, Backward, Kind, Tape, Var, anomaly};
 use crate::{Error, ErrorKind, Result, Tensor};
 
@@ -178,7 +180,7 @@ impl Tape {
     }
 
     /// The cotangents of one node's recorded operands.
-    fn vjp_of(&self, node: usize, gradient: &Var, pass: Pass) -> Result<Vec<(usize, Var)>> {
+    fn vjp_of(&self, node: usize, gradient: &Var, pass: Pass) -> Result<SmallVec<[(usize, Var); 2]>> {
         let live = pass == Pass::Record;
         let var = |node: Option<usize>, value: &Tensor| Var::new(self.clone(), node.filter(|_| live), value.clone());
         let record = self.0.borrow();
@@ -189,9 +191,9 @@ impl Tape {
         };
         let Applied { op, residual, .. } = applied;
         let (op, residual) = (op.clone(), residual.clone());
-        let inputs: Vec<_> = applied.inputs.iter().map(|(node, value)| var(*node, value)).collect();
-        let targets: Vec<_> = applied.inputs.iter().map(|(node, _)| *node).collect();
-        let wanted: Vec<_> = targets.iter().map(Option::is_some).collect();
+        let inputs: SmallVec<[_; 3]> = applied.inputs.iter().map(|(node, value)| var(*node, value)).collect();
+        let targets: SmallVec<[_; 4]> = applied.inputs.iter().map(|(node, _)| *node).collect();
+        let wanted: SmallVec<[_; 8]> = targets.iter().map(Option::is_some).collect();
         let output = var(Some(node), &applied.output);
         let (place, anomaly) = (record.nodes[node].place, record.anomaly);
         drop(record);
@@ -203,14 +205,14 @@ impl Tape {
         self.0.borrow_mut().anomaly = anomaly;
         let cotangents = cotangents?;
         assert_eq!(cotangents.len(), inputs.len(), "{}: vjp must speak of every operand", op.name());
-        let mut arrived = Vec::with_capacity(inputs.len());
+        let mut arrived = SmallVec::new();
         for (index, cotangent) in cotangents.into_iter().enumerate() {
             let (Some(target), Some(cotangent)) = (targets[index], cotangent) else { continue };
-            assert_eq!(
-                cotangent.spec(),
-                inputs[index].spec(),
-                "{}: the cotangent of operand {index} has another shape than the operand",
-                op.name()
+            assert!(
+                cotangent.shape() == inputs[index].shape() && cotangent.dtype() == inputs[index].dtype(),
+                "{}: the cotangent {cotangent:?} does not fit operand {index}, {:?}",
+                op.name(),
+                inputs[index]
             );
             if anomaly {
                 anomaly::check_cotangent(&*op, index, gradient.tensor(), cotangent.tensor(), place)?;

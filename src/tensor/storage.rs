@@ -18,7 +18,9 @@ pub(crate) enum Storage {
     F32(Vec<f32>),
     F64(Vec<f64>),
     U32(Vec<u32>),
-    Gpu(GpuBuffer),
+    /// A single number of any type at the beginning of eight bytes: one allocation less for every scalar.
+    One(u64),
+    Gpu(Box<GpuBuffer>),
     /// No numbers any more: they were on this device.
     Hollow(Device),
 }
@@ -32,7 +34,7 @@ impl Drop for Storage {
             Self::F64(values) => pool::give(std::mem::take(values)),
             Self::U32(values) => pool::give(std::mem::take(values)),
             // its own drop does so
-            Self::Gpu(_) | Self::Hollow(_) => {}
+            Self::One(_) | Self::Gpu(_) | Self::Hollow(_) => {}
         }
     }
 }
@@ -69,6 +71,14 @@ impl Tensor {
     pub fn full(value: f64, shape: impl Into<Shape>, dtype: DType) -> Self {
         let shape = shape.into();
         let len = shape.len();
+        if len == 1 {
+            return match dtype {
+                DType::F16 => Self::one(f16::from_f64(value), shape),
+                DType::F32 => Self::one(value as f32, shape),
+                DType::F64 => Self::one(value, shape),
+                DType::U32 => Self::one(value as u32, shape),
+            };
+        }
         fn constant<T: Element>(value: f64, len: usize) -> Storage {
             let value = T::from_f64(value);
             wrap(filled(len, CHUNK, |_, part: &mut [T]| part.fill(value)))
@@ -80,6 +90,14 @@ impl Tensor {
             DType::U32 => constant::<u32>(value, len),
         };
         Self { shape, dtype, storage: Arc::new(storage) }
+    }
+
+    /// A tensor on the CPU of one element, whatever its axes.
+    pub(crate) fn one<T: Element>(value: T, shape: Shape) -> Self {
+        debug_assert_eq!(shape.len(), 1, "one element");
+        let mut bits = 0u64;
+        bytemuck::bytes_of_mut(&mut bits)[..size_of::<T>()].copy_from_slice(bytemuck::bytes_of(&value));
+        Self { shape, dtype: T::DTYPE, storage: Arc::new(Storage::One(bits)) }
     }
 
     /// A tensor of zeros on the CPU.
@@ -94,7 +112,7 @@ impl Tensor {
 
     /// A tensor over a device buffer.
     pub(crate) fn from_gpu(buffer: GpuBuffer, spec: Spec) -> Self {
-        Self { shape: spec.shape, dtype: spec.dtype, storage: Arc::new(Storage::Gpu(buffer)) }
+        Self { shape: spec.shape, dtype: spec.dtype, storage: Arc::new(Storage::Gpu(Box::new(buffer))) }
     }
 
     /// Sizes per axis.
@@ -192,6 +210,7 @@ impl Tensor {
             Storage::F32(values) => bytemuck::cast_slice(values),
             Storage::F64(values) => bytemuck::cast_slice(values),
             Storage::U32(values) => bytemuck::cast_slice(values),
+            Storage::One(bits) => &bytemuck::cast_slice(std::slice::from_ref(bits))[..1],
             Storage::Gpu(_) => panic!("slice: the tensor {:?} is on a GPU; read it with to_vec", self.spec()),
             Storage::Hollow(_) => self.panic_hollow(),
         }
@@ -219,6 +238,7 @@ impl Tensor {
             Storage::F32(values) => wide(values),
             Storage::F64(values) => values.clone(),
             Storage::U32(values) => wide(values),
+            Storage::One(_) => vec![self.first()],
             Storage::Gpu(_) => return self.to_device(&Device::Cpu)?.to_vec(),
             Storage::Hollow(_) => self.panic_hollow(),
         })
@@ -229,9 +249,20 @@ impl Tensor {
     /// # Errors
     /// [`ErrorKind::Shape`] when there is not exactly one; [`ErrorKind::Device`] when the read-back fails.
     pub fn item(&self) -> Result<f64> {
-        match self.to_vec()?[..] {
-            [value] => Ok(value),
+        match (&*self.storage, self.len()) {
+            (Storage::One(_), _) => Ok(self.first()),
+            (_, 1) => Ok(self.to_vec()?[0]),
             _ => Err(Error::new(ErrorKind::Shape, "item: not a single number").found(format!("{:?}", self.spec()))),
+        }
+    }
+
+    /// The first number of a CPU tensor.
+    fn first(&self) -> f64 {
+        match self.dtype {
+            DType::F16 => self.slice::<f16>()[0].to_f64(),
+            DType::F32 => self.slice::<f32>()[0].into(),
+            DType::F64 => self.slice::<f64>()[0],
+            DType::U32 => self.slice::<u32>()[0].into(),
         }
     }
 
@@ -275,21 +306,25 @@ impl Tensor {
                 DType::U32 => Ok(Self::from_vec(buffer.read::<u32>()?, &self.shape)),
                 _ => Ok(Self::from_vec(buffer.read::<f32>()?, &self.shape)),
             },
-            (Storage::F32(values), Device::Gpu(gpu)) => {
-                Ok(Self::from_gpu(gpu.upload(bytemuck::cast_slice(values))?, self.spec()))
-            }
-            (Storage::U32(values), Device::Gpu(gpu)) => {
-                Ok(Self::from_gpu(gpu.upload(bytemuck::cast_slice(values))?.remember(values), self.spec()))
-            }
             (Storage::Gpu(_), Device::Gpu(_)) if self.device() != *device => {
                 self.to_device(&Device::Cpu)?.to_device(device)
             }
-            (Storage::F16(_) | Storage::F64(_), Device::Gpu(_)) => {
-                Err(Error::new(ErrorKind::Unsupported, "the GPU backend holds f32 and u32 tensors")
-                    .found(format!("{:?}", self.spec()))
-                    .fix("cast to f32 first"))
+            (Storage::Gpu(_), Device::Gpu(_)) | (_, Device::Cpu) => Ok(self.clone()),
+            (_, Device::Gpu(gpu)) => {
+                let buffer = match self.dtype {
+                    DType::F32 => gpu.upload(bytemuck::cast_slice(self.slice::<f32>()))?,
+                    DType::U32 => {
+                        let indices = self.slice::<u32>();
+                        gpu.upload(bytemuck::cast_slice(indices))?.remember(indices)
+                    }
+                    DType::F16 | DType::F64 => {
+                        return Err(Error::new(ErrorKind::Unsupported, "the GPU backend holds f32 and u32 tensors")
+                            .found(format!("{:?}", self.spec()))
+                            .fix("cast to f32 first"));
+                    }
+                };
+                Ok(Self::from_gpu(buffer, self.spec()))
             }
-            _ => Ok(self.clone()),
         }
     }
 
@@ -303,6 +338,7 @@ impl Tensor {
             Storage::F32(values) => values.iter().all(|v| v.is_finite()),
             Storage::F64(values) => values.iter().all(|v| v.is_finite()),
             Storage::U32(_) => true,
+            Storage::One(_) => self.first().is_finite(),
             Storage::Gpu(_) => return self.to_device(&Device::Cpu)?.all_finite(),
             Storage::Hollow(_) => self.panic_hollow(),
         })
