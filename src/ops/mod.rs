@@ -12,6 +12,7 @@ mod add;
 mod arg_extremum;
 mod axes;
 mod broadcast_to;
+mod cast;
 mod choose;
 mod clamp;
 mod concat;
@@ -81,7 +82,7 @@ use std::rc::Rc;
 pub use grid_sample_3d::Lattice;
 pub use map::{Map, Pointwise};
 
-use crate::backend::gpu::{Kernel, STRIDED};
+use crate::backend::gpu::{Kernel, NARROW, STRIDED, WIDEN};
 use crate::{Key, Op, Shape, Tensor};
 
 /// An op of the crate with the cases its tests feed it.
@@ -175,6 +176,7 @@ pub fn registry() -> Vec<Entry> {
         tanh::TANH.entry(),
         arg_extremum::ENTRY,
         broadcast_to::ENTRY,
+        cast::ENTRY,
         concat::ENTRY,
         cumsum::ENTRY,
         flip::ENTRY,
@@ -212,6 +214,8 @@ pub fn kernels() -> Vec<&'static Kernel> {
         &recurrence::KERNEL,
         &reduction::ROWS,
         &reduction::TREE,
+        &NARROW,
         &STRIDED,
+        &WIDEN,
     ]
 }

@@ -10,8 +10,8 @@ use crate::Tensor;
 ///
 /// Counted are the distinct tensors among the operands and results that some derivative will read, what forward passes
 /// declared with [`Forward::holding`](crate::Forward::holding), and, while a backward pass runs, the cotangents that wait
-/// for their turn. Not counted are tensors that only the program's own variables keep, and what one op needs while it
-/// runs.
+/// for their turn. Not counted are single numbers, tensors that only the program's own variables keep, and what one op needs
+/// while it runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Memory {
     /// Bytes held now.

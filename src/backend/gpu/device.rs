@@ -135,11 +135,12 @@ impl Gpu {
     pub(crate) fn upload(&self, bytes: &[u8]) -> Result<GpuBuffer> {
         self.check_size(bytes.len())?;
         let contents = if bytes.is_empty() { &[0; 4] } else { bytes };
+        let words = bytes.len().next_multiple_of(4);
         let raw = self.created(|| {
             let usage = GpuBuffer::USAGE;
             self.device().create_buffer_init(&wgpu::util::BufferInitDescriptor { label: None, contents, usage })
         })?;
-        Ok(GpuBuffer::new(self.clone(), raw, bytes.len(), false))
+        Ok(GpuBuffer::new(self.clone(), raw, words, false))
     }
 
     /// A buffer of `bytes` bytes of undefined contents, from the pool if it has one.

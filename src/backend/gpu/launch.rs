@@ -56,12 +56,13 @@ impl Gpu {
     /// # Errors
     /// [`ErrorKind::Device`] when it does not fit; [`ErrorKind::Unsupported`] for a dtype the device does not hold.
     pub fn empty(&self, spec: Spec) -> Result<Tensor> {
-        if spec.dtype.size() != 4 {
-            return Err(
-                Error::new(ErrorKind::Unsupported, "the GPU backend holds f32 and u32 tensors").found(spec.dtype)
-            );
+        if spec.dtype == DType::F64 {
+            return Err(Error::new(ErrorKind::Unsupported, "the GPU backend holds f32, f16 and u32 tensors")
+                .found(spec.dtype)
+                .fix("cast to f32"));
         }
-        Ok(Tensor::from_gpu(self.allocate(spec.shape.len() * spec.dtype.size())?, spec))
+        let bytes = (spec.shape.len() * spec.dtype.size()).next_multiple_of(4);
+        Ok(Tensor::from_gpu(self.allocate(bytes)?, spec))
     }
 
     /// Runs a kernel on tensors given in the order of its buffers, the written one first.
@@ -92,7 +93,12 @@ impl Gpu {
         }
         for (tensor, binding) in tensors.iter().zip(buffers) {
             assert!(tensor.gpu_buffer().gpu().same(self), "{}: {tensor:?} is not on {self:?}", kernel.name());
-            if binding.element == DType::F32 && tensor.dtype() != DType::F32 {
+            let fits = match tensor.dtype() {
+                DType::F32 => true,
+                DType::F16 => binding.holds_halves(),
+                _ => binding.element == DType::U32,
+            };
+            if !fits {
                 return Err(Error::new(ErrorKind::Unsupported, format!("{} computes in f32", kernel.name()))
                     .at(&binding.name)
                     .found(format!("{tensor:?}"))

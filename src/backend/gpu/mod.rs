@@ -7,6 +7,7 @@
 //! results return to a pool when their last tensor is dropped.
 
 mod buffer;
+mod cast;
 mod device;
 mod kernel;
 mod launch;
@@ -16,6 +17,7 @@ mod source;
 mod strides;
 
 pub use buffer::GpuBuffer;
+pub(crate) use cast::{NARROW, WIDEN};
 pub use device::Gpu;
 pub use kernel::{Binding, Kernel, Reflection};
 pub use launch::Work;
