@@ -32,6 +32,9 @@ fn tolerance(op: &str) -> (f64, f64) {
         // drivers compute exp with a few units in the last place
         "exp" | "exp_m1" | "ln" | "ln_1p" | "logistic" | "softplus" | "tanh" => (2e-6, 5e-6),
         "erf" | "elu" | "gelu" | "gelu_sigmoid" | "gelu_tanh" | "silu" => (2e-6, 5e-6),
+        "attention" | "depth_attention" | "softmax" | "log_softmax" => (5e-6, 1e-5),
+        // sums over a run, divided by its deviation
+        "group_norm" | "layer_norm" => (1e-5, 1e-5),
         // exp of a product that carries the error of a logarithm
         "pow" | "powf" => (5e-6, 2e-5),
         // WGSL allows 2.5 units in the last place in divisions and square roots

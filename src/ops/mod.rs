@@ -10,6 +10,7 @@
 mod abs;
 mod add;
 mod arg_extremum;
+mod attention;
 mod axes;
 mod broadcast_to;
 mod cast;
@@ -18,6 +19,7 @@ mod clamp;
 mod concat;
 mod cos;
 mod cumsum;
+mod depth_attention;
 mod div;
 mod elu;
 mod encoding;
@@ -53,6 +55,7 @@ mod minimum;
 mod mul;
 mod ne;
 mod neg;
+mod normalise;
 mod one_hot;
 mod operators;
 mod pad;
@@ -70,6 +73,7 @@ mod sign;
 mod silu;
 mod sin;
 mod slice;
+mod softmax;
 mod softplus;
 mod sqrt;
 mod square;
@@ -175,10 +179,12 @@ pub fn registry() -> Vec<Entry> {
         sub::SUB.entry(),
         tanh::TANH.entry(),
         arg_extremum::ENTRY,
+        attention::ENTRY,
         broadcast_to::ENTRY,
         cast::ENTRY,
         concat::ENTRY,
         cumsum::ENTRY,
+        depth_attention::ENTRY,
         flip::ENTRY,
         grid_sample_3d::ENTRY,
         grid_scatter_3d::ENTRY,
@@ -187,6 +193,8 @@ pub fn registry() -> Vec<Entry> {
         matmul::ENTRY,
         max::ENTRY,
         min::ENTRY,
+        normalise::GROUP_ENTRY,
+        normalise::LAYER_ENTRY,
         one_hot::ENTRY,
         pad::ENTRY,
         permute::ENTRY,
@@ -195,6 +203,9 @@ pub fn registry() -> Vec<Entry> {
         recurrence::ENTRY,
         reshape::ENTRY,
         slice::ENTRY,
+        softmax::ADJOINT_ENTRY,
+        softmax::ENTRY,
+        softmax::LOG_ENTRY,
         sum::ENTRY,
     ]
 }
@@ -204,17 +215,36 @@ pub fn kernels() -> Vec<&'static Kernel> {
     vec![
         &arg_extremum::ROWS,
         &arg_extremum::TREE,
+        &attention::FORWARD,
+        &attention::FOR_KEYS,
+        &attention::FOR_QUERIES,
+        &attention::FOR_SCORES,
+        &attention::FOR_VALUES,
+        &attention::SUMS,
         &concat::KERNEL,
         &cumsum::KERNEL,
+        &depth_attention::MIX,
+        &depth_attention::SLOPES,
+        &depth_attention::SOFTMAX,
+        &depth_attention::SPREAD,
         &index_add::KERNEL,
         &index_select::KERNEL,
         &matmul::KERNEL,
+        &normalise::BACKWARD,
+        &normalise::FORWARD,
+        &normalise::MEANS,
+        &normalise::PARAMETERS,
+        &normalise::STATISTICS,
         &one_hot::KERNEL,
         &pad::KERNEL,
         &recurrence::KERNEL,
         &reduction::ROWS,
         &reduction::TREE,
         &NARROW,
+        &softmax::ADJOINT_GROUPS,
+        &softmax::ADJOINT_LINES,
+        &softmax::GROUPS,
+        &softmax::LINES,
         &STRIDED,
         &WIDEN,
     ]
