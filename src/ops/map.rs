@@ -11,7 +11,7 @@ use smallvec::SmallVec;
 
 use crate::backend::cpu::strided::read;
 use crate::backend::cpu::{CHUNK, buffer, filled};
-use crate::backend::gpu::{Gpu, Kernel, Strides, Work, words};
+use crate::backend::gpu::{Gpu, Kernel, Strides, words};
 use crate::ops::broadcast_to::steps;
 use crate::ops::{Case, Entry};
 use crate::scalar::{Lanes, Program, Real, Scalar};
@@ -280,7 +280,7 @@ impl Op for Map {
         let operands: Vec<Tensor> = inputs.iter().map(spread).collect::<Result<_>>()?;
         let operands: Vec<&Tensor> = operands.iter().collect();
         let each = operands.iter().enumerate().fold(0, |each, (n, x)| each | usize::from(x.len() != 1) << n);
-        Ok(gpu.launch(self.kernel()?, &operands, &words([len, each]), result, Work::Invocations(len))?.into())
+        Ok(gpu.launch_each(self.kernel()?, &operands, |_, count| words([count, each]).to_vec(), result)?.into())
     }
 
     fn reads(&self, wanted: &[bool]) -> Reads {

@@ -163,6 +163,16 @@ impl Tensor {
         }
     }
 
+    /// Elements of a tensor on a GPU from `start` on, without copying them. `start` is at a multiple of
+    /// [`GpuBuffer::ALIGNMENT`] bytes.
+    pub(crate) fn gpu_part(&self, start: usize, shape: impl Into<Shape>) -> Self {
+        let Storage::Gpu(buffer) = self.storage() else { panic!("gpu_part: {self:?} is not on a GPU") };
+        let (shape, size) = (shape.into(), self.dtype().size());
+        let bytes = (shape.len() * size).next_multiple_of(4);
+        let part = GpuBuffer::part(buffer, start * size, bytes);
+        Self::new(shape, self.dtype(), Storage::Gpu(Arc::new(part)))
+    }
+
     /// The numbers of a CPU tensor.
     ///
     /// # Panics

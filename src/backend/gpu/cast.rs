@@ -1,6 +1,6 @@
 //! Numbers in `f16` on a GPU: storage of two to a word, cast before and after computing.
 
-use crate::backend::gpu::{Gpu, Kernel, Work, words};
+use crate::backend::gpu::{Gpu, Kernel, words};
 use crate::{DType, Result, Spec, Tensor};
 
 /// From `f16` to `f32`; exact.
@@ -14,12 +14,11 @@ pub(crate) static NARROW: Kernel =
 impl Gpu {
     /// An `f16` tensor as `f32`.
     pub(crate) fn widen(&self, x: &Tensor) -> Result<Tensor> {
-        self.launch(&WIDEN, &[x], &words([x.len()]), Spec::new(x.shape(), DType::F32), Work::Invocations(x.len()))
+        self.launch_each(&WIDEN, &[x], |_, len| words([len]).to_vec(), Spec::new(x.shape(), DType::F32))
     }
 
     /// An `f32` tensor as `f16`.
     pub(crate) fn narrow(&self, x: &Tensor) -> Result<Tensor> {
-        let pairs = Work::Invocations(x.len().div_ceil(2));
-        self.launch(&NARROW, &[x], &words([x.len()]), Spec::new(x.shape(), DType::F16), pairs)
+        self.launch_each(&NARROW, &[x], |_, len| words([len]).to_vec(), Spec::new(x.shape(), DType::F16))
     }
 }
