@@ -14,6 +14,7 @@ mod attention;
 mod average_pool;
 mod axes;
 mod broadcast_to;
+mod cast;
 mod choose;
 mod clamp;
 mod concat;
@@ -105,7 +106,7 @@ pub use pool::Pool;
 pub use resize::Resampling;
 pub use segments::segment_offsets;
 
-use crate::backend::gpu::{Kernel, SORT_BLOCKS, SORT_STEPS, SORT_TAILS, STRIDED};
+use crate::backend::gpu::{Kernel, NARROW, SORT_BLOCKS, SORT_STEPS, SORT_TAILS, STRIDED, WIDEN};
 use crate::{Key, Op, Shape, Tensor, random};
 
 /// An op of the crate with the cases its tests feed it.
@@ -201,6 +202,7 @@ pub fn registry() -> Vec<Entry> {
         arg_extremum::ENTRY,
         attention::ENTRY,
         broadcast_to::ENTRY,
+        cast::ENTRY,
         concat::ENTRY,
         convolution::forward::ENTRY,
         convolution::transposed::ENTRY,
@@ -279,6 +281,7 @@ pub fn kernels() -> Vec<&'static Kernel> {
         &*random::KERNEL,
         &reduction::ROWS,
         &reduction::TREE,
+        &NARROW,
         &softmax::ADJOINT_GROUPS,
         &softmax::ADJOINT_LINES,
         &softmax::GROUPS,
@@ -295,5 +298,6 @@ pub fn kernels() -> Vec<&'static Kernel> {
         &max_pool::UNPOOL,
         &resample::KERNEL,
         &STRIDED,
+        &WIDEN,
     ]
 }

@@ -1,5 +1,7 @@
 //! Which instruction set a block of lanes is run with.
 
+use std::sync::OnceLock;
+
 use super::lanes::{self, Lane, Port};
 use super::lower::Step;
 
@@ -32,7 +34,8 @@ impl Path {
 
     /// The widest available path.
     pub fn best() -> Self {
-        Self::available().next_back().unwrap_or(Self::Portable)
+        static BEST: OnceLock<Path> = OnceLock::new();
+        *BEST.get_or_init(|| Self::available().next_back().unwrap_or(Self::Portable))
     }
 }
 
