@@ -1,7 +1,7 @@
 //! Which instruction set a block of lanes is run with.
 
 use super::lanes::{self, Port};
-use super::lower::Step;
+use super::lower::Code;
 
 /// The ways to run register code on this kind of processor, widest last.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,33 +43,33 @@ pub trait Kernel: Sized {
     /// # Safety
     /// The path must be available. Every slot that a step names must have a port; a port that does not repeat must be
     /// valid for `lanes` values rounded up to a multiple of 16, for writing too where a step writes it.
-    unsafe fn execute(path: Path, steps: &[Step], ports: &[Port<Self>], lanes: usize);
+    unsafe fn execute(path: Path, code: &Code, ports: &[Port<Self>], lanes: usize);
 }
 
 macro_rules! kernel {
     ($float:ident, $portable:ty, $avx2:ty, $avx512:ty) => {
         impl Kernel for $float {
-            unsafe fn execute(path: Path, steps: &[Step], ports: &[Port<Self>], lanes: usize) {
+            unsafe fn execute(path: Path, code: &Code, ports: &[Port<Self>], lanes: usize) {
                 #[cfg(target_arch = "x86_64")]
                 #[target_feature(enable = "avx2,fma")]
-                unsafe fn avx2(steps: &[Step], ports: &[Port<$float>], lanes: usize) {
+                unsafe fn avx2(code: &Code, ports: &[Port<$float>], lanes: usize) {
                     // SAFETY: the caller's promise.
-                    unsafe { lanes::execute::<$avx2>(steps, ports, lanes) }
+                    unsafe { lanes::execute::<$avx2>(code, ports, lanes) }
                 }
                 #[cfg(target_arch = "x86_64")]
                 #[target_feature(enable = "avx512f,avx2,fma")]
-                unsafe fn avx512(steps: &[Step], ports: &[Port<$float>], lanes: usize) {
+                unsafe fn avx512(code: &Code, ports: &[Port<$float>], lanes: usize) {
                     // SAFETY: the caller's promise.
-                    unsafe { lanes::execute::<$avx512>(steps, ports, lanes) }
+                    unsafe { lanes::execute::<$avx512>(code, ports, lanes) }
                 }
                 // SAFETY: the caller's promise.
                 unsafe {
                     match path {
-                        Path::Portable => lanes::execute::<$portable>(steps, ports, lanes),
+                        Path::Portable => lanes::execute::<$portable>(code, ports, lanes),
                         #[cfg(target_arch = "x86_64")]
-                        Path::Avx2 => avx2(steps, ports, lanes),
+                        Path::Avx2 => avx2(code, ports, lanes),
                         #[cfg(target_arch = "x86_64")]
-                        Path::Avx512 => avx512(steps, ports, lanes),
+                        Path::Avx512 => avx512(code, ports, lanes),
                     }
                 }
             }
