@@ -32,6 +32,15 @@ impl Vectors {
         self.tensors.get(name).unwrap_or_else(|| panic!("no tensor {name}"))
     }
 
+    pub fn has(&self, name: &str) -> bool {
+        self.tensors.contains_key(name)
+    }
+
+    /// A number, kept as a tensor or among the metadata.
+    pub fn scalar(&self, name: &str) -> f64 {
+        self.tensors.get(name).map_or_else(|| self.number(name), |values| values[0])
+    }
+
     pub fn vectors<T: Number>(&self, name: &str) -> Vec<[T; 3]> {
         self.get(name).as_chunks::<3>().0.iter().map(|v| v.map(T::from_f64)).collect()
     }
