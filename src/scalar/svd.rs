@@ -54,6 +54,14 @@ pub(super) unsafe fn svd<V: Lane>(f: [V; 9]) -> [V; 21] {
                 break;
             }
         }
+        // Rounding of the rotations has piled up in both: V is made a rotation again, and B = F V formed afresh.
+        orthonormalise(&mut v);
+        for j in 0..3 {
+            for i in 0..3 {
+                let row = [f[3 * i].mul(inverse), f[3 * i + 1].mul(inverse), f[3 * i + 2].mul(inverse)];
+                b[j][i] = dot(row, v[j]);
+            }
+        }
         let mut squares = [dot(b[0], b[0]), dot(b[1], b[1]), dot(b[2], b[2])];
         sort(&mut squares, &mut b, &mut v, 0, 1);
         sort(&mut squares, &mut b, &mut v, 1, 2);
@@ -109,6 +117,36 @@ unsafe fn rotate<V: Lane>(b: &mut Columns<V>, v: &mut Columns<V>, p: usize, q: u
     }
 }
 
+/// Makes columns that are nearly orthonormal exactly so, up to rounding.
+#[inline(always)]
+unsafe fn orthonormalise<V: Lane>(v: &mut Columns<V>) {
+    unsafe {
+        // For a length near 1, 1/√s = (3 − s)/2 up to the square of the rest.
+        let (half, three_halves) = (V::splat(V::Element::from_f64(0.5)), V::splat(V::Element::from_f64(1.5)));
+        let scale = dot(v[0], v[0]).neg_mul_add(half, three_halves);
+        for i in 0..3 {
+            v[0][i] = v[0][i].mul(scale);
+        }
+        let along = dot(v[0], v[1]);
+        for i in 0..3 {
+            v[1][i] = along.neg_mul_add(v[0][i], v[1][i]);
+        }
+        let scale = dot(v[1], v[1]).neg_mul_add(half, three_halves);
+        for i in 0..3 {
+            v[1][i] = v[1][i].mul(scale);
+        }
+        v[2] = cross(v[0], v[1]);
+    }
+}
+
+/// `a × b`
+#[inline(always)]
+unsafe fn cross<V: Lane>(a: [V; 3], b: [V; 3]) -> [V; 3] {
+    unsafe {
+        [a[1].mul_sub(b[2], a[2].mul(b[1])), a[2].mul_sub(b[0], a[0].mul(b[2])), a[0].mul_sub(b[1], a[1].mul(b[0]))]
+    }
+}
+
 /// Puts the longer of two columns first; a quarter turn, so that `v` stays a rotation.
 #[inline(always)]
 unsafe fn sort<V: Lane>(squares: &mut [V; 3], b: &mut Columns<V>, v: &mut Columns<V>, p: usize, q: usize) {
@@ -158,10 +196,7 @@ unsafe fn frame<V: Lane>(b: Columns<V>, square: V) -> (Columns<V>, [V; 3]) {
         for i in 0..3 {
             u[1][i] = rest[i].mul(per_length);
         }
-        for i in 0..3 {
-            let (j, k) = ((i + 1) % 3, (i + 2) % 3);
-            u[2][i] = u[0][j].mul_sub(u[1][k], u[0][k].mul(u[1][j]));
-        }
+        u[2] = cross(u[0], u[1]);
         (u, [dot(u[0], b[0]), dot(u[1], b[1]), dot(u[2], b[2])])
     }
 }

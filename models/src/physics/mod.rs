@@ -5,7 +5,8 @@
 //! hand, the material by differentiating its scalar program.
 //!
 //! - [`World`]: grid spacing, gravity, [`Collider`]s, limits.
-//! - [`Material`]: one constitutive law, written for one particle; [`Law`]: the same, traced. [`materials`] lists them.
+//! - [`Material`]: one constitutive law, written for one particle; [`Law`]: the same, traced. [`materials`] lists them, and
+//!   [`check_material`] checks them.
 //! - [`rollout`]: thousands of substeps as one node of the tape, with a [`Schedule`] and [`Remat`]; [`simulate`]: the same
 //!   for several materials at once.
 //! - [`State`], [`Simulation`]: one substep at a time, forwards and backwards, on plain arrays.
@@ -40,6 +41,7 @@ mod transfer;
 mod values;
 mod world;
 
+pub use check::{MaterialCheck, MaterialReport, check_material};
 pub use collider::{Collider, Contact, Region};
 pub use law::Law;
 pub use material::{Given, History, Material, Point};

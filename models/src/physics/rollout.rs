@@ -171,6 +171,7 @@ impl Rollout {
         let n = positions.len();
         let order = self.order(&positions);
         let world = self.world_of::<T>(inputs)?;
+        world.check()?;
         self.schedule.check()?;
         let values = self.values::<T>(inputs, n)?;
         for (index, (law, parameters)) in self.laws.iter().zip(&values.parameters).enumerate() {

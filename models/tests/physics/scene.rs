@@ -134,6 +134,7 @@ pub fn close_norm<T: Number>(what: &str, found: &[T], wanted: &[f64], tolerance:
     assert_eq!(found.len(), wanted.len(), "{what}");
     let square: f64 = found.iter().zip(wanted).map(|(a, b)| (a.to_f64() - b).powi(2)).sum();
     let norm = wanted.iter().map(|b| b * b).sum::<f64>().sqrt();
-    let relative = square.sqrt() / norm;
+    // what is zero up to rounding is compared as it is
+    let relative = square.sqrt() / norm.max(1e-14);
     assert!(relative <= tolerance, "{what}: relative l2 difference {relative:.3e}, allowed {tolerance:.1e}");
 }
