@@ -33,6 +33,9 @@ fn tolerance(op: &str) -> (f64, f64) {
         // drivers compute exp with a few units in the last place
         "exp" | "exp_m1" | "ln" | "ln_1p" | "logistic" | "softplus" | "tanh" => (2e-6, 5e-6),
         "erf" | "elu" | "gelu" | "gelu_sigmoid" | "gelu_tanh" | "silu" => (2e-6, 5e-6),
+        "attention" | "depth_attention" | "softmax" | "log_softmax" => (5e-6, 1e-5),
+        // sums over a run, divided by its deviation
+        "group_norm" | "layer_norm" => (1e-5, 1e-5),
         // exp of a product that carries the error of a logarithm
         "pow" | "powf" => (5e-6, 2e-5),
         // WGSL allows 2.5 units in the last place in divisions and square roots
@@ -260,6 +263,33 @@ fn matmul_of_any_size() {
         };
         slopes(&gpu).iter().zip(slopes(&Device::Cpu)).for_each(|(a, b)| assert_close("matmul", a, &b));
     }
+}
+
+#[test]
+fn attention_over_more_than_one_block_of_partners() {
+    let Some(gpu) = gpu() else { return };
+    for [queries, keys, channels, values] in [[3, 300, 2, 5], [300, 3, 5, 2], [2, 3, 4, 260], [2, 0, 3, 3]] {
+        let operands =
+            [random(1, [2, queries, channels]), random(2, [2, keys, channels]), random(3, [2, keys, values])];
+        compare(&gpu, "attention", &operands, |v| v[0].attention(&v[1], &v[2], 0.8, None));
+        let slopes = |device: &Device| {
+            let tape = Tape::new();
+            let vars: Vec<Var> = operands.iter().map(|x| tape.leaf(x.to_device(device).unwrap())).collect();
+            let loss = vars[0].attention(&vars[1], &vars[2], 0.8, None).square().sum_all();
+            let found = loss.backward().unwrap();
+            vars.iter().map(|x| found.wrt(x).unwrap().to_device(&Device::Cpu).unwrap()).collect::<Vec<_>>()
+        };
+        slopes(&gpu).iter().zip(slopes(&Device::Cpu)).for_each(|(a, b)| assert_close("attention", a, &b));
+    }
+    // masks that leave a query some keys, or none
+    let inf = f32::INFINITY;
+    let mask = Tensor::from_vec(vec![0.0, -inf, -inf, -inf, -inf, -inf, 1.0, 2.0, -inf], [3, 3]);
+    let operands = [random(1, [2, 3, 4]), random(2, [2, 3, 4]), random(3, [2, 3, 4]), mask.clone()];
+    compare(&gpu, "attention", &operands, |v| v[0].attention(&v[1], &v[2], 0.8, Some(&v[3])));
+    compare(&gpu, "softmax", std::slice::from_ref(&mask), |v| v[0].softmax(1));
+    compare(&gpu, "log_softmax", &[random(1, [3, 700])], |v| v[0].log_softmax(1));
+    let far = uniform(1, [2, 2, 300], 3000.0..3001.0).cast(DType::F32).unwrap();
+    compare(&gpu, "group_norm", &[far], |v| v[0].group_norm(1, 1e-5, None));
 }
 
 #[test]

@@ -10,13 +10,19 @@
 mod abs;
 mod add;
 mod arg_extremum;
+mod attention;
+mod average_pool;
 mod axes;
 mod broadcast_to;
+mod cast;
 mod choose;
 mod clamp;
 mod concat;
+mod convolution;
 mod cos;
 mod cumsum;
+mod density_to_alpha;
+mod depth_attention;
 mod div;
 mod elu;
 mod encoding;
@@ -31,8 +37,9 @@ mod ge;
 mod gelu;
 mod gelu_sigmoid;
 mod gelu_tanh;
-mod grid_sample_3d;
-mod grid_scatter_3d;
+pub(crate) mod grid;
+mod grid_sample;
+mod grid_scatter;
 mod gt;
 mod index_add;
 mod index_select;
@@ -46,29 +53,41 @@ mod lt;
 mod map;
 mod matmul;
 mod max;
+mod max_pool;
 mod maximum;
 mod min;
 mod minimum;
 mod mul;
 mod ne;
 mod neg;
+mod normalise;
 mod operators;
 mod pad;
+mod per_axis;
 mod permute;
+mod pool;
 mod pow;
 mod powf;
 mod prod;
 mod put;
+mod ray_transmittance;
+mod ray_weights;
 mod recip;
 mod recurrence;
 mod reduction;
 mod relu;
+mod resample;
 mod reshape;
+mod resize;
 mod rsqrt;
+mod segment_repeat;
+mod segment_sum;
+mod segments;
 mod sign;
 mod silu;
 mod sin;
 mod slice;
+mod softmax;
 mod softplus;
 mod sqrt;
 mod square;
@@ -79,10 +98,16 @@ mod tanh;
 
 use std::rc::Rc;
 
-pub use grid_sample_3d::Lattice;
+pub use convolution::Conv;
+pub(crate) use convolution::{Geometry, Phase};
+pub use grid::{GridSampling, Interpolation, Lattice, Padding};
 pub use map::{Map, Pointwise};
+pub use per_axis::PerAxis;
+pub use pool::Pool;
+pub use resize::Resampling;
+pub use segments::segment_offsets;
 
-use crate::backend::gpu::{Kernel, STRIDED};
+use crate::backend::gpu::{Kernel, NARROW, SORT_BLOCKS, SORT_STEPS, SORT_TAILS, STRIDED, WIDEN};
 use crate::{Key, Op, Shape, Tensor, random};
 
 /// An op of the crate with the cases its tests feed it.
@@ -139,6 +164,7 @@ pub fn registry() -> Vec<Entry> {
         choose::CHOOSE.entry(),
         clamp::CLAMP.entry(),
         cos::COS.entry(),
+        density_to_alpha::DENSITY_TO_ALPHA.entry(),
         div::DIV.entry(),
         elu::ELU.entry(),
         eq::EQ.entry(),
@@ -175,25 +201,43 @@ pub fn registry() -> Vec<Entry> {
         sub::SUB.entry(),
         tanh::TANH.entry(),
         arg_extremum::ENTRY,
+        attention::ENTRY,
         broadcast_to::ENTRY,
+        cast::ENTRY,
         concat::ENTRY,
+        convolution::forward::ENTRY,
+        convolution::transposed::ENTRY,
+        convolution::weights::ENTRY,
         cumsum::ENTRY,
+        depth_attention::ENTRY,
         flip::ENTRY,
-        grid_sample_3d::ENTRY,
-        grid_scatter_3d::ENTRY,
+        grid_sample::ENTRY,
+        grid_scatter::ENTRY,
         index_add::ENTRY,
         index_select::ENTRY,
         matmul::ENTRY,
         max::ENTRY,
+        max_pool::PICK_ENTRY,
+        max_pool::UNPOOL_ENTRY,
         min::ENTRY,
+        normalise::GROUP_ENTRY,
+        normalise::LAYER_ENTRY,
         pad::ENTRY,
         permute::ENTRY,
         pow::ENTRY,
         prod::ENTRY,
         put::ENTRY,
+        ray_transmittance::ENTRY,
+        ray_weights::ENTRY,
         recurrence::ENTRY,
+        resample::ENTRY,
         reshape::ENTRY,
+        segment_repeat::ENTRY,
+        segment_sum::ENTRY,
         slice::ENTRY,
+        softmax::ADJOINT_ENTRY,
+        softmax::ENTRY,
+        softmax::LOG_ENTRY,
         sum::ENTRY,
         take::ENTRY,
     ]
@@ -204,18 +248,59 @@ pub fn kernels() -> Vec<&'static Kernel> {
     vec![
         &arg_extremum::ROWS,
         &arg_extremum::TREE,
+        &attention::FORWARD,
+        &attention::FOR_KEYS,
+        &attention::FOR_QUERIES,
+        &attention::FOR_SCORES,
+        &attention::FOR_VALUES,
+        &attention::SUMS,
         &concat::KERNEL,
         &cumsum::KERNEL,
+        &depth_attention::MIX,
+        &depth_attention::SLOPES,
+        &depth_attention::SOFTMAX,
+        &depth_attention::SPREAD,
+        &grid_sample::SAMPLE,
+        &grid_sample::SLOPE,
+        &grid_scatter::CELLS,
+        &grid_scatter::GATHER,
+        &grid_scatter::STARTS,
         &index_add::KERNEL,
         &index_select::KERNEL,
         &matmul::KERNEL,
+        &normalise::BACKWARD,
+        &normalise::FORWARD,
+        &normalise::MEANS,
+        &normalise::PARAMETERS,
+        &normalise::STATISTICS,
         &pad::KERNEL,
         &put::KERNEL,
+        &ray_transmittance::LEFT,
+        &ray_transmittance::SLOPE,
+        &ray_weights::SLOPE,
+        &ray_weights::WEIGHTS,
         &recurrence::KERNEL,
         &*random::KERNEL,
         &reduction::ROWS,
         &reduction::TREE,
+        &NARROW,
+        &softmax::ADJOINT_GROUPS,
+        &softmax::ADJOINT_LINES,
+        &softmax::GROUPS,
+        &softmax::LINES,
+        &segment_repeat::KERNEL,
+        &segment_sum::KERNEL,
+        &SORT_BLOCKS,
+        &SORT_STEPS,
+        &SORT_TAILS,
+        &convolution::FORWARD,
+        &convolution::TRANSPOSED,
+        &convolution::WEIGHTS,
+        &max_pool::PICK,
+        &max_pool::UNPOOL,
+        &resample::KERNEL,
         &STRIDED,
         &take::KERNEL,
+        &WIDEN,
     ]
 }

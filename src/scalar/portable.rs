@@ -8,7 +8,7 @@ use super::lanes::{Lane, elementwise};
 
 /// Eight numbers.
 #[derive(Clone, Copy)]
-pub(super) struct Portable<T>([T; 8]);
+pub struct Portable<T>([T; 8]);
 
 macro_rules! each_of {
     ($($name:ident($($b:ident),*) |$x:ident| $value:expr;)*) => {$(
@@ -30,6 +30,8 @@ macro_rules! portable {
         impl Lane for Portable<$float> {
             type Element = $float;
             const WIDTH: usize = 8;
+            // registers of 16 bytes: 32 of them on 64-bit ARM, 16 elsewhere
+            const REGISTERS: usize = if cfg!(target_arch = "aarch64") { 64 } else { 32 } / size_of::<$float>();
 
             #[inline(always)]
             unsafe fn load(from: *const $float) -> Self {
@@ -65,6 +67,12 @@ macro_rules! portable {
                 le(b) |x| if x <= b { 1.0 } else { 0.0 };
                 is_nan() |x| if x.is_nan() { 1.0 } else { 0.0 };
                 choose(a, b) |x| if x != 0.0 { a } else { b };
+                if_less(a, b, other) |x| if a < b { x } else { other };
+            }
+
+            #[inline(always)]
+            unsafe fn any(self) -> bool {
+                self.0 != [0.0; 8]
             }
 
             $($functions)*

@@ -1,16 +1,29 @@
 //! The CPU backend: fixed work chunks over rayon's threads, so that results do not depend on the thread count.
 
+pub(crate) mod attention;
+pub(crate) mod convolution;
+pub(crate) mod depth_attention;
+pub(crate) mod gemm;
+pub(crate) mod grid;
+pub(crate) mod normalise;
+mod partition;
 pub mod pool;
+pub(crate) mod rays;
 pub(crate) mod reduce;
 pub(crate) mod rows;
 pub(crate) mod scan;
+pub(crate) mod softmax;
 pub(crate) mod strided;
 mod widest;
 
 use bytemuck::Pod;
 use rayon::prelude::*;
 
+pub(crate) use partition::{Bins, partition};
+pub(crate) use strided::Places;
 pub(crate) use widest::{Work, widest};
+
+use crate::scalar::{Job, Path, Real};
 
 /// Elements per work item of a pointwise loop: large enough to hide scheduling, small enough to stay in cache.
 pub(crate) const CHUNK: usize = 1 << 14;
@@ -29,4 +42,35 @@ pub(crate) fn filled<T: Pod + Send>(len: usize, chunk: usize, fill: impl Fn(usiz
         values.par_chunks_mut(chunk).enumerate().for_each(|(i, part)| fill(i * chunk, part));
     }
     values
+}
+
+/// Runs a job with the widest vectors that the processor has.
+pub(crate) fn vectorised<T: Real, J: Job<T>>(job: J) -> J::Output {
+    // SAFETY: the path is available; jobs given to this function ask for nothing else.
+    unsafe { T::dispatch(Path::best(), job) }
+}
+
+/// A result that parallel work items write at places of their own.
+#[derive(Clone, Copy)]
+pub(crate) struct Shared<T>(*mut T);
+
+// SAFETY: whoever writes through it promises that no two items touch the same element.
+unsafe impl<T: Send> Send for Shared<T> {}
+// SAFETY: as above.
+unsafe impl<T: Send> Sync for Shared<T> {}
+
+impl<T> Shared<T> {
+    pub(crate) fn new(values: &mut [T]) -> Self {
+        Self(values.as_mut_ptr())
+    }
+
+    /// The element with this number.
+    ///
+    /// # Safety
+    /// It must lie within the slice, which must still be borrowed; no other item may touch what is written through it.
+    #[inline(always)]
+    pub(crate) unsafe fn at(self, index: usize) -> *mut T {
+        // SAFETY: the caller's promise.
+        unsafe { self.0.add(index) }
+    }
 }

@@ -98,17 +98,15 @@ impl<T> Places<T> {
         unsafe { self.0.add(at).write(value) }
     }
 
-    /// Writes neighbouring places.
+    /// Some neighbouring places.
     ///
     /// # Safety
-    /// As [`Places::write`], for each of them.
+    /// They lie within the slice, which is in use for as long as they are, and no other thread reads or writes them
+    /// meanwhile.
     #[inline(always)]
-    pub(crate) unsafe fn copy(self, at: usize, values: &[T])
-    where
-        T: Copy,
-    {
+    pub(crate) unsafe fn part<'a>(self, start: usize, len: usize) -> &'a mut [T] {
         // SAFETY: the caller's promise.
-        unsafe { self.0.add(at).copy_from_nonoverlapping(values.as_ptr(), values.len()) }
+        unsafe { std::slice::from_raw_parts_mut(self.0.add(start), len) }
     }
 }
 
@@ -198,7 +196,8 @@ impl<T: bytemuck::Pod> Work for Tile<'_, T> {
                 let mut i = 0;
                 while i < width {
                     // SAFETY: tiles cover the result once, each place by one thread.
-                    unsafe { places.copy(to + (column + i) * to_step + row, &tile[i * ROWS..i * ROWS + height]) };
+                    let line = unsafe { places.part(to + (column + i) * to_step + row, height) };
+                    line.copy_from_slice(&tile[i * ROWS..i * ROWS + height]);
                     i += 1;
                 }
                 row += height;
