@@ -7,7 +7,6 @@
 
 use std::ops::Range;
 
-use super::panel::Panel;
 use super::scratch;
 use super::tile::Strip;
 use super::{Out, Task};
@@ -63,7 +62,8 @@ impl<T: Real> Part<'_, T> {
         let [tile_rows, tile_columns, _] = self.task.tile;
         let in_place = self.task.left.strided().filter(|left| {
             let reused = columns.len().div_ceil(tile_columns) >= STRIPS;
-            left.line == 1 && left.depth == 1 || (left.depth == 1 || left.line == 1 && rows.len() <= tile_rows) && !reused
+            left.line == 1 && left.depth == 1
+                || (left.depth == 1 || left.line == 1 && rows.len() <= tile_rows) && !reused
         });
         for depth in pieces(self.task.depth.len(), depth_block::<T>()) {
             let first = depth.start == 0;

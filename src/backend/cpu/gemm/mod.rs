@@ -193,7 +193,9 @@ impl<'a, T: Real> Gemm<'a, T> {
         }
         out.check(m, n);
         let check = |factor: &dyn Panel<T>, lines: usize| match factor.strided() {
-            Some(f) if k > 0 => assert!((lines - 1) * f.line + (k - 1) * f.depth < f.values.len(), "a factor is too short"),
+            Some(f) if k > 0 => {
+                assert!((lines - 1) * f.line + (k - 1) * f.depth < f.values.len(), "a factor is too short")
+            }
             _ => {}
         };
         check(left, m);
