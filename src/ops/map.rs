@@ -10,7 +10,7 @@ use std::rc::Rc;
 use smallvec::SmallVec;
 
 use crate::backend::cpu::strided::read;
-use crate::backend::cpu::{CHUNK, buffer, filled};
+use crate::backend::cpu::{CHUNK, filled};
 use crate::backend::gpu::{Gpu, Kernel, Strides, words};
 use crate::ops::broadcast_to::steps;
 use crate::ops::{Case, Entry};
@@ -229,7 +229,7 @@ impl<T: Real> Operand<'_, T> {
     /// The elements for a chunk of the result, where they do not lie ready.
     fn spread(&self, start: usize, len: usize) -> Vec<T> {
         let Self::Stretched(values, axes) = self else { return Vec::new() };
-        let mut part = buffer(len);
+        let mut part = vec![T::ZERO; len];
         read(values, 0, axes.axes(), start, &mut part);
         part
     }

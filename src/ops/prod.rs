@@ -74,11 +74,11 @@ impl Op for Prod {
         Ok(self.axes.on_gpu(gpu, self.name(), &inputs[0], Join::Product)?.into())
     }
 
-    /// Each factor's cotangent is that of the product times all *other* factors: those before it times those after it.
     fn reads(&self, _wanted: &[bool]) -> Reads {
         Reads::inputs()
     }
 
+    /// Each factor's cotangent is that of the product times all *other* factors: those before it times those after it.
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
         let (x, g) = (cx.input(0), cx.gradient());
         let rank = x.shape().rank();

@@ -75,15 +75,16 @@ impl Op for Recurrence {
         Ok(gpu.launch(&KERNEL, &[a, b], &sizes, b.spec(), Work::Invocations(lines))?.into())
     }
 
-    /// The cotangents run the other way: `λᵢ = gᵢ + aᵢ₊₁ λᵢ₊₁`; then `dbᵢ = λᵢ` and `daᵢ = λᵢ yᵢ₋₁`.
-    fn reads(&self, _wanted: &[bool]) -> Reads {
-        Reads::nothing().input(0).output()
+    fn reads(&self, wanted: &[bool]) -> Reads {
+        let factors = Reads::nothing().input(0);
+        if wanted[0] { factors.output() } else { factors }
     }
 
+    /// The cotangents run the other way: `λᵢ = gᵢ + aᵢ₊₁ λᵢ₊₁`; then `dbᵢ = λᵢ` and `daᵢ = λᵢ yᵢ₋₁`.
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
         let (a, g) = (cx.input(0), cx.gradient());
         if a.is_empty() {
-            return Ok(vec![Some(a.clone()), Some(g.clone())]);
+            return Ok(vec![Some(g.clone()), Some(g.clone())]);
         }
         let back = Self { axis: self.axis, reverse: !self.reverse };
         let to_b = Var::run(Rc::new(back), &[&self.neighbours(a, false), g]);

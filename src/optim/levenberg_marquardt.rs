@@ -177,7 +177,8 @@ impl LevenbergMarquardt {
                 let gain = (cost - new_cost) / qr.predicted(&step, damping);
                 if new_cost.is_finite() && cost > new_cost && gain > 0.0 {
                     let little = cost - new_cost <= self.value_tolerance * cost;
-                    damping *= (1.0f64 / 3.0).max(1.0 - (2.0 * gain - 1.0).powi(3));
+                    // never so little that rounding decides along undetermined directions
+                    damping = (damping * (1.0f64 / 3.0).max(1.0 - (2.0 * gain - 1.0).powi(3))).max(1e-16);
                     growth = 2.0;
                     (x, cost) = (trial, new_cost);
                     at = if next.columns.len() == n { next } else { model(&x, true)? };

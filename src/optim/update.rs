@@ -197,7 +197,7 @@ fn run<T: Real, const STATES: usize>(rule: impl Rule<T, STATES>, x: &mut [T], g:
     ) {
         let len = x.len();
         let g = &g[..len];
-        let mut states = states.map(|state| &mut state[..len]);
+        let states = states.map(|state| &mut state[..len]);
         for i in 0..len {
             let mut old = [T::ZERO; STATES];
             for s in 0..STATES {

@@ -14,6 +14,7 @@ mod launch;
 mod limits;
 mod pool;
 mod recorder;
+mod sort;
 mod source;
 mod strides;
 
@@ -23,4 +24,5 @@ pub use device::Gpu;
 pub use kernel::{Binding, Kernel, Reflection};
 pub use launch::Work;
 pub use limits::GpuLimits;
+pub(crate) use sort::{SORT_BLOCKS, SORT_STEPS, SORT_TAILS, sorted_pairs};
 pub(crate) use strides::{STRIDED, Strides, words};
