@@ -2,6 +2,7 @@
 
 use std::rc::Rc;
 
+use crate::backend::cpu::rows::{Part, joined};
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
 use crate::tape::{Backward, Forward, Op, Reads, Var};
@@ -32,14 +33,9 @@ struct Concat {
 impl Concat {
     fn run<T: Element>(&self, inputs: &[Tensor]) -> Vec<T> {
         let outer: usize = inputs[0].dims()[..self.axis].iter().product();
-        let rows: Vec<usize> = inputs.iter().map(|x| x.dims()[self.axis..].iter().product()).collect();
-        let mut joined = Vec::with_capacity(outer * rows.iter().sum::<usize>());
-        for o in 0..outer {
-            for (x, row) in inputs.iter().zip(&rows) {
-                joined.extend_from_slice(&x.slice::<T>()[o * row..(o + 1) * row]);
-            }
-        }
-        joined
+        let row = |x: &Tensor| x.dims()[self.axis..].iter().product();
+        let parts: Vec<_> = inputs.iter().map(|x| Part { values: Some(x.slice::<T>()), len: row(x) }).collect();
+        joined(outer, &parts)
     }
 }
 

@@ -1,14 +1,17 @@
 //! Pointwise ops: a scalar program applied to every element.
 //!
-//! Operands have equal numbers of elements, or one element that is used for all. The derivative with respect to an
-//! operand is again a map (of the program's vjp), so pointwise ops can be differentiated any number of times.
+//! Operands broadcast to a common shape. On the CPU a stretched operand is spread out chunk by chunk while it is used, and
+//! on a GPU beforehand. The derivative with respect to an operand is again a map (of the program's vjp), so pointwise ops
+//! can be differentiated any number of times.
 
 use std::cell::{OnceCell, RefCell};
 use std::collections::HashMap;
 use std::rc::Rc;
 
+use crate::backend::cpu::strided::read;
 use crate::backend::cpu::{CHUNK, filled};
-use crate::backend::gpu::{Gpu, Kernel, Work, words};
+use crate::backend::gpu::{Gpu, Kernel, Strides, Work, words};
+use crate::ops::broadcast_to::steps;
 use crate::ops::{Case, Entry};
 use crate::scalar::{Lanes, Program, Real, Scalar};
 use crate::tape::{Backward, Forward, Op, Reads, Var};
@@ -54,13 +57,7 @@ impl<const N: usize> Pointwise<N> {
     /// When the shapes do not broadcast.
     #[track_caller]
     pub fn apply(&self, inputs: [&Var; N]) -> Var {
-        let mut shape = Shape::scalar();
-        for x in inputs {
-            shape = shape.broadcast(x.shape()).unwrap_or_else(|e| panic!("{}", e.at(self.name)));
-        }
-        let fits = |x: &Var| x.len() == 1 || x.len() == shape.len();
-        let stretched = inputs.map(|x| if fits(x) { x.clone() } else { x.broadcast_to(&shape) });
-        Var::run(self.op(), &stretched.each_ref())
+        Var::run(self.op(), &inputs)
     }
 
     /// Its place in the registry.
@@ -70,7 +67,12 @@ impl<const N: usize> Pointwise<N> {
 
     /// Its cases as the registry wants them.
     pub(crate) fn all_cases(&self) -> Vec<Case> {
-        (self.cases)().into_iter().map(|inputs| Case { op: self.op(), inputs: inputs.into() }).collect()
+        (self.cases)().into_iter().map(|inputs| Case::of(self.op(), inputs)).collect()
+    }
+
+    /// Its cases, when it answers a question with 0 or 1: then NaN gives an answer, too.
+    pub(crate) fn conditions(&self) -> Vec<Case> {
+        self.all_cases().into_iter().map(Case::condition).collect()
     }
 }
 
@@ -78,6 +80,8 @@ impl<const N: usize> Pointwise<N> {
 #[derive(Debug)]
 pub struct Map {
     program: Program,
+    /// Whether the result depends on each operand.
+    used: Vec<bool>,
     partials: Vec<OnceCell<Partial>>,
     kernel: OnceCell<Kernel>,
 }
@@ -111,8 +115,10 @@ impl Map {
     #[track_caller]
     pub fn new(program: Program) -> Self {
         assert_eq!(program.outputs().len(), 1, "map: the program {} must have one output", program.name());
-        let partials = (0..program.inputs().len()).map(|_| OnceCell::new()).collect();
-        Self { program, partials, kernel: OnceCell::new() }
+        let count = program.inputs().len();
+        let partials = (0..count).map(|_| OnceCell::new()).collect();
+        let used = (0..count).map(|input| program.depends(0, input)).collect();
+        Self { program, used, partials, kernel: OnceCell::new() }
     }
 
     /// The program applied to each element.
@@ -170,20 +176,58 @@ impl Map {
         }))
     }
 
-    fn run<T: Real>(&self, inputs: &[Tensor], len: usize) -> Vec<T> {
-        let slices: Vec<&[T]> = inputs.iter().map(Tensor::slice).collect();
+    fn run<T: Real>(&self, inputs: &[Tensor], shape: &Shape) -> Vec<T> {
+        let operands: Vec<Operand<'_, T>> = inputs
+            .iter()
+            .zip(&self.used)
+            .map(|(x, used)| match x.slice::<T>() {
+                _ if !used => Operand::Same(T::ZERO),
+                [one] => Operand::Same(*one),
+                many if many.len() == shape.len() => Operand::Each(many),
+                many => Operand::Stretched(many, stretched(x.shape(), shape)),
+            })
+            .collect();
         let program = &self.program;
-        filled(len, CHUNK, |start, out: &mut [T]| {
-            let lanes: Vec<Lanes<'_, T>> = slices
+        filled(shape.len(), CHUNK, |start, out: &mut [T]| {
+            let len = out.len();
+            let spread: Vec<Vec<T>> = operands.iter().map(|x| x.spread(start, len)).collect();
+            let lanes: Vec<Lanes<'_, T>> = operands
                 .iter()
-                .map(|x| match x {
-                    [one] => Lanes::Same(*one),
-                    many => Lanes::Each(&many[start..start + out.len()]),
+                .zip(&spread)
+                .map(|(x, spread)| match x {
+                    Operand::Same(one) => Lanes::Same(*one),
+                    Operand::Each(many) => Lanes::Each(&many[start..start + len]),
+                    Operand::Stretched(..) => Lanes::Each(spread),
                 })
                 .collect();
-            program.run(out.len(), &lanes, &mut [out]);
+            program.run(len, &lanes, &mut [out]);
         })
     }
+}
+
+/// An operand of a map on the CPU.
+enum Operand<'a, T> {
+    /// One number for all elements.
+    Same(T),
+    /// A number for each.
+    Each(&'a [T]),
+    /// Something in between, with the axes along which it is read.
+    Stretched(&'a [T], Strides),
+}
+
+impl<T: Real> Operand<'_, T> {
+    /// The elements for a chunk of the result, where they do not lie ready.
+    fn spread(&self, start: usize, len: usize) -> Vec<T> {
+        let Self::Stretched(values, axes) = self else { return Vec::new() };
+        let mut part = vec![T::ZERO; len];
+        read(values, 0, axes.axes(), start, &mut part);
+        part
+    }
+}
+
+/// The axes along which an operand is read for a result of this shape.
+fn stretched(x: &Shape, shape: &Shape) -> Strides {
+    Strides::new(shape.dims().iter().copied().zip(steps(x, shape)))
 }
 
 impl Op for Map {
@@ -203,10 +247,7 @@ impl Op for Map {
         }
         let mut shape = Shape::scalar();
         for x in inputs {
-            shape = shape.broadcast(&x.shape)?;
-        }
-        if inputs.iter().any(|x| x.shape.len() != 1 && x.shape.len() != shape.len()) {
-            return Err(wrong("operands must have one element or as many as the result").wanted(shape));
+            shape = shape.broadcast(&x.shape).map_err(|e| e.at(self.name()))?;
         }
         Ok(Spec { shape, dtype })
     }
@@ -214,15 +255,22 @@ impl Op for Map {
     fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
         let specs: Vec<_> = inputs.iter().map(Tensor::spec).collect();
         let Spec { shape, dtype } = self.infer(&specs)?;
-        for_real!(dtype, T => Ok(Tensor::from_vec(self.run::<T>(inputs, shape.len()), shape).into()))
+        for_real!(dtype, T => Ok(Tensor::from_vec(self.run::<T>(inputs, &shape), shape).into()))
     }
 
     fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
         let specs: Vec<_> = inputs.iter().map(Tensor::spec).collect();
         let result = self.infer(&specs)?;
         let len = result.shape.len();
-        let each = inputs.iter().enumerate().fold(0, |each, (n, x)| each | usize::from(x.len() != 1) << n);
-        let operands: Vec<&Tensor> = inputs.iter().collect();
+        let spread = |x: &Tensor| {
+            if x.len() == 1 || x.len() == len {
+                return Ok(x.clone());
+            }
+            stretched(x.shape(), &result.shape).gather(gpu, self.name(), x, 0, result.clone())
+        };
+        let operands: Vec<Tensor> = inputs.iter().map(spread).collect::<Result<_>>()?;
+        let operands: Vec<&Tensor> = operands.iter().collect();
+        let each = operands.iter().enumerate().fold(0, |each, (n, x)| each | usize::from(x.len() != 1) << n);
         Ok(gpu.launch(self.kernel()?, &operands, &words([len, each]), result, Work::Invocations(len))?.into())
     }
 
@@ -250,8 +298,7 @@ impl Op for Map {
                     Var::run(map.clone(), &operands)
                 }
             };
-            let whole = if x.len() == each.len() { each } else { each.sum_all() };
-            Ok(whole.reshape(x.shape()))
+            Ok(each.broadcast_to(cx.output().shape()).sum_to(x.shape()))
         };
         (0..cx.inputs().len()).map(|i| cx.wants(i).then(|| cotangent(i)).transpose()).collect()
     }
@@ -271,10 +318,51 @@ impl Var {
     /// assert!((y.value()?.slice::<f64>()[0] - 0.731_058_578_630).abs() < 1e-9);
     /// # Ok::<(), gradreel::Error>(())
     /// ```
+    /// # Panics
+    /// When the function uses values of another trace.
     #[track_caller]
     #[must_use]
     pub fn map(&self, name: &str, function: impl FnOnce(Scalar) -> Scalar) -> Self {
         let program = Program::trace(name, &["x"], &["y"], |x| vec![function(x[0])]);
         Self::run(Rc::new(Map::new(program)), &[self])
+    }
+
+    /// As [`Var::map`], for a function of this and another operand; shapes broadcast.
+    ///
+    /// ```
+    /// use gradreel::{Tape, Tensor};
+    ///
+    /// let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![3.0f64, 0.0], [2]));
+    /// let y = tape.leaf(Tensor::from_vec(vec![4.0f64], [1]));
+    /// let r = x.map2("hypotenuse", &y, |x, y| (x * x + y * y).sqrt());
+    /// assert_eq!(r.value()?.slice::<f64>(), &[5.0, 4.0]);
+    /// assert_eq!(r.sum_all().backward()?.wrt(&y)?.slice::<f64>(), &[1.8]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
+    /// # Panics
+    /// When the shapes do not broadcast.
+    #[track_caller]
+    #[must_use]
+    pub fn map2(&self, name: &str, other: &Self, function: impl FnOnce(Scalar, Scalar) -> Scalar) -> Self {
+        Self::map_n(name, [self, other], |[x, y]| function(x, y))
+    }
+
+    /// As [`Var::map`], for a function of any number of operands; shapes broadcast. A GPU takes up to seven.
+    ///
+    /// # Panics
+    /// When the shapes do not broadcast, or there is no operand.
+    #[track_caller]
+    #[must_use]
+    pub fn map_n<const N: usize>(
+        name: &str,
+        operands: [&Self; N],
+        function: impl FnOnce([Scalar; N]) -> Scalar,
+    ) -> Self {
+        let names: Vec<String> = (0..N).map(|i| format!("x{i}")).collect();
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        let program = Program::trace(name, &names, &["y"], |x| vec![function(std::array::from_fn(|i| x[i]))]);
+        Self::run(Rc::new(Map::new(program)), &operands)
     }
 }

@@ -163,6 +163,7 @@ macro_rules! single_precision {
     () => {
         super::exp_ln::single_precision!(@ exp_ln: exp, exp_of_negative, ln, exp_m1, ln_1p, tanh, logistic, softplus);
         super::exp_ln::single_precision!(@ sin_cos: sin, cos);
+        super::exp_ln::single_precision!(@ erf: erf);
     };
     (@ $module:ident: $($name:ident),*) => {$(
         #[inline(always)]

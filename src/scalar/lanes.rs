@@ -63,6 +63,7 @@ pub trait Lane: Copy {
     unsafe fn tanh(self) -> Self;
     unsafe fn logistic(self) -> Self;
     unsafe fn softplus(self) -> Self;
+    unsafe fn erf(self) -> Self;
 
     /// The first `count` values, zeros after them; `count` may exceed the width.
     #[inline(always)]
@@ -283,6 +284,7 @@ unsafe fn execute<V: Lane>(steps: &[Step], ports: &[Port<V::Element>], lanes: us
                 Unary::Softplus => each!(a => a.softplus()),
                 Unary::Ln1p => each!(a => a.ln_1p()),
                 Unary::ExpM1 => each!(a => a.exp_m1()),
+                Unary::Erf => each!(a => a.erf()),
             },
         }
     }

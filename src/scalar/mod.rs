@@ -50,6 +50,7 @@
 //! simplified to 0.
 
 mod derivative;
+mod erf;
 mod evaluate;
 mod exp_ln;
 mod graph;

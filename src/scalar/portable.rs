@@ -75,7 +75,7 @@ macro_rules! portable {
 }
 
 portable!(f32 { single_precision!(); });
-portable!(f64 { elementwise!(exp, ln, exp_m1, ln_1p, sin, cos, tanh, logistic, softplus); });
+portable!(f64 { elementwise!(exp, ln, exp_m1, ln_1p, sin, cos, tanh, logistic, softplus, erf); });
 
 impl Lane32 for Portable<f32> {
     #[inline(always)]

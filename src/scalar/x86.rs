@@ -104,7 +104,7 @@ lane!(F64x4: f64 x 4 in 16,
         is_nan() |x| _mm256_and_pd(_mm256_cmp_pd::<_CMP_UNORD_Q>(x, x), _mm256_set1_pd(1.0));
         choose(a, b) |x| _mm256_blendv_pd(b, a, _mm256_cmp_pd::<_CMP_NEQ_UQ>(x, _mm256_setzero_pd()));
     }
-    elementwise!(exp, ln, exp_m1, ln_1p, sin, cos, tanh, logistic, softplus);
+    elementwise!(exp, ln, exp_m1, ln_1p, sin, cos, tanh, logistic, softplus, erf);
 });
 
 lane!(F32x16: f32 x 16 in 32,
@@ -134,7 +134,7 @@ lane!(F64x8: f64 x 8 in 32,
         choose(a, b) |x|
             _mm512_mask_blend_pd(_mm512_cmp_pd_mask::<_CMP_NEQ_UQ>(x, _mm512_setzero_pd()), b, a);
     }
-    elementwise!(exp, ln, exp_m1, ln_1p, sin, cos, tanh, logistic, softplus);
+    elementwise!(exp, ln, exp_m1, ln_1p, sin, cos, tanh, logistic, softplus, erf);
 });
 
 impl Lane32 for F32x8 {

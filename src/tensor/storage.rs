@@ -197,6 +197,30 @@ impl Tensor {
         }
     }
 
+    /// The numbers of a CPU tensor for writing. Tensors that share them keep what they have: they are copied first then.
+    ///
+    /// # Panics
+    /// As [`Tensor::slice`].
+    #[track_caller]
+    pub(crate) fn slice_mut<T: Element>(&mut self) -> &mut [T] {
+        if Arc::get_mut(&mut self.storage).is_none() {
+            let old = self.slice::<T>();
+            let copy = filled(old.len(), CHUNK, |start, part: &mut [T]| {
+                part.copy_from_slice(&old[start..start + part.len()]);
+            });
+            *self = Self::from_vec(copy, &self.shape);
+        }
+        assert_eq!(T::DTYPE, self.dtype, "slice_mut: the tensor {:?} was written as {}", self.spec(), T::DTYPE);
+        match Arc::get_mut(&mut self.storage).expect("nobody shares it") {
+            Storage::F16(values) => bytemuck::cast_slice_mut(values),
+            Storage::F32(values) => bytemuck::cast_slice_mut(values),
+            Storage::F64(values) => bytemuck::cast_slice_mut(values),
+            Storage::U32(values) => bytemuck::cast_slice_mut(values),
+            Storage::Gpu(_) => panic!("slice_mut: the tensor is on a GPU"),
+            Storage::Hollow(_) => panic!("slice_mut: the tape has freed the numbers of this tensor"),
+        }
+    }
+
     /// The numbers of a CPU tensor as an ndarray view.
     ///
     /// # Panics

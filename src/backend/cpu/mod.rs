@@ -1,13 +1,27 @@
 //! The CPU backend: fixed work chunks over rayon's threads, so that results do not depend on the thread count.
 
 pub(crate) mod attention;
+pub(crate) mod convolution;
 pub(crate) mod depth_attention;
+pub(crate) mod gemm;
+pub(crate) mod grid;
 pub(crate) mod normalise;
+mod partition;
 pub mod pool;
+pub(crate) mod rays;
+pub(crate) mod reduce;
+pub(crate) mod rows;
+pub(crate) mod scan;
 pub(crate) mod softmax;
+pub(crate) mod strided;
+mod widest;
 
 use bytemuck::Pod;
 use rayon::prelude::*;
+
+pub(crate) use partition::{Bins, partition};
+pub(crate) use strided::Places;
+pub(crate) use widest::{Work, widest};
 
 use crate::scalar::{Job, Path, Real};
 

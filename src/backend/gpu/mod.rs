@@ -12,6 +12,7 @@ mod kernel;
 mod launch;
 mod pool;
 mod recorder;
+mod sort;
 mod source;
 mod strides;
 
@@ -19,4 +20,5 @@ pub use buffer::GpuBuffer;
 pub use device::Gpu;
 pub use kernel::{Binding, Kernel, Reflection};
 pub use launch::Work;
+pub(crate) use sort::{SORT_BLOCKS, SORT_STEPS, SORT_TAILS, sorted_pairs};
 pub(crate) use strides::{STRIDED, Strides, words};
