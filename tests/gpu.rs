@@ -279,7 +279,14 @@ fn attention_over_more_than_one_block_of_partners() {
             let found = loss.backward().unwrap();
             vars.iter().map(|x| found.wrt(x).unwrap().to_device(&Device::Cpu).unwrap()).collect::<Vec<_>>()
         };
-        slopes(&gpu).iter().zip(slopes(&Device::Cpu)).for_each(|(a, b)| assert_close("attention", a, &b));
+        // sums of hundreds of terms of both signs: compared with the largest element
+        for (found, expected) in slopes(&gpu).iter().zip(slopes(&Device::Cpu)) {
+            let (found, expected) = (found.to_vec().unwrap(), expected.to_vec().unwrap());
+            let scale = expected.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+            for (a, b) in found.iter().zip(&expected) {
+                assert!((a - b).abs() <= 5e-5 * scale, "{queries}x{keys}: {a} on the GPU and {b} on the CPU");
+            }
+        }
     }
     // masks that leave a query some keys, or none
     let inf = f32::INFINITY;

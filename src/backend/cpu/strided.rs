@@ -98,6 +98,16 @@ impl<T> Places<T> {
         unsafe { self.0.add(at).write(value) }
     }
 
+    /// The address of one place.
+    ///
+    /// # Safety
+    /// It lies within the slice; what is written through it, no other thread reads or writes meanwhile.
+    #[inline(always)]
+    pub(crate) unsafe fn at(self, at: usize) -> *mut T {
+        // SAFETY: the caller's promise.
+        unsafe { self.0.add(at) }
+    }
+
     /// Some neighbouring places.
     ///
     /// # Safety
