@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use crate::ops::PerAxis;
-use crate::ops::axes::three;
+use crate::ops::per_axis::three;
 use crate::{Error, ErrorKind, Result, Spec};
 
 /// The settings of pooling; [`Pool::new`] has windows side by side without padding. What takes a [`PerAxis`] takes one number

@@ -6,7 +6,7 @@ use crate::{Error, ErrorKind, Var};
 
 /// How values between pixels are found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Interpolation {
+pub enum Resampling {
     /// The pixel at the rounded-down place `⌊i · from / to⌋`.
     Nearest,
     /// Between the neighbours along each axis (bilinear, trilinear), where pixels are areas and the borders of both images
@@ -16,7 +16,7 @@ pub enum Interpolation {
     LinearCorners,
 }
 
-impl Interpolation {
+impl Resampling {
     /// The pixels that place `i` of the result is made of; `scale` is the distance between its places in pixels.
     fn row(self, i: usize, [from, to]: [usize; 2], scale: f64) -> Vec<(usize, f64)> {
         let place = match self {
@@ -41,7 +41,7 @@ impl Interpolation {
 
 /// Resizes the spatial axes; `scales` are the distances between places of the result in pixels.
 #[track_caller]
-fn resize(x: &Var, size: &[usize], scales: &[f64], interpolation: Interpolation) -> Var {
+fn resize(x: &Var, size: &[usize], scales: &[f64], interpolation: Resampling) -> Var {
     let mut axes: Vec<usize> = (0..size.len()).collect();
     // what shrinks comes first, and what grows the most comes last, so that little passes through all steps
     let growth = |&axis: &usize| size[axis] as f64 / x.dims()[axis + 2] as f64;
@@ -68,11 +68,11 @@ impl Var {
     /// Images `[batch, channels, …]` resized to these sizes of the spatial axes. Differentiable any number of times.
     ///
     /// ```
-    /// use gradreel::{Tape, Tensor, ops::Interpolation};
+    /// use gradreel::{Tape, Tensor, ops::Resampling};
     ///
     /// let tape = Tape::new();
     /// let x = tape.leaf(Tensor::from_vec(vec![0.0f64, 1.0], [1, 1, 2]));
-    /// let y = x.resize([4], Interpolation::Linear);
+    /// let y = x.resize([4], Resampling::Linear);
     /// assert_eq!(y.value()?.slice::<f64>(), [0.0, 0.25, 0.75, 1.0]);
     /// # Ok::<(), gradreel::Error>(())
     /// ```
@@ -81,7 +81,7 @@ impl Var {
     /// When there is not one size for each axis, or an axis is or would be empty.
     #[track_caller]
     #[must_use]
-    pub fn resize(&self, size: impl Into<PerAxis>, interpolation: Interpolation) -> Self {
+    pub fn resize(&self, size: impl Into<PerAxis>, interpolation: Resampling) -> Self {
         let size = size.into();
         let resolved = self.dims().len().checked_sub(2).and_then(|rank| size.resolve(rank));
         match resolved {
@@ -101,7 +101,7 @@ impl Var {
     /// When an axis is or would be empty.
     #[track_caller]
     #[must_use]
-    pub fn scale_by(&self, factor: f64, interpolation: Interpolation) -> Self {
+    pub fn scale_by(&self, factor: f64, interpolation: Resampling) -> Self {
         let spatial = self.dims().get(2..).unwrap_or(&[]);
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let size: Vec<_> = spatial.iter().map(|&from| (from as f64 * factor).floor() as usize).collect();

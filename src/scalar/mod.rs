@@ -50,8 +50,10 @@
 //! simplified to 0.
 
 mod derivative;
+mod erf;
 mod evaluate;
 mod exp_ln;
+mod frames;
 mod graph;
 mod handle;
 mod instruction;
@@ -61,10 +63,13 @@ mod lower;
 mod mat3;
 mod operators;
 mod portable;
+mod principal;
 mod program;
 mod real;
 mod simplify;
 mod sin_cos;
+mod slope;
+mod svd;
 #[cfg(test)]
 mod tests;
 mod trace;
@@ -78,6 +83,7 @@ pub use handle::{Condition, Scalar};
 pub(crate) use kernel::{Job, Path};
 pub(crate) use lanes::Lane;
 pub use mat3::Mat3;
+pub use principal::Principal;
 pub use program::Program;
 pub use real::Real;
 pub use vec3::Vec3;

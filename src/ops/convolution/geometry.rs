@@ -1,7 +1,7 @@
 //! Which elements of image, weight and result a convolution brings together.
 
 use crate::backend::gpu::words;
-use crate::ops::axes::three;
+use crate::ops::per_axis::three;
 use crate::{Error, ErrorKind, Result, Spec};
 
 /// How the places of a result are linked to those of an image: `x = y · stride + tap · dilation − padding` on each of the

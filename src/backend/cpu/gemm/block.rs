@@ -7,7 +7,6 @@
 
 use std::ops::Range;
 
-use super::panel::Panel;
 use super::scratch;
 use super::tile::Strip;
 use super::{Out, Task};
@@ -18,7 +17,7 @@ const LINE: usize = 1536;
 /// Columns of a block of the right factor: 480 KiB.
 const COLUMNS: usize = 320;
 /// Rows that go through the whole depth before the next ones begin, so that what is summed up stays near.
-const ROWS: usize = 1008;
+const ROWS: usize = 2048;
 /// Strips of the right factor from which on packing a strip of the left one pays, where it could be read in place.
 const STRIPS: usize = 12;
 
@@ -63,7 +62,8 @@ impl<T: Real> Part<'_, T> {
         let [tile_rows, tile_columns, _] = self.task.tile;
         let in_place = self.task.left.strided().filter(|left| {
             let reused = columns.len().div_ceil(tile_columns) >= STRIPS;
-            left.line == 1 && left.depth == 1 || (left.depth == 1 || left.line == 1 && rows.len() <= tile_rows) && !reused
+            left.line == 1 && left.depth == 1
+                || (left.depth == 1 || left.line == 1 && rows.len() <= tile_rows) && !reused
         });
         for depth in pieces(self.task.depth.len(), depth_block::<T>()) {
             let first = depth.start == 0;

@@ -100,7 +100,8 @@ impl<T: Real> Job<T> for Sum<'_, '_, T> {
                 let bias = bias.map(<[T]>::as_ptr);
                 let tile = values.as_mut_ptr();
                 let shape = [1, row / V::WIDTH];
-                Finish { epilogue: &task.epilogue, tile, row, first_row: first_row + r, shape, column_bias: bias }.run::<V>();
+                Finish { epilogue: &task.epilogue, tile, row, first_row: first_row + r, shape, column_bias: bias }
+                    .run::<V>();
                 for c in 0..columns {
                     *out.at(first_row + r, c) = values[c];
                 }

@@ -52,9 +52,12 @@ fn products<T: Real>() {
         for (x, left) in layouts(&a, m, k).into_iter().enumerate() {
             for (y, right) in layouts(&b, n, k).into_iter().enumerate() {
                 let wanted = naive(left, right, sizes);
-                for (row, column, par) in
-                    [(n, 1, Par::Threads), (1, m, Par::Sequential), (2 * n + 3, 2, Par::Sequential), (n + 5, 1, Par::Threads)]
-                {
+                for (row, column, par) in [
+                    (n, 1, Par::Threads),
+                    (1, m, Par::Sequential),
+                    (2 * n + 3, 2, Par::Sequential),
+                    (n + 5, 1, Par::Threads),
+                ] {
                     let mut out = vec![T::from_f64(7.0); (m - 1) * row + (n - 1) * column + 1];
                     Gemm::new(sizes).run(&left, &right, Out::strided(&mut out, row, column), par);
                     let what = format!("{sizes:?}, factors {x} {y}, distances {row} {column}");
@@ -101,7 +104,8 @@ fn scale_accumulation_biases_and_activation_come_in_their_order() {
                 gemm.activation(activation).run(&left, &right, place, Par::Threads);
                 for i in 0..m * n {
                     let at = if transposed { i % n * m + i / n } else { i };
-                    let sum = f64::from(before[at]) + 0.5 * products[i] + f64::from(rows[i / n]) + f64::from(columns[i % n]);
+                    let sum =
+                        f64::from(before[at]) + 0.5 * products[i] + f64::from(rows[i / n]) + f64::from(columns[i % n]);
                     close(out[at], function(sum), k, &format!("{sizes:?} {activation:?} {transposed}"));
                 }
             }
@@ -154,7 +158,12 @@ fn the_number_of_threads_changes_no_bit() {
 #[should_panic(expected = "overlap")]
 fn an_output_that_overlaps_itself_is_refused() {
     let x = [1.0f32; 4];
-    Gemm::new([2, 2, 2]).run(&Strided::lines(&x, 2), &Strided::lines(&x, 2), Out::strided(&mut [0.0; 4], 1, 1), Par::Threads);
+    Gemm::new([2, 2, 2]).run(
+        &Strided::lines(&x, 2),
+        &Strided::lines(&x, 2),
+        Out::strided(&mut [0.0; 4], 1, 1),
+        Par::Threads,
+    );
 }
 
 #[test]

@@ -7,11 +7,15 @@
 use std::mem::MaybeUninit;
 
 use super::epilogue::{Epilogue, Finish};
+use super::prefetch;
 use crate::scalar::{Job, Lane, Path, Real};
 
 /// The most rows that a tile has on any processor, and the most values in one of its rows.
 pub(super) const MOST_ROWS: usize = 14;
 const MOST_COLUMNS: usize = 32;
+
+/// Steps along the depth by which the right factor is asked for ahead of its use.
+const AHEAD: usize = 8;
 
 /// Vectors in a row of a full tile.
 pub(super) const fn vectors<V: Lane>() -> usize {
@@ -177,7 +181,15 @@ impl<T: Real, const ROWS: usize, const VECTORS: usize, const SIDE_BY_SIDE: bool>
         // SAFETY: the caller's promise.
         unsafe {
             let mut sums = [[V::splat(T::ZERO); VECTORS]; ROWS];
+            for r in 0..ROWS {
+                for v in 0..VECTORS {
+                    prefetch::<false, T>(out.wrapping_add(r * out_row + v * V::WIDTH));
+                }
+            }
             for _ in 0..depth {
+                for v in 0..VECTORS {
+                    prefetch::<true, T>(right.wrapping_add((AHEAD * VECTORS + v) * V::WIDTH));
+                }
                 let mut b = [V::splat(T::ZERO); VECTORS];
                 for v in 0..VECTORS {
                     b[v] = V::load(right.add(v * V::WIDTH));

@@ -1,0 +1,70 @@
+//! Gradient check of a material: the derivative of its traced law against central differences in `f64`.
+
+use gradreel::ops::{Map, uniform};
+use gradreel::scalar::{Program, Scalar};
+use gradreel::{GradCheck, GradReport, Result, Tensor, Var};
+
+use crate::physics::law::Law;
+
+/// States checked: random ones around rest, and a pure compression, in which all principal stretches coincide.
+const STATES: usize = 12;
+
+impl Law {
+    /// Checks the derivative of projected deformation and stress with respect to deformation gradient, velocity gradient and
+    /// every parameter; in the last state all principal stretches coincide. For more, see
+    /// [`check_material`](crate::physics::check_material).
+    ///
+    /// ```
+    /// use gradreel_models::physics::materials;
+    ///
+    /// let report = materials::find("neo_hookean").unwrap().gradcheck()?;
+    /// println!("{report}");
+    /// assert!(report.passed());
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// What [`GradCheck::function`] returns.
+    pub fn gradcheck(&self) -> Result<GradReport> {
+        let program = self.program();
+        let names: Vec<&str> = program.inputs().iter().map(String::as_str).collect();
+        let fixed = names.iter().position(|name| *name == "dt").unwrap_or(names.len());
+        // stresses are of the order of the modulus of a pressure wave, ρ c²; F is of order 1
+        let values: Vec<f64> = self.parameters().iter().map(|p| p.start).collect();
+        let stiffness = self.wave_speed(&values, 1.0).powi(2);
+        let starts: Vec<f64> = values.into_iter().chain(self.history().iter().map(|variable| variable.start)).collect();
+        let whole = Program::trace(&format!("{}_contracted", self.name()), &names, &["y"], |x| {
+            let outputs = program.apply(x);
+            let sum = outputs.iter().enumerate().fold(Scalar::from(0.0), |sum, (i, y)| {
+                let scale = if (9..18).contains(&i) { 1.0 / stiffness } else { 1.0 };
+                sum + *y * (scale * (0.6 + 0.1 * i as f64))
+            });
+            vec![sum]
+        });
+        let mut inputs: Vec<(&str, Tensor)> = Vec::new();
+        for (i, name) in names.iter().enumerate() {
+            let values = match i {
+                0..9 => {
+                    let compressed = if i % 4 == 0 { 0.97 } else { 0.0 };
+                    perturbed(i, compressed, 0.15)
+                }
+                9..18 => perturbed(i, 0.0, 2.0),
+                _ if i == fixed => vec![1e-3; STATES],
+                _ => vec![starts[i - fixed - 1]; STATES],
+            };
+            inputs.push((name, Tensor::from_vec(values, [STATES])));
+        }
+        let map = std::rc::Rc::new(Map::new(whole));
+        // velocity gradients act through the short substep: a step near the best, ∛ε, keeps rounding below the tolerance
+        let check = GradCheck { step: 1e-5, ..GradCheck::default() };
+        check.function(self.name(), &inputs, |tape, vars| tape.apply(map.clone(), &vars.iter().collect::<Vec<&Var>>()))
+    }
+}
+
+/// `centre` with noise of this size; the last entry has none.
+fn perturbed(seed: usize, centre: f64, size: f64) -> Vec<f64> {
+    let noise = uniform(seed as u64 + 1, [STATES], -size..size);
+    let mut values: Vec<f64> = noise.slice::<f64>().iter().map(|n| centre + n).collect();
+    values[STATES - 1] = centre;
+    values
+}
