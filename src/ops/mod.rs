@@ -61,7 +61,6 @@ mod mul;
 mod ne;
 mod neg;
 mod normalise;
-mod one_hot;
 mod operators;
 mod pad;
 mod per_axis;
@@ -70,6 +69,7 @@ mod pool;
 mod pow;
 mod powf;
 mod prod;
+mod put;
 mod ray_transmittance;
 mod ray_weights;
 mod recip;
@@ -93,6 +93,7 @@ mod sqrt;
 mod square;
 mod sub;
 mod sum;
+mod take;
 mod tanh;
 
 use std::rc::Rc;
@@ -262,11 +263,11 @@ pub fn registry() -> Vec<Entry> {
         min::ENTRY,
         normalise::GROUP_ENTRY,
         normalise::LAYER_ENTRY,
-        one_hot::ENTRY,
         pad::ENTRY,
         permute::ENTRY,
         pow::ENTRY,
         prod::ENTRY,
+        put::ENTRY,
         ray_transmittance::ENTRY,
         ray_weights::ENTRY,
         recurrence::ENTRY,
@@ -279,6 +280,7 @@ pub fn registry() -> Vec<Entry> {
         softmax::ENTRY,
         softmax::LOG_ENTRY,
         sum::ENTRY,
+        take::ENTRY,
     ]
 }
 
@@ -312,8 +314,8 @@ pub fn kernels() -> Vec<&'static Kernel> {
         &normalise::MEANS,
         &normalise::PARAMETERS,
         &normalise::STATISTICS,
-        &one_hot::KERNEL,
         &pad::KERNEL,
+        &put::KERNEL,
         &ray_transmittance::LEFT,
         &ray_transmittance::SLOPE,
         &ray_weights::SLOPE,
@@ -339,6 +341,7 @@ pub fn kernels() -> Vec<&'static Kernel> {
         &max_pool::UNPOOL,
         &resample::KERNEL,
         &STRIDED,
+        &take::KERNEL,
         &WIDEN,
     ]
 }
