@@ -278,7 +278,13 @@ impl Triangle {
         let (r, q) = triangle(n, 2 * n, |i, j| match (i < n, j < n) {
             (true, true) => self.r[i][j],
             (true, false) => -self.qr[i],
-            (false, true) => if i - n == j { root } else { 0.0 },
+            (false, true) => {
+                if i - n == j {
+                    root
+                } else {
+                    0.0
+                }
+            }
             (false, false) => 0.0,
         });
         let mut h = vec![0.0; n];
@@ -316,7 +322,11 @@ fn check(at: &Residuals, m: usize, n: usize, columns: bool) -> Result<()> {
         return Ok(());
     }
     Err(Error::new(ErrorKind::Shape, "the residuals or their Jacobian have another size")
-        .found(format!("{} residuals, columns of {:?}", at.values.len(), at.columns.iter().map(Vec::len).collect::<Vec<_>>()))
+        .found(format!(
+            "{} residuals, columns of {:?}",
+            at.values.len(),
+            at.columns.iter().map(Vec::len).collect::<Vec<_>>()
+        ))
         .wanted(format!("{m} residuals and {n} columns of {m}")))
 }
 

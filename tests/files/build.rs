@@ -79,7 +79,8 @@ pub fn tuple(values: &[i64]) -> Vec<u8> {
 
 /// The value of a tensor of `f32` in storage 0.
 pub fn tensor(storage_len: i64, offset: i64, sizes: &[i64], strides: &[i64]) -> Vec<u8> {
-    let storage = [text("storage"), b"ctorch\nFloatStorage\n".to_vec(), text("0"), text("cpu"), int(storage_len)].concat();
+    let storage =
+        [text("storage"), b"ctorch\nFloatStorage\n".to_vec(), text("0"), text("cpu"), int(storage_len)].concat();
     [
         b"ctorch._utils\n_rebuild_tensor_v2\n((".to_vec(),
         storage,

@@ -51,7 +51,8 @@ fn tensors_that_do_not_fit_their_storage() {
 #[test]
 fn pickles_that_do_more_than_build_values() {
     let pickle = |body: &[u8]| checkpoint(&[b"\x80\x02", body].concat());
-    let deep = [b"}".to_vec(), [text("a"), b"}".to_vec()].concat().repeat(100), b"s".repeat(100), b".".to_vec()].concat();
+    let deep =
+        [b"}".to_vec(), [text("a"), b"}".to_vec()].concat().repeat(100), b"s".repeat(100), b".".to_vec()].concat();
     // each dictionary holds the last one twice
     let mut doubling = b"}q\x00".to_vec();
     for i in 0..60u8 {
@@ -59,7 +60,9 @@ fn pickles_that_do_more_than_build_values() {
     }
     doubling.push(b'.');
     let cycle = [&b"}q\x00"[..], &text("a"), b"h\x00s."].concat();
-    let copies = [&b"]q\x00("[..], &b"))\x86".repeat(2000), b"e0", &b"ccollections\nOrderedDict\nh\x00\x85R".repeat(2000), b"."].concat();
+    let copies =
+        [&b"]q\x00("[..], &b"))\x86".repeat(2000), b"e0", &b"ccollections\nOrderedDict\nh\x00\x85R".repeat(2000), b"."]
+            .concat();
     check(vec![
         (pickle(b"(ios\nsystem\n."), "the opcode 0x69"),
         (pickle(b"Psomething\n."), "the opcode 0x50"),
@@ -88,17 +91,19 @@ fn pickles_that_do_more_than_build_values() {
 fn calls_within_calls_need_no_stack() {
     let call = b"ctorch._tensor\n_rebuild_from_type_v2\nN";
     let levels = 100_000;
-    let pickle = [&b"\x80\x02}"[..], &text("w"), b"ctorch._tensor\n_rebuild_from_type_v2\n", &call.repeat(levels), b")"].concat();
+    let pickle =
+        [&b"\x80\x02}"[..], &text("w"), b"ctorch._tensor\n_rebuild_from_type_v2\n", &call.repeat(levels), b")"]
+            .concat();
     let pickle = [&pickle[..], &b"\x87".repeat(levels), b"Rs."].concat();
     assert!(refusal(checkpoint(&pickle)).contains("never made"));
 }
 
 #[test]
 fn archives_whose_directory_lies() {
-    let pickle = state(&tensor(4, 0, &[4], &[1]));
-    let entries = || vec![Claim::new("top/data.pkl", &pickle), Claim::new("top/data/0", &[0; 16])];
+    let pickle: &'static [u8] = state(&tensor(4, 0, &[4], &[1])).leak();
+    let entries = || vec![Claim::new("top/data.pkl", pickle), Claim::new("top/data/0", &[0; 16])];
     Archive::from_bytes(claimed(&entries())).unwrap();
-    let with = |change: &dyn Fn(&mut Vec<Claim<'_>>)| {
+    let with = |change: &dyn Fn(&mut Vec<Claim<'static>>)| {
         let mut entries = entries();
         change(&mut entries);
         claimed(&entries)
@@ -117,7 +122,7 @@ fn archives_whose_directory_lies() {
         (with(&|e| e[0].size = Some(pickle.len() as u32 + 40)), "overlaps top/data.pkl"),
         (with(&|e| e.push(Claim { same_place_as: Some(1), ..Claim::new("top/data/1", &[0; 16]) })), "overlaps"),
         (with(&|e| e.push(Claim::new("top/data/0", &[0; 16]))), "two entries of one name"),
-        (with(&|e| e.push(Claim::new("other/data.pkl", &pickle))), "two checkpoints"),
+        (with(&|e| e.push(Claim::new("other/data.pkl", pickle))), "two checkpoints"),
         (with(&|e| e.push(Claim::new("top/byteorder", b"big"))), "not little-endian"),
         (with(&|e| e[1].size = Some(u32::MAX)), "without its 64-bit fields"),
         (cut, "no ZIP directory"),

@@ -61,7 +61,10 @@ fn directions_without_information_are_reported() {
         .minimise(&[1.0, 2.0, 0.5, 7.0], &mut |x, _| {
             let wave = |t: f64| (x[2] * t).sin();
             Ok(Residuals {
-                values: t.iter().map(|t| x[0] * x[1] * wave(*t) - 3.0 * (0.8 * t).sin() - 0.01 * (37.0 * t).cos()).collect(),
+                values: t
+                    .iter()
+                    .map(|t| x[0] * x[1] * wave(*t) - 3.0 * (0.8 * t).sin() - 0.01 * (37.0 * t).cos())
+                    .collect(),
                 columns: vec![
                     t.iter().map(|t| x[1] * wave(*t)).collect(),
                     t.iter().map(|t| x[0] * wave(*t)).collect(),
@@ -98,9 +101,7 @@ fn fewer_residuals_than_parameters() {
 #[test]
 fn searches_end_with_a_reason() {
     // a step into the region without residuals is taken back
-    let mut log = |x: &[f64], _: bool| {
-        Ok(Residuals { values: vec![x[0].ln() - 1.0], columns: vec![vec![1.0 / x[0]]] })
-    };
+    let mut log = |x: &[f64], _: bool| Ok(Residuals { values: vec![x[0].ln() - 1.0], columns: vec![vec![1.0 / x[0]]] });
     let fit = LevenbergMarquardt::default().minimise(&[20.0], &mut log).unwrap();
     assert!((fit.point[0] - 1f64.exp()).abs() < 1e-9, "{fit:?}");
 
