@@ -1,15 +1,18 @@
-// y = a b for batches of matrices whose elements lie at any steps, so that either may be read transposed.
+// y = a b (+ bias of each column) for batches of matrices whose elements lie at any steps, so that either may be read
+// transposed, or once for several batches.
 //
 // A workgroup makes a tile of TILE x TILE elements of y: slabs of a and b of depth DEPTH go through workgroup memory
 // (8 KiB), and each of the 16 x 16 invocations keeps a block of 4 x 4 in registers. Places outside the matrices count
 // as 0.
 #import "shared/linear.wgsl"
 
-// The host reads it from here.
+// The host reads them from here.
 const TILE: u32 = 64u;
 const DEPTH: u32 = 16u;
+// Axes of the batch.
+const AXES: u32 = 4u;
 
-// Twin of MatMul::forward_gpu.
+// Twin of Product::launch.
 struct Sizes {
     // [m,k] times [k,n], `batch` times
     batch: u32,
@@ -21,12 +24,15 @@ struct Sizes {
     a_column: u32,
     b_row: u32,
     b_column: u32,
+    // size of each axis of the batch, outermost first, and the distance between its neighbours in a and in b
+    axes: array<vec4<u32>, AXES>,
 }
 
 @group(0) @binding(0) var<uniform> sizes: Sizes;
 @group(0) @binding(1) var<storage, read_write> y: array<f32>;
 @group(0) @binding(2) var<storage, read> a: array<f32>;
 @group(0) @binding(3) var<storage, read> b: array<f32>;
+@group(0) @binding(4) var<storage, read> bias: array<f32>;
 
 // a is kept as [DEPTH, TILE] so that an invocation reads its four rows as neighbours.
 var<workgroup> a_slab: array<f32, TILE * DEPTH>;
@@ -42,26 +48,38 @@ fn slab_place(local: u32, turn: u32, depth_is_contiguous: bool) -> vec2<u32> {
     return vec2(number % TILE, number / TILE);
 }
 
-@compute @workgroup_size(WORKGROUP)
-fn main(
-    @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
-    @builtin(local_invocation_index) local: u32,
-) {
-    let tile = linear_group(group, groups);
+// What one invocation makes.
+struct Block {
+    // the first row of y, counted over all matrices, and the first column
+    row: u32,
+    column: u32,
+    // rows that belong to the matrix; 0 beyond the batch
+    rows: u32,
+    values: array<vec4<f32>, 4>,
+}
+
+fn block_of(tile: u32, local: u32) -> Block {
+    var block: Block;
     let across = (sizes.n + TILE - 1u) / TILE;
     let down = (sizes.m + TILE - 1u) / TILE;
     let matrix = tile / (across * down);
     if matrix >= sizes.batch {
-        return;
+        return block;
+    }
+    var a_start = 0u;
+    var b_start = 0u;
+    var rest = matrix;
+    for (var i = 0u; i < AXES; i++) {
+        let axis = sizes.axes[AXES - 1u - i];
+        let index = rest % axis.x;
+        rest /= axis.x;
+        a_start += index * axis.y;
+        b_start += index * axis.z;
     }
     let first_row = tile / across % down * TILE;
     let first_column = tile % across * TILE;
-    let a_start = matrix * sizes.m * sizes.k;
-    let b_start = matrix * sizes.k * sizes.n;
     let my_row = local / 16u * 4u;
     let my_column = local % 16u * 4u;
-    var block = array<vec4<f32>, 4>();
     for (var depth = 0u; depth < sizes.k; depth += DEPTH) {
         for (var turn = 0u; turn < TILE * DEPTH / WORKGROUP; turn++) {
             let pa = slab_place(local, turn, sizes.a_column == 1u);
@@ -86,20 +104,45 @@ fn main(
             let at_a = z * TILE + my_row;
             let at_b = z * TILE + my_column;
             let right = vec4(b_slab[at_b], b_slab[at_b + 1u], b_slab[at_b + 2u], b_slab[at_b + 3u]);
-            block[0] += a_slab[at_a] * right;
-            block[1] += a_slab[at_a + 1u] * right;
-            block[2] += a_slab[at_a + 2u] * right;
-            block[3] += a_slab[at_a + 3u] * right;
+            block.values[0] += a_slab[at_a] * right;
+            block.values[1] += a_slab[at_a + 1u] * right;
+            block.values[2] += a_slab[at_a + 2u] * right;
+            block.values[3] += a_slab[at_a + 3u] * right;
         }
         workgroupBarrier();
     }
-    for (var i = 0u; i < 4u; i++) {
-        let row = first_row + my_row + i;
-        for (var j = 0u; j < 4u; j++) {
-            let column = first_column + my_column + j;
-            if row < sizes.m && column < sizes.n {
-                y[(matrix * sizes.m + row) * sizes.n + column] = block[i][j];
-            }
+    let row = first_row + my_row;
+    block.row = matrix * sizes.m + row;
+    block.column = first_column + my_column;
+    block.rows = min(sizes.m - min(sizes.m, row), 4u);
+    return block;
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn main(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+) {
+    var block = block_of(linear_group(group, groups), local);
+    for (var i = 0u; i < block.rows; i++) {
+        for (var j = 0u; j < 4u && block.column + j < sizes.n; j++) {
+            y[(block.row + i) * sizes.n + block.column + j] = block.values[i][j];
+        }
+    }
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn biased(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+) {
+    var block = block_of(linear_group(group, groups), local);
+    for (var i = 0u; i < block.rows; i++) {
+        for (var j = 0u; j < 4u && block.column + j < sizes.n; j++) {
+            let column = block.column + j;
+            y[(block.row + i) * sizes.n + column] = block.values[i][j] + bias[column];
         }
     }
 }

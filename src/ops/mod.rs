@@ -45,6 +45,7 @@ mod index_add;
 mod index_select;
 mod le;
 mod leaky_relu;
+mod linear;
 mod ln;
 mod ln_1p;
 mod logistic;
@@ -57,6 +58,7 @@ mod max_pool;
 mod maximum;
 mod min;
 mod minimum;
+mod mlp;
 mod mul;
 mod ne;
 mod neg;
@@ -98,6 +100,7 @@ mod tanh;
 
 use std::rc::Rc;
 
+pub use crate::backend::cpu::gemm::Activation;
 pub use convolution::Conv;
 pub(crate) use convolution::{Geometry, Phase};
 pub use grid::{GridSampling, Interpolation, Lattice, Padding};
@@ -256,11 +259,13 @@ pub fn registry() -> Vec<Entry> {
         grid_scatter::ENTRY,
         index_add::ENTRY,
         index_select::ENTRY,
+        linear::ENTRY,
         matmul::ENTRY,
         max::ENTRY,
         max_pool::PICK_ENTRY,
         max_pool::UNPOOL_ENTRY,
         min::ENTRY,
+        mlp::ENTRY,
         normalise::GROUP_ENTRY,
         normalise::LAYER_ENTRY,
         pad::ENTRY,
@@ -308,6 +313,7 @@ pub fn kernels() -> Vec<&'static Kernel> {
         &grid_scatter::STARTS,
         &index_add::KERNEL,
         &index_select::KERNEL,
+        &matmul::BIASED,
         &matmul::KERNEL,
         &normalise::BACKWARD,
         &normalise::FORWARD,

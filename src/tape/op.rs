@@ -231,6 +231,11 @@ impl Backward<'_> {
         self.output
     }
 
+    /// Whether the derivative is recorded, to be differentiated again: a fused kernel will not do then.
+    pub fn is_recorded(&self) -> bool {
+        self.live
+    }
+
     /// For derivatives that are kernels rather than ops: refuses to be recorded.
     ///
     /// # Errors

@@ -5,6 +5,7 @@ pub(crate) mod convolution;
 pub(crate) mod depth_attention;
 pub(crate) mod gemm;
 pub(crate) mod grid;
+pub(crate) mod mlp;
 pub(crate) mod normalise;
 mod partition;
 pub mod pool;

@@ -16,7 +16,7 @@
 mod block;
 mod epilogue;
 mod panel;
-mod scratch;
+pub(crate) mod scratch;
 mod split;
 #[cfg(test)]
 mod tests;

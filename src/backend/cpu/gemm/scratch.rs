@@ -1,6 +1,6 @@
 //! Memory of a thread for packed factors, kept from one product to the next.
 
-use std::cell::Cell;
+use std::cell::RefCell;
 
 use bytemuck::{Pod, Zeroable};
 
@@ -10,14 +10,14 @@ use bytemuck::{Pod, Zeroable};
 struct Line([u8; 64]);
 
 thread_local! {
-    static SCRATCH: Cell<Vec<Line>> = const { Cell::new(Vec::new()) };
+    /// One piece of memory for each depth of nesting, the outermost last.
+    static FREE: RefCell<Vec<Vec<Line>>> = const { RefCell::new(Vec::new()) };
 }
 
-/// Runs a function with `N` areas of the given lengths, whose contents are unspecified. A product inside it gets memory
-/// of its own.
-pub(super) fn with<T: Pod, const N: usize, R>(lengths: [usize; N], work: impl FnOnce([&mut [T]; N]) -> R) -> R {
+/// Runs a function with `N` areas of the given lengths, whose contents are unspecified. It may do so again inside.
+pub(crate) fn with<T: Pod, const N: usize, R>(lengths: [usize; N], work: impl FnOnce([&mut [T]; N]) -> R) -> R {
     let lines = lengths.map(|length| (length * size_of::<T>()).div_ceil(size_of::<Line>()));
-    let mut memory = SCRATCH.take();
+    let mut memory = FREE.with_borrow_mut(Vec::pop).unwrap_or_default();
     if memory.len() < lines.iter().sum() {
         memory.resize(lines.iter().sum(), Line::zeroed());
     }
@@ -28,6 +28,6 @@ pub(super) fn with<T: Pod, const N: usize, R>(lengths: [usize; N], work: impl Fn
         &mut bytemuck::cast_slice_mut(area)[..lengths[i]]
     });
     let result = work(areas);
-    SCRATCH.set(memory);
+    FREE.with_borrow_mut(|free| free.push(memory));
     result
 }
