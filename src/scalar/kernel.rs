@@ -43,22 +43,22 @@ pub trait Kernel: Sized {
     /// # Safety
     /// The path must be available. Every slot that a step names must have a port; a port that does not repeat must be
     /// valid for `lanes` values rounded up to a multiple of 16, for writing too where a step writes it.
-    unsafe fn execute(path: Path, code: &Code, ports: &[Port<Self>], lanes: usize);
+    unsafe fn execute(path: Path, code: &Code, ports: &mut [Port<Self>], lanes: usize);
 }
 
 macro_rules! kernel {
     ($float:ident, $portable:ty, $avx2:ty, $avx512:ty) => {
         impl Kernel for $float {
-            unsafe fn execute(path: Path, code: &Code, ports: &[Port<Self>], lanes: usize) {
+            unsafe fn execute(path: Path, code: &Code, ports: &mut [Port<Self>], lanes: usize) {
                 #[cfg(target_arch = "x86_64")]
                 #[target_feature(enable = "avx2,fma")]
-                unsafe fn avx2(code: &Code, ports: &[Port<$float>], lanes: usize) {
+                unsafe fn avx2(code: &Code, ports: &mut [Port<$float>], lanes: usize) {
                     // SAFETY: the caller's promise.
                     unsafe { lanes::execute::<$avx2>(code, ports, lanes) }
                 }
                 #[cfg(target_arch = "x86_64")]
                 #[target_feature(enable = "avx512f,avx2,fma")]
-                unsafe fn avx512(code: &Code, ports: &[Port<$float>], lanes: usize) {
+                unsafe fn avx512(code: &Code, ports: &mut [Port<$float>], lanes: usize) {
                     // SAFETY: the caller's promise.
                     unsafe { lanes::execute::<$avx512>(code, ports, lanes) }
                 }

@@ -145,19 +145,31 @@ pub(super) use elementwise;
 /// # Safety
 /// As [`execute`].
 #[inline(always)]
-unsafe fn decompose<V: Lane>(slots: &SvdSlots, ports: &[Port<V::Element>], vectors: usize) {
-    for i in 0..vectors {
-        // SAFETY: the caller promises that the ports are valid for so many vectors.
-        unsafe {
-            let mut entries = [V::splat(V::Element::ZERO); 9];
+unsafe fn decompose<V: Lane>(slots: &SvdSlots, ports: &mut [Port<V::Element>], vectors: usize) {
+    // SAFETY: the caller promises that the ports are valid for so many vectors.
+    unsafe {
+        // A result may lie where an operand repeats: that is read once, before anything is written.
+        let mut first = [V::splat(V::Element::ZERO); 9];
+        let mut inputs = [(std::ptr::null_mut(), false); 9];
+        for n in 0..9 {
+            let port = ports[slots.inputs[n] as usize];
+            inputs[n] = (port.at, port.repeats);
+            first[n] = V::load(port.at);
+        }
+        for i in 0..vectors {
+            let mut entries = first;
             for n in 0..9 {
-                let port = ports[slots.inputs[n] as usize];
-                entries[n] = V::load(port.at.add(if port.repeats { 0 } else { i * V::WIDTH }));
+                let (at, repeats) = inputs[n];
+                if !repeats {
+                    entries[n] = V::load(at.add(i * V::WIDTH));
+                }
             }
             let found = svd(entries);
             for n in 0..21 {
                 if slots.outputs[n] != UNUSED {
-                    found[n].store(ports[slots.outputs[n] as usize].at.add(i * V::WIDTH));
+                    let port = &mut ports[slots.outputs[n] as usize];
+                    port.repeats = false;
+                    found[n].store(port.at.add(i * V::WIDTH));
                 }
             }
         }
@@ -166,11 +178,16 @@ unsafe fn decompose<V: Lane>(slots: &SvdSlots, ports: &[Port<V::Element>], vecto
 
 /// Runs register code over `lanes` lanes, rounded up to whole vectors.
 ///
+/// What depends on repeated operands only, such as Lamé's parameters of shared moduli, is computed once and repeats, too;
+/// its port says so until the slot is written again.
+///
 /// # Safety
 /// As [`Kernel::execute`](super::kernel::Kernel::execute), with the instruction set of `V` enabled.
 #[inline(always)]
-pub(super) unsafe fn execute<V: Lane>(code: &Code, ports: &[Port<V::Element>], lanes: usize) {
-    let vectors = lanes.div_ceil(V::WIDTH);
+pub(super) unsafe fn execute<V: Lane>(code: &Code, ports: &mut [Port<V::Element>], lanes: usize) {
+    let all = lanes.div_ceil(V::WIDTH);
+    let first_temporary = code.first_temporary();
+    let mut spare = [[V::Element::ZERO; 16]; 3];
     for step in &code.steps {
         macro_rules! port {
             ($slot:ident) => {{
@@ -178,10 +195,25 @@ pub(super) unsafe fn execute<V: Lane>(code: &Code, ports: &[Port<V::Element>], l
                 (port.at, if port.repeats { 0 } else { V::WIDTH })
             }};
         }
-        let dst = if let Op::Svd(_) = step.op { std::ptr::null_mut() } else { port!(dst).0 };
+        // The destination, and the number of vectors to compute. An operand that repeats and lies where results go is
+        // moved aside.
+        macro_rules! destination {
+            ($($at:ident $stride:ident $spare:literal),*) => {{
+                let repeats = step.dst as usize >= first_temporary $(&& $stride == 0)*;
+                let port = &mut ports[step.dst as usize];
+                port.repeats = repeats;
+                $(if $stride == 0 && $at == port.at {
+                    // SAFETY: a port that repeats is valid for a vector, and no vector is wider than 16.
+                    unsafe { V::load($at).store(spare[$spare].as_mut_ptr()) };
+                    $at = spare[$spare].as_mut_ptr();
+                })*
+                (port.at, if repeats { 1 } else { all })
+            }};
+        }
         macro_rules! each {
             ($a:ident => $value:expr) => {{
-                let (at_a, stride_a) = port!(a);
+                let (mut at_a, stride_a) = port!(a);
+                let (dst, vectors) = destination!(at_a stride_a 0);
                 for i in 0..vectors {
                     // SAFETY: the caller promises that the ports are valid for `lanes` rounded up to vectors.
                     unsafe {
@@ -191,7 +223,8 @@ pub(super) unsafe fn execute<V: Lane>(code: &Code, ports: &[Port<V::Element>], l
                 }
             }};
             ($a:ident, $b:ident => $value:expr) => {{
-                let ((at_a, stride_a), (at_b, stride_b)) = (port!(a), port!(b));
+                let ((mut at_a, stride_a), (mut at_b, stride_b)) = (port!(a), port!(b));
+                let (dst, vectors) = destination!(at_a stride_a 0, at_b stride_b 1);
                 for i in 0..vectors {
                     // SAFETY: as above.
                     unsafe {
@@ -202,7 +235,9 @@ pub(super) unsafe fn execute<V: Lane>(code: &Code, ports: &[Port<V::Element>], l
                 }
             }};
             ($a:ident, $b:ident, $c:ident => $value:expr) => {{
-                let ((at_a, stride_a), (at_b, stride_b), (at_c, stride_c)) = (port!(a), port!(b), port!(c));
+                let ((mut at_a, stride_a), (mut at_b, stride_b)) = (port!(a), port!(b));
+                let (mut at_c, stride_c) = port!(c);
+                let (dst, vectors) = destination!(at_a stride_a 0, at_b stride_b 1, at_c stride_c 2);
                 for i in 0..vectors {
                     // SAFETY: as above.
                     unsafe {
@@ -217,7 +252,7 @@ pub(super) unsafe fn execute<V: Lane>(code: &Code, ports: &[Port<V::Element>], l
         match step.op {
             Op::Svd(n) => {
                 // SAFETY: the caller's promise covers the slots of every step.
-                unsafe { decompose::<V>(&code.svds[n as usize], ports, vectors) }
+                unsafe { decompose::<V>(&code.svds[n as usize], ports, all) }
             }
             Op::Copy => each!(a => a),
             Op::Select => each!(a, b, c => a.choose(b, c)),
