@@ -1,7 +1,8 @@
 //! Every op of the registry: gradient check in `f64`, `f32` against `f64`, non-finite operands, empty shapes.
 
+use gradreel::backend::cpu::pool;
 use gradreel::ops::{Case, registry};
-use gradreel::{DType, Tape, Tensor, Var, gradcheck};
+use gradreel::{DType, ErrorKind, GradReport, Tape, Tensor, Var};
 
 /// Applies a case's op to operands of another dtype or device.
 fn apply(case: &Case, inputs: &[Tensor]) -> Tensor {
@@ -21,35 +22,37 @@ fn every_derivative_agrees_with_central_differences() {
         let cases = (entry.cases)();
         assert!(!cases.is_empty(), "{} has no cases", entry.name);
         for (number, case) in cases.iter().enumerate() {
-            let names: Vec<String> = (0..case.inputs.len()).map(|i| format!("x{i}")).collect();
-            let (real, fixed): (Vec<_>, Vec<_>) =
-                (0..case.inputs.len()).partition(|&i| case.inputs[i].dtype() == DType::F64);
-            let inputs: Vec<_> = real.iter().map(|&i| (names[i].as_str(), case.inputs[i].clone())).collect();
-            if inputs.iter().all(|(_, x)| x.is_empty()) {
-                continue;
+            let report = case.gradcheck(&format!("{} case {number}", entry.name)).unwrap();
+            assert!(report.as_ref().is_none_or(GradReport::passed), "{}", report.unwrap());
+        }
+    }
+}
+
+#[test]
+fn every_second_derivative_agrees_or_is_refused() {
+    for entry in registry() {
+        for (number, case) in (entry.cases)().iter().enumerate() {
+            match case.gradcheck_twice(&format!("{} case {number}, twice", entry.name)) {
+                Ok(report) => assert!(report.as_ref().is_none_or(GradReport::passed), "{}", report.unwrap()),
+                Err(error) => {
+                    let refused = error.kind() == ErrorKind::Unsupported && error.to_string().contains("twice");
+                    assert!(refused, "{}: {error}", entry.name);
+                }
             }
-            let name = format!("{} case {number}", entry.name);
-            let report = gradcheck(&name, &inputs, |tape, vars| {
-                let mut operands = vec![None; case.inputs.len()];
-                real.iter().zip(vars).for_each(|(&i, var)| operands[i] = Some(var.clone()));
-                fixed.iter().for_each(|&i| operands[i] = Some(tape.constant(case.inputs[i].clone())));
-                let operands: Vec<Var> = operands.into_iter().flatten().collect();
-                tape.apply(case.op.clone(), &operands.iter().collect::<Vec<_>>())
-            })
-            .unwrap();
-            assert!(report.passed(), "{report}");
         }
     }
 }
 
 #[test]
 fn single_precision_agrees_with_double() {
+    // buffers hold NaN at first: a kernel that does not write all of its result is found out
+    pool::set_poison(true);
     for entry in registry() {
         for case in (entry.cases)() {
             let wide = apply(&case, &case.inputs).to_vec().unwrap();
             let narrow: Vec<_> = case.inputs.iter().map(|x| real(x, DType::F32)).collect();
             for (a, b) in apply(&case, &narrow).to_vec().unwrap().iter().zip(&wide) {
-                assert!((a - b).abs() <= 1e-5 * b.abs().max(1.0), "{}: f32 {a}, f64 {b}", entry.name);
+                assert!(a == b || (a - b).abs() <= 1e-5 * b.abs().max(1.0), "{}: f32 {a}, f64 {b}", entry.name);
             }
         }
     }
@@ -59,7 +62,8 @@ fn single_precision_agrees_with_double() {
 fn a_nan_operand_is_never_hidden() {
     for entry in registry() {
         for case in (entry.cases)() {
-            let Some(first) = case.inputs.first().filter(|x| !x.is_empty()) else { continue };
+            let poisonable = |x: &&Tensor| !case.condition && !x.is_empty() && x.dtype() != DType::U32;
+            let Some(first) = case.inputs.first().filter(poisonable) else { continue };
             let poisoned = Tensor::full(f64::NAN, first.shape(), DType::F64);
             let inputs: Vec<_> = std::iter::once(poisoned).chain(case.inputs[1..].iter().cloned()).collect();
             let result = apply(&case, &inputs);

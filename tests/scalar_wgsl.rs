@@ -87,7 +87,7 @@ fn sheared(x: Scalar) -> Mat3 {
 
 /// Functions with the relative error they may have; differences below 1e-37 do not count, since devices may flush
 /// subnormal numbers.
-const FUNCTIONS: [(&str, f64, Function); 21] = [
+const FUNCTIONS: [(&str, f64, Function); 24] = [
     ("abs", 0.0, |x| x.abs()),
     ("sign", 0.0, |x| x.sign()),
     ("floor", 0.0, |x| x.floor()),
@@ -95,10 +95,13 @@ const FUNCTIONS: [(&str, f64, Function); 21] = [
     ("sqrt", 5e-7, |x| x.sqrt()),
     ("exp", 1e-5, |x| x.exp()),
     ("ln", 2e-7, |x| x.ln()),
+    ("sine", 2e-7, |x| x.min(8000.0).max(-8000.0).sin() + 2.0),
+    ("cosine", 2e-7, |x| x.min(8000.0).max(-8000.0).cos() + 2.0),
     ("tanh", 1e-6, |x| x.tanh()),
     ("logistic", 1e-5, |x| x.logistic()),
     ("softplus", 1e-5, |x| x.softplus()),
     ("ln_1p", 1e-6, |x| x.ln_1p()),
+    ("erf", 1e-6, |x| x.erf()),
     ("exp_m1", 1e-5, |x| x.exp_m1()),
     ("powf", 1e-5, |x| x.abs().powf(2.2)),
     ("min", 0.0, |x| x.min(0.5)),

@@ -2,9 +2,10 @@
 
 use std::rc::Rc;
 
+use crate::backend::cpu::rows::{Part, joined};
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Element, Error, ErrorKind, Result, Spec, Tensor};
 
@@ -32,15 +33,25 @@ struct Concat {
 impl Concat {
     fn run<T: Element>(&self, inputs: &[Tensor]) -> Vec<T> {
         let outer: usize = inputs[0].dims()[..self.axis].iter().product();
-        let rows: Vec<usize> = inputs.iter().map(|x| x.dims()[self.axis..].iter().product()).collect();
-        let mut joined = Vec::with_capacity(outer * rows.iter().sum::<usize>());
-        for o in 0..outer {
-            for (x, row) in inputs.iter().zip(&rows) {
-                joined.extend_from_slice(&x.slice::<T>()[o * row..(o + 1) * row]);
-            }
-        }
-        joined
+        let row = |x: &Tensor| x.dims()[self.axis..].iter().product();
+        let parts: Vec<_> = inputs.iter().map(|x| Part { values: Some(x.slice::<T>()), len: row(x) }).collect();
+        joined(outer, &parts)
     }
+}
+
+/// Tensors on a GPU, one after the other along an axis. Their shapes fit.
+pub(super) fn join(gpu: &Gpu, inputs: &[Tensor], axis: usize) -> Result<Tensor> {
+    let mut dims = inputs[0].dims().to_vec();
+    dims[axis] = inputs.iter().map(|x| x.dims()[axis]).sum();
+    let to: usize = dims[axis..].iter().product();
+    let y = gpu.empty(Spec::new(dims, inputs[0].dtype()))?;
+    let mut start = 0;
+    for x in inputs {
+        let from: usize = x.dims()[axis..].iter().product();
+        gpu.dispatch(&KERNEL, &[&y, x], &words([x.len(), from, to, start]), Work::Invocations(x.len()))?;
+        start += from;
+    }
+    Ok(y)
 }
 
 impl Op for Concat {
@@ -71,17 +82,11 @@ impl Op for Concat {
     }
 
     fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
-        let specs: Vec<_> = inputs.iter().map(Tensor::spec).collect();
-        let result = self.infer(&specs)?;
-        let to: usize = result.shape.dims()[self.axis..].iter().product();
-        let y = gpu.empty(result)?;
-        let mut start = 0;
-        for x in inputs {
-            let from: usize = x.dims()[self.axis..].iter().product();
-            gpu.dispatch(&KERNEL, &[&y, x], &words([x.len(), from, to, start]), Work::Invocations(x.len()))?;
-            start += from;
-        }
-        Ok(y.into())
+        Ok(join(gpu, inputs, self.axis)?.into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::nothing()
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -1,13 +1,10 @@
-//! The vector type that register code runs over, and the loop that runs it.
+//! The vector type that register code runs over.
 //!
 //! Everything here is generic over [`Lane`] and `inline(always)`, so that it is compiled once per instruction set
 //! inside a function that enables it. Closures and array combinators would not inherit the instruction set: hence plain
 //! loops and macros. Values move by explicit loads and stores; a step may write over one of its operands.
 
-use super::instruction::{Binary, Unary};
-use super::lower::{Code, Op, SvdSlots, UNUSED};
 use super::real::Real;
-use super::svd::svd;
 
 /// Where the values of a slot are: consecutive lanes, or one vector's worth that stands for all lanes.
 #[derive(Debug, Clone, Copy)]
@@ -22,9 +19,18 @@ pub struct Port<T> {
 /// # Safety
 /// Every method must be called with the instruction set of the type enabled. `load` and `store` need a pointer to
 /// `WIDTH` values; alignment does not matter. Conditions are vectors of 0 and 1.
-pub(super) trait Lane: Copy {
+#[allow(clippy::missing_safety_doc)] // one contract for all methods
+pub trait Lane: Copy {
     type Element: Real;
     const WIDTH: usize;
+    /// How many such vectors the processor's registers hold at once.
+    const REGISTERS: usize;
+
+    /// The side of the square that [`Lane::transpose`] moves, at most 8.
+    const SIDE: usize;
+
+    /// Copies a square so that rows become columns: `to[c · stride + r] = rows[r][c]` for `r, c < SIDE`.
+    unsafe fn transpose(rows: &[*const Self::Element; 8], to: *mut Self::Element, stride: usize);
 
     unsafe fn load(from: *const Self::Element) -> Self;
     unsafe fn store(self, to: *mut Self::Element);
@@ -60,6 +66,59 @@ pub(super) trait Lane: Copy {
     unsafe fn tanh(self) -> Self;
     unsafe fn logistic(self) -> Self;
     unsafe fn softplus(self) -> Self;
+    unsafe fn erf(self) -> Self;
+
+    /// The first `count` values, zeros after them; `count` may exceed the width.
+    #[inline(always)]
+    unsafe fn load_part(from: *const Self::Element, count: usize) -> Self {
+        // SAFETY: as this method, for `count` values; no vector is wider than 16.
+        unsafe {
+            if count >= Self::WIDTH {
+                return Self::load(from);
+            }
+            let mut values = [Self::Element::ZERO; 16];
+            std::ptr::copy_nonoverlapping(from, values.as_mut_ptr(), count);
+            Self::load(values.as_ptr())
+        }
+    }
+
+    /// Stores the first `count` values; `count` may exceed the width.
+    #[inline(always)]
+    unsafe fn store_part(self, to: *mut Self::Element, count: usize) {
+        // SAFETY: as this method, for `count` values; no vector is wider than 16.
+        unsafe {
+            if count >= Self::WIDTH {
+                return self.store(to);
+            }
+            let mut values = [Self::Element::ZERO; 16];
+            self.store(values.as_mut_ptr());
+            std::ptr::copy_nonoverlapping(values.as_ptr(), to, count);
+        }
+    }
+
+    /// The sum of its values, added in halves.
+    #[inline(always)]
+    unsafe fn total(self) -> Self::Element {
+        let mut values = [Self::Element::ZERO; 16];
+        // SAFETY: as this method; no vector is wider than 16.
+        unsafe { self.store(values.as_mut_ptr()) };
+        let mut half = Self::WIDTH / 2;
+        while half > 0 {
+            for i in 0..half {
+                values[i] += values[i + half];
+            }
+            half /= 2;
+        }
+        values[0]
+    }
+
+    /// `eˣ` for `x ≤ 0`, where 0 may stand for results below the normal numbers.
+    #[inline(always)]
+    unsafe fn exp_of_negative(self) -> Self {
+        // SAFETY: as this method.
+        unsafe { self.exp() }
+    }
+
     /// Whether a condition holds in some lane.
     unsafe fn any(self) -> bool;
     /// `a < b ? self : other`
@@ -138,155 +197,3 @@ macro_rules! elementwise {
     )*};
 }
 pub(super) use elementwise;
-
-/// One singular value decomposition over `vectors` vectors. A result may lie where an operand was: a vector's operands
-/// are read before its results are written.
-///
-/// # Safety
-/// As [`execute`].
-#[inline(always)]
-unsafe fn decompose<V: Lane>(slots: &SvdSlots, ports: &mut [Port<V::Element>], vectors: usize) {
-    // SAFETY: the caller promises that the ports are valid for so many vectors.
-    unsafe {
-        // A result may lie where an operand repeats: that is read once, before anything is written.
-        let mut first = [V::splat(V::Element::ZERO); 9];
-        let mut inputs = [(std::ptr::null_mut(), false); 9];
-        for n in 0..9 {
-            let port = ports[slots.inputs[n] as usize];
-            inputs[n] = (port.at, port.repeats);
-            first[n] = V::load(port.at);
-        }
-        for i in 0..vectors {
-            let mut entries = first;
-            for n in 0..9 {
-                let (at, repeats) = inputs[n];
-                if !repeats {
-                    entries[n] = V::load(at.add(i * V::WIDTH));
-                }
-            }
-            let found = svd(entries);
-            for n in 0..21 {
-                if slots.outputs[n] != UNUSED {
-                    let port = &mut ports[slots.outputs[n] as usize];
-                    port.repeats = false;
-                    found[n].store(port.at.add(i * V::WIDTH));
-                }
-            }
-        }
-    }
-}
-
-/// Runs register code over `lanes` lanes, rounded up to whole vectors.
-///
-/// What depends on repeated operands only, such as Lamé's parameters of shared moduli, is computed once and repeats, too;
-/// its port says so until the slot is written again.
-///
-/// # Safety
-/// As [`Kernel::execute`](super::kernel::Kernel::execute), with the instruction set of `V` enabled.
-#[inline(always)]
-pub(super) unsafe fn execute<V: Lane>(code: &Code, ports: &mut [Port<V::Element>], lanes: usize) {
-    let all = lanes.div_ceil(V::WIDTH);
-    let first_temporary = code.first_temporary();
-    let mut spare = [[V::Element::ZERO; 16]; 3];
-    for step in &code.steps {
-        macro_rules! port {
-            ($slot:ident) => {{
-                let port = ports[step.$slot as usize];
-                (port.at, if port.repeats { 0 } else { V::WIDTH })
-            }};
-        }
-        // The destination, and the number of vectors to compute. An operand that repeats and lies where results go is
-        // moved aside.
-        macro_rules! destination {
-            ($($at:ident $stride:ident $spare:literal),*) => {{
-                let repeats = step.dst as usize >= first_temporary $(&& $stride == 0)*;
-                let port = &mut ports[step.dst as usize];
-                port.repeats = repeats;
-                $(if $stride == 0 && $at == port.at {
-                    // SAFETY: a port that repeats is valid for a vector, and no vector is wider than 16.
-                    unsafe { V::load($at).store(spare[$spare].as_mut_ptr()) };
-                    $at = spare[$spare].as_mut_ptr();
-                })*
-                (port.at, if repeats { 1 } else { all })
-            }};
-        }
-        macro_rules! each {
-            ($a:ident => $value:expr) => {{
-                let (mut at_a, stride_a) = port!(a);
-                let (dst, vectors) = destination!(at_a stride_a 0);
-                for i in 0..vectors {
-                    // SAFETY: the caller promises that the ports are valid for `lanes` rounded up to vectors.
-                    unsafe {
-                        let $a = V::load(at_a.add(i * stride_a));
-                        $value.store(dst.add(i * V::WIDTH));
-                    }
-                }
-            }};
-            ($a:ident, $b:ident => $value:expr) => {{
-                let ((mut at_a, stride_a), (mut at_b, stride_b)) = (port!(a), port!(b));
-                let (dst, vectors) = destination!(at_a stride_a 0, at_b stride_b 1);
-                for i in 0..vectors {
-                    // SAFETY: as above.
-                    unsafe {
-                        let $a = V::load(at_a.add(i * stride_a));
-                        let $b = V::load(at_b.add(i * stride_b));
-                        $value.store(dst.add(i * V::WIDTH));
-                    }
-                }
-            }};
-            ($a:ident, $b:ident, $c:ident => $value:expr) => {{
-                let ((mut at_a, stride_a), (mut at_b, stride_b)) = (port!(a), port!(b));
-                let (mut at_c, stride_c) = port!(c);
-                let (dst, vectors) = destination!(at_a stride_a 0, at_b stride_b 1, at_c stride_c 2);
-                for i in 0..vectors {
-                    // SAFETY: as above.
-                    unsafe {
-                        let $a = V::load(at_a.add(i * stride_a));
-                        let $b = V::load(at_b.add(i * stride_b));
-                        let $c = V::load(at_c.add(i * stride_c));
-                        $value.store(dst.add(i * V::WIDTH));
-                    }
-                }
-            }};
-        }
-        match step.op {
-            Op::Svd(n) => {
-                // SAFETY: the caller's promise covers the slots of every step.
-                unsafe { decompose::<V>(&code.svds[n as usize], ports, all) }
-            }
-            Op::Copy => each!(a => a),
-            Op::Select => each!(a, b, c => a.choose(b, c)),
-            Op::MulAdd => each!(a, b, c => a.mul_add(b, c)),
-            Op::MulSub => each!(a, b, c => a.mul_sub(b, c)),
-            Op::NegMulAdd => each!(a, b, c => a.neg_mul_add(b, c)),
-            Op::Binary(op) => match op {
-                Binary::Add => each!(a, b => a.add(b)),
-                Binary::Sub => each!(a, b => a.sub(b)),
-                Binary::Mul => each!(a, b => a.mul(b)),
-                Binary::Div => each!(a, b => a.div(b)),
-                Binary::Min => each!(a, b => a.min(b)),
-                Binary::Max => each!(a, b => a.max(b)),
-                Binary::Powf => each!(a, b => a.powf(b)),
-                Binary::Lt => each!(a, b => a.lt(b)),
-                Binary::Le => each!(a, b => a.le(b)),
-            },
-            Op::Unary(op) => match op {
-                Unary::Neg => each!(a => a.neg()),
-                Unary::Abs => each!(a => a.abs()),
-                Unary::Sign => each!(a => a.sign()),
-                Unary::Floor => each!(a => a.floor()),
-                Unary::Recip => each!(a => a.recip()),
-                Unary::Sqrt => each!(a => a.sqrt()),
-                Unary::Exp => each!(a => a.exp()),
-                Unary::Ln => each!(a => a.ln()),
-                Unary::Sin => each!(a => a.sin()),
-                Unary::Cos => each!(a => a.cos()),
-                Unary::Tanh => each!(a => a.tanh()),
-                Unary::Logistic => each!(a => a.logistic()),
-                Unary::Softplus => each!(a => a.softplus()),
-                Unary::Ln1p => each!(a => a.ln_1p()),
-                Unary::ExpM1 => each!(a => a.exp_m1()),
-            },
-        }
-    }
-}

@@ -1,8 +1,8 @@
 //! A program as a WGSL function in `f32`.
 //!
-//! Built-in functions of WGSL may be inaccurate (`log` near 1, `tanh` near 0) or drop NaN (`min`, `max`); for these the
-//! text brings functions of its own, from `kernels/shared/`. A literal cannot be infinite or NaN: such constants are
-//! made from bits that are only known when the shader runs.
+//! Built-in functions of WGSL may be inaccurate (`log` near 1, `tanh` near 0, `sin` and `cos` near their zeros) or drop NaN (`min`, `max`, on some
+//! drivers `exp`); for these the text brings functions of its own, from `kernels/shared/`. A literal cannot be infinite
+//! or NaN: such constants are made from bits that are only known when the shader runs.
 
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -35,10 +35,15 @@ fragments! {
     LN_1P = 5, "ln_1p.wgsl", needs &[LN];
     EXP_M1 = 6, "exp_m1.wgsl", needs &[];
     TANH = 7, "tanh.wgsl", needs &[EXP_M1];
-    LOGISTIC = 8, "logistic.wgsl", needs &[];
-    SOFTPLUS = 9, "softplus.wgsl", needs &[LN_1P];
-    POWF = 10, "powf.wgsl", needs &[LN];
-    SVD = 11, "svd.wgsl", needs &[];
+    EXP = 8, "exp.wgsl", needs &[IS_NAN];
+    LOGISTIC = 9, "logistic.wgsl", needs &[EXP];
+    SOFTPLUS = 10, "softplus.wgsl", needs &[LN_1P];
+    POWF = 11, "powf.wgsl", needs &[LN];
+    ERF = 12, "erf.wgsl", needs &[EXP];
+    SIN_COS = 13, "sin_cos.wgsl", needs &[];
+    SIN = 14, "sin.wgsl", needs &[SIN_COS];
+    COS = 15, "cos.wgsl", needs &[SIN_COS];
+    SVD = 16, "svd.wgsl", needs &[];
 }
 
 /// Built-in functions that emitted code calls, which a program's own name must not hide.
@@ -54,21 +59,21 @@ impl Program {
     /// ```
     /// use gradreel::scalar::Program;
     ///
-    /// let program = Program::trace("polar", &["r", "phi"], &["x", "y"], |v| {
-    ///     vec![v[0] * v[1].cos(), v[0] * v[1].sin()]
+    /// let program = Program::trace("mirror", &["x", "y"], &["u", "v"], |v| {
+    ///     vec![v[0] * v[1].abs(), v[0] * v[1].sqrt()]
     /// });
     /// assert_eq!(program.wgsl(), "\
-    /// struct polar_out {
-    ///     x: f32,
-    ///     y: f32,
+    /// struct mirror_out {
+    ///     u: f32,
+    ///     v: f32,
     /// }
     ///
-    /// fn polar(in_r: f32, in_phi: f32) -> polar_out {
-    ///     let v2 = cos(in_phi);
-    ///     let v3 = in_r * v2;
-    ///     let v4 = sin(in_phi);
-    ///     let v5 = in_r * v4;
-    ///     return polar_out(v3, v5);
+    /// fn mirror(in_x: f32, in_y: f32) -> mirror_out {
+    ///     let v2 = abs(in_y);
+    ///     let v3 = in_x * v2;
+    ///     let v4 = sqrt(in_y);
+    ///     let v5 = in_x * v4;
+    ///     return mirror_out(v3, v5);
     /// }
     /// ");
     /// ```
@@ -187,7 +192,11 @@ fn constant(value: f32) -> String {
 /// The function that an instruction calls, if WGSL's own is not good enough.
 fn fragment(node: Node) -> Option<usize> {
     match node {
+        Node::Unary(Unary::Erf, _) => Some(ERF),
+        Node::Unary(Unary::Exp, _) => Some(EXP),
         Node::Unary(Unary::Sign, _) => Some(SIGN),
+        Node::Unary(Unary::Sin, _) => Some(SIN),
+        Node::Unary(Unary::Cos, _) => Some(COS),
         Node::Unary(Unary::Ln, _) => Some(LN),
         Node::Unary(Unary::Tanh, _) => Some(TANH),
         Node::Unary(Unary::Logistic, _) => Some(LOGISTIC),
@@ -220,7 +229,7 @@ fn expression(node: Node, values: &[String]) -> String {
         Node::Select(c, a, b) => format!("select({}, {}, {} != 0f)", at(b), at(a), at(c)),
         Node::Unary(Unary::Neg, a) => format!("-{}", at(a)),
         Node::Unary(Unary::Recip, a) => format!("1f / {}", at(a)),
-        Node::Unary(op @ (Unary::Abs | Unary::Floor | Unary::Sqrt | Unary::Exp | Unary::Sin | Unary::Cos), a) => {
+        Node::Unary(op @ (Unary::Abs | Unary::Floor | Unary::Sqrt), a) => {
             format!("{}({})", op.name(), at(a))
         }
         Node::Unary(op, a) => format!("scalar_{}({})", op.name(), at(a)),

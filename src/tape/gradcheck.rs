@@ -56,8 +56,8 @@ pub struct GradRow {
     pub entries: usize,
     /// Largest absolute difference.
     pub max_abs: f64,
-    /// Largest relative difference: to the larger of both numbers at the entry, and at least 1e-3 of the largest gradient
-    /// entry of the input (below that, rounding of the loss hides the derivative).
+    /// Largest relative difference beyond what rounding of the loss explains: to the larger of both numbers at the entry,
+    /// and at least 1e-3 of the largest gradient entry of the input.
     pub max_rel: f64,
     /// Where the largest relative difference is.
     pub at: Vec<usize>,
@@ -99,8 +99,11 @@ impl GradCheck {
         }
         let tape = Tape::new();
         let leaves: Vec<_> = inputs.iter().map(|(_, x)| tape.leaf(x.clone())).collect();
-        let loss = contract(&function(&tape, &leaves)?);
-        let gradients = loss.backward()?;
+        let result = function(&tape, &leaves)?;
+        let size: f64 = result.value()?.to_vec()?.iter().map(|y| y.abs()).sum();
+        // the loss is rounded by some ε of what it is a sum of, and the difference divides that by twice the step
+        let noise = f64::EPSILON * size / self.step;
+        let gradients = contract(&result).backward()?;
         let value = |values: &[Tensor]| -> Result<f64> {
             let tape = Tape::new();
             let inputs: Vec<_> = values.iter().map(|x| tape.constant(x.clone())).collect();
@@ -123,12 +126,54 @@ impl GradCheck {
                 differences.push((at(1.0)? - at(-1.0)?) / (2.0 * step));
             }
             values[i] = x.clone();
-            rows.push(self.row(input, x, &picked, &gradient, &differences));
+            rows.push(self.row(input, x, &picked, &gradient, &differences, noise));
         }
         Ok(GradReport { name: name.to_owned(), settings: self.clone(), rows })
     }
 
-    fn row(&self, input: &str, x: &Tensor, picked: &[usize], gradient: &[f64], differences: &[f64]) -> GradRow {
+    /// As [`GradCheck::function`], one order higher: compares the gradient of the gradient with central differences of
+    /// the gradient. `function` is differentiated twice, so that each op in it must be able to.
+    ///
+    /// # Errors
+    /// As [`GradCheck::function`]; [`ErrorKind::Unsupported`] when an op cannot be differentiated twice.
+    pub fn gradient(
+        &self,
+        name: &str,
+        inputs: &[(&str, Tensor)],
+        function: impl Fn(&Tape, &[Var]) -> Result<Var>,
+    ) -> Result<GradReport> {
+        // one number made of all gradients
+        let slopes = |tape: &Tape, leaves: &[Var]| -> Result<Var> {
+            let refs: Vec<&Var> = leaves.iter().collect();
+            let mut total = tape.constant(Tensor::scalar(0.0, DType::F64));
+            for x in leaves {
+                // so that what is linear in an input has a gradient of zero, not none
+                total = &total + &(&x.sum_all() * 0.0);
+            }
+            for slope in contract(&(function(tape, leaves)?)).gradients_of(&refs)? {
+                total = &total + &contract(&slope);
+            }
+            Ok(total)
+        };
+        self.function(name, inputs, |tape, vars| {
+            if vars.iter().all(Var::is_differentiable) {
+                return slopes(tape, vars);
+            }
+            let inner = Tape::new();
+            let leaves: Vec<_> = vars.iter().map(|x| inner.leaf(x.tensor().clone())).collect();
+            Ok(tape.constant(slopes(&inner, &leaves)?.value()?.clone()))
+        })
+    }
+
+    fn row(
+        &self,
+        input: &str,
+        x: &Tensor,
+        picked: &[usize],
+        gradient: &[f64],
+        differences: &[f64],
+        noise: f64,
+    ) -> GradRow {
         let scale = gradient.iter().chain(differences).fold(0.0f64, |m, g| m.max(g.abs()));
         let mut row = GradRow {
             input: input.to_owned(),
@@ -143,7 +188,8 @@ impl GradCheck {
         for (&entry, &difference) in picked.iter().zip(differences) {
             let tape = gradient[entry];
             let abs = (tape - difference).abs();
-            let rel = abs / tape.abs().max(difference.abs()).max(1e-3 * scale).max(1e-9);
+            let beyond = if abs <= noise { 0.0 } else { abs - noise };
+            let rel = beyond / tape.abs().max(difference.abs()).max(1e-3 * scale).max(1e-9);
             row.max_abs = row.max_abs.max(abs);
             if rel > row.max_rel || rel.is_nan() || row.at.is_empty() {
                 (row.max_rel, row.at, row.tape, row.difference) = (rel, x.shape().index(entry), tape, difference);
@@ -186,9 +232,16 @@ impl fmt::Display for GradReport {
 }
 
 /// Contracts any result with fixed weights in [0.5, 1.5) to one number.
-fn contract(y: &Var) -> Var {
+pub(super) fn contract(y: &Var) -> Var {
     let weights: Vec<f64> = Key::new(0x6772_6164).uniform(y.len()).map(|u| 0.5 + u).collect();
-    (y * &y.tape().constant(Tensor::from_vec(weights, y.shape()))).sum_all()
+    let weights = Tensor::from_vec(weights, y.shape()).cast(y.dtype()).and_then(|w| w.to_device(&y.device()));
+    match weights {
+        Ok(weights) => (y * &y.tape().constant(weights)).sum_all(),
+        Err(fault) => {
+            y.tape().keep_fault(fault);
+            y.sum_all()
+        }
+    }
 }
 
 /// At most `count` indices spread evenly over `0..len`.

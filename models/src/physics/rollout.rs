@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use gradreel::{Backward, DType, Error, ErrorKind, Forward, Op, Result, Spec, Tensor, Var};
+use gradreel::{Backward, DType, Error, ErrorKind, Forward, Op, Reads, Result, Spec, Tensor, Var};
 
 use super::lattice::Lattice;
 use super::law::Law;
@@ -145,6 +145,10 @@ impl Op for Rollout {
             DType::F64 => self.forward::<f64>(inputs),
             _ => self.forward::<f32>(inputs),
         }
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::inputs()
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
