@@ -2,7 +2,8 @@
 
 use std::sync::OnceLock;
 
-use super::lanes::{self, Lane, Port};
+use super::execute::Execute;
+use super::lanes::{Lane, Port};
 use super::lower::Code;
 
 /// The ways to run register code on this kind of processor, widest last.
@@ -61,7 +62,7 @@ pub trait Kernel: Sized {
     /// # Safety
     /// The path must be available. Every slot that a step names must have a port; a port that does not repeat must be
     /// valid for `lanes` values rounded up to a multiple of 16, for writing too where a step writes it.
-    unsafe fn execute(path: Path, code: &Code, ports: &[Port<Self>], lanes: usize);
+    unsafe fn execute(path: Path, code: &Code, ports: &mut [Port<Self>], lanes: usize);
 
     /// Runs a job with the vectors of a path.
     ///
@@ -73,9 +74,9 @@ pub trait Kernel: Sized {
 macro_rules! kernel {
     ($float:ident, $portable:ty, $avx2:ty, $avx512:ty) => {
         impl Kernel for $float {
-            unsafe fn execute(path: Path, code: &Code, ports: &[Port<Self>], lanes: usize) {
+            unsafe fn execute(path: Path, code: &Code, ports: &mut [Port<Self>], lanes: usize) {
                 // SAFETY: the caller's promise.
-                unsafe { Self::dispatch(path, lanes::Execute { code, ports, lanes }) }
+                unsafe { Self::dispatch(path, Execute { code, ports, lanes }) }
             }
 
             #[inline]

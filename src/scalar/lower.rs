@@ -89,9 +89,14 @@ impl Code {
         Self { steps, svds, constants, inputs, outputs: results.len(), temporaries }
     }
 
+    /// The number of the first temporary slot.
+    pub fn first_temporary(&self) -> usize {
+        self.inputs + self.constants.len() + self.outputs
+    }
+
     /// Number of slots of all kinds.
     pub fn slots(&self) -> usize {
-        self.inputs + self.constants.len() + self.outputs + self.temporaries
+        self.first_temporary() + self.temporaries
     }
 }
 

@@ -42,7 +42,7 @@
 //! among them, so that an expression written twice is computed once; what no output needs is dropped at the end.
 //! Derivatives replay the list in a new trace with the rules of `derivative.rs`, written in the same operators. For the
 //! CPU the list is lowered to register code (`lower.rs`) that is interpreted over blocks of 256 lanes (`evaluate.rs`),
-//! one pass over the block per instruction, with the widest vectors the processor has (`lanes.rs`). The cost of
+//! one pass over the block per instruction (`execute.rs`), with the widest vectors the processor has (`lanes.rs`). The cost of
 //! interpreting is spread over 256 lanes and vanishes beside the arithmetic.
 //!
 //! # NaN and infinity
@@ -52,6 +52,7 @@
 mod derivative;
 mod erf;
 mod evaluate;
+mod execute;
 mod exp_ln;
 mod frames;
 mod graph;

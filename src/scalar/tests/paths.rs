@@ -32,11 +32,16 @@ fn inputs(count: usize, len: usize) -> Vec<Vec<f64>> {
 }
 
 fn agree<T: Real>(program: &Program, path: Path, len: usize, tolerance: f64) {
+    agree_with::<T>(program, path, len, if len % 2 == 1 { 2 } else { 0 }, tolerance);
+}
+
+/// As [`agree`], where bit n of `same` gives input n one value for all lanes.
+fn agree_with<T: Real>(program: &Program, path: Path, len: usize, same: u32, tolerance: f64) {
     let x: Vec<Vec<T>> = inputs(program.inputs().len(), len)
         .into_iter()
         .map(|column| column.into_iter().map(T::from_f64).collect())
         .collect();
-    let same = |n: usize| n == 1 && len % 2 == 1;
+    let same = |n: usize| same >> n & 1 == 1;
     let given: Vec<Lanes<'_, T>> =
         (0..x.len()).map(|n| if same(n) { Lanes::Same(T::from_f64(0.83)) } else { Lanes::Each(&x[n]) }).collect();
     let mut y = vec![vec![T::from_f64(-77.0); len]; program.outputs().len()];
@@ -66,6 +71,18 @@ fn every_path_agrees_with_the_definition_at_every_length() {
             agree::<f32>(&program, path, len, 2e-6);
             agree::<f64>(&program, path, len, 1e-13);
             agree::<f64>(&program.vjp(), path, len, 1e-12);
+        }
+    }
+}
+
+#[test]
+fn what_repeats_may_be_mixed_with_what_does_not() {
+    let program = everything();
+    for path in Path::available() {
+        for same in 0..8 {
+            agree_with::<f32>(&program, path, 300, same, 2e-6);
+            agree_with::<f64>(&program.vjp(), path, 300, same, 1e-12);
+            agree_with::<f64>(&program.vjp(), path, 300, same | 8, 1e-12);
         }
     }
 }

@@ -126,6 +126,21 @@ fn decompositions_hold_on_every_path() {
 }
 
 #[test]
+fn entries_that_all_lanes_share_are_read_as_such() {
+    let program = of_matrix("hencky", |p| p.left(p.stretches().map(|s| s.ln())).to_vec());
+    let f = stretched([1.3, 1.1, 0.8]);
+    let wanted = program.eval(&f);
+    let columns: Vec<Vec<f64>> = f.iter().map(|&x| vec![x; 300]).collect();
+    for shared in 0..512_u32 {
+        let lanes: Vec<Lanes<'_, f64>> =
+            (0..9).map(|n| if shared >> n & 1 == 1 { Lanes::Same(f[n]) } else { Lanes::Each(&columns[n]) }).collect();
+        let mut found = vec![vec![0.0; 300]; 9];
+        program.run(300, &lanes, &mut found.iter_mut().map(Vec::as_mut_slice).collect::<Vec<_>>());
+        assert!(found.iter().zip(&wanted).all(|(column, y)| column.iter().all(|x| x == y)), "{shared:b}");
+    }
+}
+
+#[test]
 fn small_singular_values_keep_their_digits() {
     let sigma = decomposition().eval(&stretched([1.0, 1e-3, 1e-6]))[9..12].to_vec();
     for (found, wanted) in sigma.iter().zip([1.0, 1e-3, 1e-6]) {

@@ -1,0 +1,179 @@
+//! The loop that runs register code: one pass over a block of lanes per step.
+
+use super::instruction::{Binary, Unary};
+use super::kernel::Job;
+use super::lanes::{Lane, Port};
+use super::lower::{Code, Op, SvdSlots, UNUSED};
+use super::real::Real;
+use super::svd::svd;
+
+/// Runs register code over `lanes` lanes, rounded up to whole vectors; the contract is that of
+/// [`Kernel::execute`](super::kernel::Kernel::execute).
+pub(super) struct Execute<'a, T> {
+    pub(super) code: &'a Code,
+    pub(super) ports: &'a mut [Port<T>],
+    pub(super) lanes: usize,
+}
+
+impl<T: Real> Job<T> for Execute<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    unsafe fn run<V: Lane<Element = T>>(self) {
+        // SAFETY: the caller's promise.
+        unsafe { execute::<V>(self.code, self.ports, self.lanes) }
+    }
+}
+
+/// One singular value decomposition over `vectors` vectors. A result may lie where an operand was: a vector's operands
+/// are read before its results are written.
+///
+/// # Safety
+/// As [`execute`].
+#[inline(always)]
+unsafe fn decompose<V: Lane>(slots: &SvdSlots, ports: &mut [Port<V::Element>], vectors: usize) {
+    // SAFETY: the caller promises that the ports are valid for so many vectors.
+    unsafe {
+        // A result may lie where an operand repeats: that is read once, before anything is written.
+        let mut first = [V::splat(V::Element::ZERO); 9];
+        let mut inputs = [(std::ptr::null_mut(), false); 9];
+        for n in 0..9 {
+            let port = ports[slots.inputs[n] as usize];
+            inputs[n] = (port.at, port.repeats);
+            first[n] = V::load(port.at);
+        }
+        for i in 0..vectors {
+            let mut entries = first;
+            for n in 0..9 {
+                let (at, repeats) = inputs[n];
+                if !repeats {
+                    entries[n] = V::load(at.add(i * V::WIDTH));
+                }
+            }
+            let found = svd(entries);
+            for n in 0..21 {
+                if slots.outputs[n] != UNUSED {
+                    let port = &mut ports[slots.outputs[n] as usize];
+                    port.repeats = false;
+                    found[n].store(port.at.add(i * V::WIDTH));
+                }
+            }
+        }
+    }
+}
+
+/// Runs register code over `lanes` lanes, rounded up to whole vectors.
+///
+/// What depends on repeated operands only, such as Lamé's parameters of shared moduli, is computed once and repeats, too;
+/// its port says so until the slot is written again.
+///
+/// # Safety
+/// As [`Kernel::execute`](super::kernel::Kernel::execute), with the instruction set of `V` enabled.
+#[inline(always)]
+unsafe fn execute<V: Lane>(code: &Code, ports: &mut [Port<V::Element>], lanes: usize) {
+    let all = lanes.div_ceil(V::WIDTH);
+    let first_temporary = code.first_temporary();
+    let mut spare = [[V::Element::ZERO; 16]; 3];
+    for step in &code.steps {
+        macro_rules! port {
+            ($slot:ident) => {{
+                let port = ports[step.$slot as usize];
+                (port.at, if port.repeats { 0 } else { V::WIDTH })
+            }};
+        }
+        // The destination, and the number of vectors to compute. An operand that repeats and lies where results go is
+        // moved aside.
+        macro_rules! destination {
+            ($($at:ident $stride:ident $spare:literal),*) => {{
+                let repeats = step.dst as usize >= first_temporary $(&& $stride == 0)*;
+                let port = &mut ports[step.dst as usize];
+                port.repeats = repeats;
+                $(if $stride == 0 && $at == port.at {
+                    // SAFETY: a port that repeats is valid for a vector, and no vector is wider than 16.
+                    unsafe { V::load($at).store(spare[$spare].as_mut_ptr()) };
+                    $at = spare[$spare].as_mut_ptr();
+                })*
+                (port.at, if repeats { 1 } else { all })
+            }};
+        }
+        macro_rules! each {
+            ($a:ident => $value:expr) => {{
+                let (mut at_a, stride_a) = port!(a);
+                let (dst, vectors) = destination!(at_a stride_a 0);
+                for i in 0..vectors {
+                    // SAFETY: the caller promises that the ports are valid for `lanes` rounded up to vectors.
+                    unsafe {
+                        let $a = V::load(at_a.add(i * stride_a));
+                        $value.store(dst.add(i * V::WIDTH));
+                    }
+                }
+            }};
+            ($a:ident, $b:ident => $value:expr) => {{
+                let ((mut at_a, stride_a), (mut at_b, stride_b)) = (port!(a), port!(b));
+                let (dst, vectors) = destination!(at_a stride_a 0, at_b stride_b 1);
+                for i in 0..vectors {
+                    // SAFETY: as above.
+                    unsafe {
+                        let $a = V::load(at_a.add(i * stride_a));
+                        let $b = V::load(at_b.add(i * stride_b));
+                        $value.store(dst.add(i * V::WIDTH));
+                    }
+                }
+            }};
+            ($a:ident, $b:ident, $c:ident => $value:expr) => {{
+                let ((mut at_a, stride_a), (mut at_b, stride_b)) = (port!(a), port!(b));
+                let (mut at_c, stride_c) = port!(c);
+                let (dst, vectors) = destination!(at_a stride_a 0, at_b stride_b 1, at_c stride_c 2);
+                for i in 0..vectors {
+                    // SAFETY: as above.
+                    unsafe {
+                        let $a = V::load(at_a.add(i * stride_a));
+                        let $b = V::load(at_b.add(i * stride_b));
+                        let $c = V::load(at_c.add(i * stride_c));
+                        $value.store(dst.add(i * V::WIDTH));
+                    }
+                }
+            }};
+        }
+        match step.op {
+            Op::Svd(n) => {
+                // SAFETY: the caller's promise covers the slots of every step.
+                unsafe { decompose::<V>(&code.svds[n as usize], ports, all) }
+            }
+            Op::Copy => each!(a => a),
+            Op::Select => each!(a, b, c => a.choose(b, c)),
+            Op::MulAdd => each!(a, b, c => a.mul_add(b, c)),
+            Op::MulSub => each!(a, b, c => a.mul_sub(b, c)),
+            Op::NegMulAdd => each!(a, b, c => a.neg_mul_add(b, c)),
+            Op::Binary(op) => match op {
+                Binary::Add => each!(a, b => a.add(b)),
+                Binary::Sub => each!(a, b => a.sub(b)),
+                Binary::Mul => each!(a, b => a.mul(b)),
+                Binary::Div => each!(a, b => a.div(b)),
+                Binary::Min => each!(a, b => a.min(b)),
+                Binary::Max => each!(a, b => a.max(b)),
+                Binary::Powf => each!(a, b => a.powf(b)),
+                Binary::Lt => each!(a, b => a.lt(b)),
+                Binary::Le => each!(a, b => a.le(b)),
+            },
+            Op::Unary(op) => match op {
+                Unary::Neg => each!(a => a.neg()),
+                Unary::Abs => each!(a => a.abs()),
+                Unary::Sign => each!(a => a.sign()),
+                Unary::Floor => each!(a => a.floor()),
+                Unary::Recip => each!(a => a.recip()),
+                Unary::Sqrt => each!(a => a.sqrt()),
+                Unary::Exp => each!(a => a.exp()),
+                Unary::Ln => each!(a => a.ln()),
+                Unary::Sin => each!(a => a.sin()),
+                Unary::Cos => each!(a => a.cos()),
+                Unary::Tanh => each!(a => a.tanh()),
+                Unary::Logistic => each!(a => a.logistic()),
+                Unary::Softplus => each!(a => a.softplus()),
+                Unary::Ln1p => each!(a => a.ln_1p()),
+                Unary::ExpM1 => each!(a => a.exp_m1()),
+                Unary::Erf => each!(a => a.erf()),
+            },
+        }
+    }
+}
