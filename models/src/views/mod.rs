@@ -1,0 +1,26 @@
+//! The unseen views: a multi-view latent diffusion model (SyncDreamer, Liu et al. 2023) whose parameter paths are those
+//! of the published checkpoint.
+//!
+//! ```text
+//! noised views → target encoder → un-projection → spatial net → frustum sampling → frustum net ─┐
+//! input image → autoencoder → latent ┐                                                          │
+//!             → CLIP tower → token ──┴───────────────────────→ UNet ← depth-wise attention ←─────┘
+//! ```
+
+mod target_encoder;
+mod spatial_net;
+mod frustum_net;
+mod unet;
+mod autoencoder;
+mod clip;
+mod cameras;
+mod volume;
+
+pub use autoencoder::{Autoencoder, AutoencoderSizes, Posterior};
+pub use cameras::Ring;
+pub use clip::{ClipSizes, ClipTower};
+pub use frustum_net::{FrustumNet, FrustumSizes};
+pub use spatial_net::{SpatialNet, SpatialSizes};
+pub use target_encoder::{EncoderSizes, TargetEncoder};
+pub use unet::{Unet, UnetSizes};
+pub use volume::{VolumePath, VolumeSizes};
