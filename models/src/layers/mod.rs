@@ -42,5 +42,5 @@ pub use resampling::{Downsample, Upsample};
 pub use residual::ResidualBlock;
 pub(crate) use residual::per_channel;
 pub use scope::{Init, Scope, Weights, initialise, listing};
-pub use time_embedding::{TimeEmbedding, sinusoid};
+pub use time_embedding::TimeEmbedding;
 pub use transformer::{SpatialTransformer, TransformerSizes};

@@ -1,14 +1,9 @@
 //! Diffusion time as a vector.
 
-use gradreel::{DType, Result, Tape, Var};
+use gradreel::ops::sinusoidal;
+use gradreel::{Result, Var};
 
 use super::{Linear, Scope};
-
-/// Sinusoidal features of diffusion times: `[cos(t f₀).., sin(t f₀)..]` with `fᵢ = 10000^(−i/half)`, a zero appended when
-/// `size` is odd. `[times.len(), size]`.
-pub fn sinusoid(tape: &Tape, times: &[f64], size: usize, dtype: DType) -> Result<Var> {
-    Ok(tape.constant(gradreel::ops::sinusoidal(times, size).cast(dtype)?))
-}
 
 /// Sinusoidal features, then `Linear, SiLU, Linear` (names `0` and `2`).
 pub struct TimeEmbedding {
@@ -30,12 +25,13 @@ impl TimeEmbedding {
         })
     }
 
-    /// The vectors of some times: `[times.len(), outputs]`.
+    /// The vectors of some times, on the tape, device and in the dtype of `like`: `[times.len(), outputs]`.
     ///
     /// # Errors
-    /// When the features cannot be cast to the weights' dtype.
-    pub fn forward(&self, tape: &Tape, times: &[f64], dtype: DType) -> Result<Var> {
-        let features = sinusoid(tape, times, self.features, dtype)?;
+    /// When the features cannot be moved there.
+    pub fn forward(&self, like: &Var, times: &[f64]) -> Result<Var> {
+        let features = sinusoidal(times, self.features).cast(like.dtype())?.to_device(&like.device())?;
+        let features = like.tape().constant(features);
         Ok(self.outer.forward(&self.inner.forward(&features).silu()))
     }
 }

@@ -175,7 +175,7 @@ impl Unet {
         volumes: &[Var; 4],
         watch: &mut dyn FnMut(&str, &Var),
     ) -> Result<Var> {
-        let time = self.time.forward(x.tape(), times, x.dtype())?;
+        let time = self.time.forward(x, times)?;
         let mut h = x.clone();
         let mut skips = Vec::with_capacity(self.down.len());
         for (number, block) in self.down.iter().enumerate() {

@@ -1,6 +1,7 @@
 //! From noised views to the frustum volumes of one of them: encoder, un-projection, spatial net, frustum net.
 
-use gradreel::{DType, Result, Tape, Tensor, Var};
+use gradreel::ops::GridSample;
+use gradreel::{Result, Tensor, Var};
 
 use super::{EncoderSizes, FrustumNet, FrustumSizes, Ring, SpatialNet, SpatialSizes, TargetEncoder};
 use crate::layers::Scope;
@@ -70,15 +71,16 @@ impl VolumePath {
         &self.ring
     }
 
-    /// The viewpoint embeddings of all views for input images of these elevations in radians: `[b, views, 4]`.
+    /// The viewpoint embeddings of all views for input images of these elevations in radians: `[b, views, 4]`, on the
+    /// tape, device and in the dtype of `like`.
     ///
     /// # Errors
-    /// When they cannot be cast.
-    pub fn viewpoints(&self, tape: &Tape, elevations: &[f64], dtype: DType) -> Result<Var> {
+    /// When they cannot be moved there.
+    pub fn viewpoints(&self, like: &Var, elevations: &[f64]) -> Result<Var> {
         let views = self.ring.views;
         let of = |elevation: &f64| (0..views).flat_map(|view| self.ring.viewpoint(view, *elevation)).collect::<Vec<_>>();
         let values: Vec<f64> = elevations.iter().flat_map(of).collect();
-        Ok(tape.constant(Tensor::from_vec(values, [elevations.len(), views, 4]).cast(dtype)?))
+        constant(like, Tensor::from_vec(values, [elevations.len(), views, 4]))
     }
 
     /// All noised views `[b, views, latent, w, w]`, time vectors `[b, time]` and viewpoints `[b, views, 4]` to the
@@ -103,10 +105,9 @@ impl VolumePath {
             &viewpoints.reshape([all, 4]),
         );
         let places: Vec<f64> = (0..views).flat_map(|view| self.places(view, width)).collect();
-        let places = Tensor::from_vec(places, [views, v * v * v, 1, 2]).cast(noised.dtype())?;
-        let places = noised.tape().constant(places);
+        let places = constant(noised, Tensor::from_vec(places, [views, v * v * v, 1, 2]))?;
         let places = places.reshape([1, views, v * v * v, 1, 2]).broadcast_to([batch, views, v * v * v, 1, 2]);
-        let sampled = maps.grid_sample(&places.reshape([all, v * v * v, 1, 2]), gradreel::ops::GridSample::aligned());
+        let sampled = maps.grid_sample(&places.reshape([all, v * v * v, 1, 2]), GridSample::aligned());
         Ok(sampled.reshape([batch, views * features, v, v, v]))
     }
 
@@ -148,9 +149,8 @@ impl VolumePath {
             .flat_map(|&view| self.ring.frustum(view, depth, width))
             .flat_map(|point| point.map(|x| x / half))
             .collect();
-        let places = Tensor::from_vec(places, [1, views.len() * depth, width, width, 3]).cast(volume.dtype())?;
-        let places = volume.tape().constant(places);
-        let sampled = volume.grid_sample(&places, gradreel::ops::GridSample::aligned());
+        let places = constant(volume, Tensor::from_vec(places, [1, views.len() * depth, width, width, 3]))?;
+        let sampled = volume.grid_sample(&places, GridSample::aligned());
         let channels = sampled.dims()[1];
         let sampled = sampled.reshape([channels, views.len(), depth, width, width]);
         Ok(sampled.permute(&[1, 0, 2, 3, 4]))
@@ -165,4 +165,9 @@ impl VolumePath {
     pub fn pyramid(&self, samples: &Var, time: &Var, viewpoints: &Var) -> [Var; 4] {
         self.frustum.forward(samples, time, viewpoints)
     }
+}
+
+/// A tensor on the tape, device and in the dtype of another.
+fn constant(like: &Var, value: Tensor) -> Result<Var> {
+    Ok(like.tape().constant(value.cast(like.dtype())?.to_device(&like.device())?))
 }
