@@ -62,18 +62,27 @@ impl DepthAttention {
         })
     }
 
-    /// `x [b, channels, h, w]` and the volume `[b, context, d, h, w]` to `[b, channels, h, w]`.
+    /// `x [b, channels, h, w]` and the volume `[b, context, d, h, w]` to `[b, channels, h, w]`. Without a volume it sees
+    /// one of zeros.
     ///
     /// # Panics
     /// When the sizes are not those of the block.
     #[track_caller]
-    pub fn forward(&self, x: &Var, volume: &Var) -> Var {
-        x + &self.residual(x, volume)
+    pub fn forward(&self, x: &Var, volume: Option<&Var>) -> Var {
+        let gathered = match volume {
+            Some(volume) => self.gather(x, volume),
+            None => self.gather_nothing(x),
+        };
+        let mut h = self.out.forward(&gathered);
+        for (norm, conv) in &self.proj_out {
+            h = conv.forward(&norm.forward(&h).relu());
+        }
+        x + &h
     }
 
-    /// What is added to the image.
+    /// What the pixels find: `[b, inner, h, w]`.
     #[track_caller]
-    fn residual(&self, x: &Var, volume: &Var) -> Var {
+    fn gather(&self, x: &Var, volume: &Var) -> Var {
         let a = self.proj_in.1.silu(&self.proj_in.0.forward(x));
         let context = self.proj_context.1.forward(&self.proj_context.0.forward(volume)).relu();
         let heads = |x: &Var| {
@@ -83,11 +92,17 @@ impl DepthAttention {
         };
         let [query, key, value] =
             [self.query.forward(&a), self.key.forward(&context), self.value.forward(&context)].map(|x| heads(&x));
-        let gathered = query.depth_attention(&key, &value, (self.head as f64).powf(-0.5));
-        let mut h = self.out.forward(&gathered.reshape(a.shape()));
-        for (norm, conv) in &self.proj_out {
-            h = conv.forward(&norm.forward(&h).relu());
-        }
-        h
+        query.depth_attention(&key, &value, (self.head as f64).powf(-0.5)).reshape(a.shape())
+    }
+
+    /// What they find in a volume of zeros. All depth bins are alike there, so that the softmax is uniform whatever the
+    /// query says: one vector for all pixels, `[1, inner, h, w]`.
+    #[track_caller]
+    fn gather_nothing(&self, x: &Var) -> Var {
+        let alike = self.proj_context.1.shift().relu();
+        let channels = alike.len();
+        let found = self.value.forward(&alike.reshape([1, channels, 1, 1, 1]));
+        let inner = found.len();
+        found.reshape([1, inner, 1, 1]).broadcast_to([1, inner, x.dims()[2], x.dims()[3]])
     }
 }

@@ -32,6 +32,11 @@ impl GroupNorm {
         x.group_norm(self.groups, Some((&self.weight, &self.bias)), self.epsilon)
     }
 
+    /// What it makes of a constant input: the learned shift `[channels]`.
+    pub fn shift(&self) -> &Var {
+        &self.bias
+    }
+
     /// Applies it, then SiLU.
     ///
     /// # Panics

@@ -1,6 +1,6 @@
 //! The CLIP vision tower (Radford et al. 2021): an image to one embedding.
 
-use gradreel::{Error, Result, Tensor, Var};
+use gradreel::{Result, Tensor, Var};
 
 use crate::layers::{Convolution, Init, Kernel, LayerNorm, Linear, Scope, merge_heads, split_heads};
 
@@ -80,8 +80,7 @@ impl ClipTower {
     /// When the colours cannot be cast to the dtype of the images.
     pub fn normalise(images: &Var) -> Result<Var> {
         let [mean, deviation] = COLOURS.map(|values| {
-            let value = Tensor::from_vec(values.to_vec(), [1, 3, 1, 1]).cast(images.dtype())?;
-            Ok::<_, Error>(images.tape().constant(value.to_device(&images.device())?))
+            super::constant(images, Tensor::from_vec(values.to_vec(), [1, 3, 1, 1]))
         });
         let in_unit_range = &(images + 1.0) * 0.5;
         Ok(&(&in_unit_range - &mean?) / &deviation?)

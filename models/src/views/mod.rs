@@ -15,12 +15,23 @@ mod autoencoder;
 mod clip;
 mod cameras;
 mod volume;
+mod denoiser;
+mod schedule;
 
 pub use autoencoder::{Autoencoder, AutoencoderSizes, Posterior};
 pub use cameras::Ring;
 pub use clip::{ClipSizes, ClipTower};
+pub use denoiser::{Condition, Denoiser, DenoiserSizes, Look};
 pub use frustum_net::{FrustumNet, FrustumSizes};
+pub use schedule::{Ddim, Schedule, TIMES};
 pub use spatial_net::{SpatialNet, SpatialSizes};
 pub use target_encoder::{EncoderSizes, TargetEncoder};
 pub use unet::{Unet, UnetSizes};
 pub use volume::{VolumePath, VolumeSizes};
+
+use gradreel::{Result, Tensor, Var};
+
+/// A tensor on the tape, device and in the dtype of another.
+fn constant(like: &Var, value: Tensor) -> Result<Var> {
+    Ok(like.tape().constant(value.cast(like.dtype())?.to_device(&like.device())?))
+}

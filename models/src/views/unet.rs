@@ -147,7 +147,8 @@ impl Unet {
     }
 
     /// The noise in `x [b, inputs, w, w]` at `times` (one for each of the batch), given context tokens
-    /// `[b, m, context]` and the volumes of each level, the widest first.
+    /// `[b, m, context]` and the volumes of each level, the widest first. Without volumes the depth-wise attention sees
+    /// zeros.
     ///
     /// # Errors
     /// When the time features cannot be made in the dtype of `x`.
@@ -155,7 +156,7 @@ impl Unet {
     /// # Panics
     /// When the sizes are not those of the network.
     #[track_caller]
-    pub fn forward(&self, x: &Var, times: &[f64], context: &Var, volumes: &[Var; 4]) -> Result<Var> {
+    pub fn forward(&self, x: &Var, times: &[f64], context: &Var, volumes: Option<&[Var; 4]>) -> Result<Var> {
         self.forward_watched(x, times, context, volumes, &mut |_, _| ())
     }
 
@@ -172,7 +173,7 @@ impl Unet {
         x: &Var,
         times: &[f64],
         context: &Var,
-        volumes: &[Var; 4],
+        volumes: Option<&[Var; 4]>,
         watch: &mut dyn FnMut(&str, &Var),
     ) -> Result<Var> {
         let time = self.time.forward(x, times)?;
@@ -193,7 +194,7 @@ impl Unet {
         let (first, transformer, second) = &self.middle;
         h = second.forward(&transformer.forward(&first.forward(&h, &time), context), &time);
         watch("middle_block", &h);
-        h = self.middle_depth.forward(&h, &volumes[3]);
+        h = self.middle_depth.forward(&h, volumes.map(|v| &v[3]));
         watch("middle_conditions", &h);
         for (number, block) in self.up.iter().enumerate() {
             let skip = skips.pop().expect("as many blocks up as down");
@@ -206,7 +207,7 @@ impl Unet {
             }
             watch(&format!("output_blocks.{number}"), &h);
             if let Some((depth, level)) = &block.depth {
-                h = depth.forward(&h, &volumes[*level]);
+                h = depth.forward(&h, volumes.map(|v| &v[*level]));
                 watch(&format!("output_conditions.{}", number - 3), &h);
             }
         }

@@ -3,7 +3,7 @@
 use gradreel::ops::GridSample;
 use gradreel::{Result, Tensor, Var};
 
-use super::{EncoderSizes, FrustumNet, FrustumSizes, Ring, SpatialNet, SpatialSizes, TargetEncoder};
+use super::{EncoderSizes, FrustumNet, FrustumSizes, Ring, SpatialNet, SpatialSizes, TargetEncoder, constant};
 use crate::layers::Scope;
 
 /// The sizes of the path.
@@ -165,9 +165,4 @@ impl VolumePath {
     pub fn pyramid(&self, samples: &Var, time: &Var, viewpoints: &Var) -> [Var; 4] {
         self.frustum.forward(samples, time, viewpoints)
     }
-}
-
-/// A tensor on the tape, device and in the dtype of another.
-fn constant(like: &Var, value: Tensor) -> Result<Var> {
-    Ok(like.tape().constant(value.cast(like.dtype())?.to_device(&like.device())?))
 }

@@ -47,7 +47,7 @@ fn depth_attention() {
         let context = case.shape("proj_context.1.weight")[0];
         let sizes = DepthAttentionSizes { channels, head: inner / 4, context };
         let layer = DepthAttention::new(&case.scope(), sizes)?;
-        Ok(vec![("out.y".into(), layer.forward(&case.input("x"), &case.input("context")))])
+        Ok(vec![("out.y".into(), layer.forward(&case.input("x"), Some(&case.input("context"))))])
     });
 }
 

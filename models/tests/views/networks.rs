@@ -25,7 +25,7 @@ fn denoiser() {
             &case.input("x"),
             &case.numbers("t"),
             &case.input("context"),
-            &volumes,
+            Some(&volumes),
             &mut |name, value| results.push((format!("mid.{name}"), value.clone())),
         )?;
         results.push(("out.eps".into(), noise));
