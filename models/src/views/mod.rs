@@ -7,6 +7,8 @@
 //!             → CLIP tower → token ──┴───────────────────────→ UNet ← depth-wise attention ←─────┘
 //! ```
 
+mod resize;
+mod image;
 mod target_encoder;
 mod spatial_net;
 mod frustum_net;
@@ -22,7 +24,9 @@ pub use autoencoder::{Autoencoder, AutoencoderSizes, Posterior};
 pub use cameras::Ring;
 pub use clip::{ClipSizes, ClipTower};
 pub use denoiser::{Condition, Denoiser, DenoiserSizes, Look};
+pub use image::prepare;
 pub use frustum_net::{FrustumNet, FrustumSizes};
+pub use resize::Bicubic;
 pub use schedule::{Ddim, Schedule, TIMES};
 pub use spatial_net::{SpatialNet, SpatialSizes};
 pub use target_encoder::{EncoderSizes, TargetEncoder};

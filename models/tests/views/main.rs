@@ -1,6 +1,7 @@
 //! Layers and networks of the multi-view diffusion model against an independent implementation: outputs, intermediate
 //! values and gradients, in `f64` and `f32` on the CPU and in `f32` on a GPU.
 
+mod cameras;
 mod harness;
 mod layers;
 mod networks;

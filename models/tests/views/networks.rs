@@ -1,6 +1,6 @@
 //! The denoiser, the autoencoder and the CLIP tower.
 
-use gradreel_models::views::{Autoencoder, AutoencoderSizes, ClipSizes, ClipTower, Unet, UnetSizes};
+use gradreel_models::views::{Autoencoder, AutoencoderSizes, Bicubic, ClipSizes, ClipTower, Unet, UnetSizes};
 
 use crate::harness::{Tolerance, check};
 
@@ -69,9 +69,14 @@ fn clip_vision_tower() {
             outputs: case.size("output_dim"),
         };
         let tower = ClipTower::new(&case.scope(), sizes)?;
-        let resized = case.given("mid.resized");
+        let side = sizes.resolution;
+        let resized = Bicubic::Aligned.resize(&case.input("image"), side, side)?;
         let normalised = ClipTower::normalise(&resized)?;
         let embedding = tower.forward(&normalised);
-        Ok(vec![("mid.normalized".into(), normalised), ("out.embedding".into(), embedding)])
+        Ok(vec![
+            ("mid.resized".into(), resized),
+            ("mid.normalized".into(), normalised),
+            ("out.embedding".into(), embedding),
+        ])
     });
 }
