@@ -23,7 +23,7 @@ mod schedule;
 pub use autoencoder::{Autoencoder, AutoencoderSizes, Posterior};
 pub use cameras::Ring;
 pub use clip::{ClipSizes, ClipTower};
-pub use denoiser::{Condition, Denoiser, DenoiserSizes, Look};
+pub use denoiser::{Condition, Denoiser, DenoiserSizes, Look, Target};
 pub use image::prepare;
 pub use frustum_net::{FrustumNet, FrustumSizes};
 pub use resize::Bicubic;

@@ -114,6 +114,11 @@ impl<'a> Case<'a> {
         list.try_into().unwrap()
     }
 
+    /// A leaf that was asked for before.
+    pub fn leaf_of(&self, name: &str) -> Var {
+        self.leaves.borrow()[name].clone()
+    }
+
     /// The weights.
     pub fn scope(&self) -> Scope<'_> {
         Scope::root(self)

@@ -1,7 +1,9 @@
 //! Noise schedule, sampler and a whole denoising step.
 
 use gradreel::{DType, Tape, Tensor};
-use gradreel_models::views::{Condition, Ddim, Denoiser, DenoiserSizes, Ring, Schedule, UnetSizes, VolumeSizes};
+use gradreel_models::views::{
+    Condition, Ddim, Denoiser, DenoiserSizes, Ring, Schedule, Target, UnetSizes, VolumeSizes,
+};
 
 use crate::harness::{Case, close, load, places};
 
@@ -51,32 +53,36 @@ fn forward_noising_and_a_trajectory() {
     }
 }
 
+fn sizes(case: &Case<'_>) -> DenoiserSizes {
+    DenoiserSizes {
+        ring: Ring::published(case.size("views")),
+        unet: UnetSizes {
+            inputs: 8,
+            outputs: 4,
+            base: case.size("mc"),
+            multipliers: case.sizes("mult"),
+            heads: case.size("heads"),
+            context: case.size("ctx"),
+            volumes: case.sizes("vdims"),
+        },
+        volume: VolumeSizes {
+            latent: 4,
+            features: case.size("enc"),
+            time: case.size("time_dim"),
+            spatial: case.sizes("sdims"),
+            frustum: case.sizes("vdims"),
+            voxels: case.size("V"),
+            depth: case.size("D"),
+        },
+    }
+}
+
 #[test]
 fn a_denoising_step_of_all_views() {
     let file = load("denoise_step");
     for place in places() {
         let case = Case::new(&file, &place);
-        let sizes = DenoiserSizes {
-            ring: Ring::published(case.size("views")),
-            unet: UnetSizes {
-                inputs: 8,
-                outputs: 4,
-                base: case.size("mc"),
-                multipliers: case.sizes("mult"),
-                heads: case.size("heads"),
-                context: case.size("ctx"),
-                volumes: case.sizes("vdims"),
-            },
-            volume: VolumeSizes {
-                latent: 4,
-                features: case.size("enc"),
-                time: case.size("time_dim"),
-                spatial: case.sizes("sdims"),
-                frustum: case.sizes("vdims"),
-                voxels: case.size("V"),
-                depth: case.size("D"),
-            },
-        };
+        let sizes = sizes(&case);
         let net = Denoiser::new(&case.scope(), &sizes).unwrap();
         let condition = Condition {
             embedding: case.given("in.clip_embed"),
@@ -89,13 +95,12 @@ fn a_denoising_step_of_all_views() {
         for turn in ["a", "last"] {
             let index = case.numbers(&format!("{turn}.index"))[0] as usize;
             assert_eq!(ddim.times[index] as f64, case.numbers(&format!("{turn}.timestep"))[0]);
-            let look = net.look(&x, ddim.times[index], &condition).unwrap();
+            let look = net.look(&x, &[ddim.times[index]], &condition).unwrap();
             for guidance in [2.0, 1.0] {
                 // in two unequal groups, which must not matter
-                let views: Vec<usize> = (0..sizes.ring.views).collect();
-                let parts: Vec<_> = [&views[..1], &views[1..]]
-                    .map(|group| net.noise(&x, &look, &condition, group, guidance).unwrap())
-                    .into();
+                let targets: Vec<_> = (0..sizes.ring.views).map(|view| Target { sample: 0, view }).collect();
+                let parts = [&targets[..1], &targets[1..]]
+                    .map(|group| net.noise(&look, &condition, group, guidance).unwrap());
                 let predicted = parts[0].concat(&[&parts[1]], 0).reshape(x.shape());
                 let next = ddim.step(index, &x, &predicted, &case.given(&format!("in.{turn}.noise")));
                 for (what, value) in [("eps", predicted), ("x_prev", next)] {
@@ -103,6 +108,39 @@ fn a_denoising_step_of_all_views() {
                     close(&name, value.value().unwrap(), file.get(&name).unwrap(), 1e-4);
                 }
             }
+        }
+    }
+}
+
+#[test]
+fn a_training_step() {
+    let file = load("training_step");
+    let case_of = |place| Case::new(&file, place);
+    for place in &places() {
+        let case = case_of(place);
+        let net = Denoiser::new(&case.scope(), &sizes(&case)).unwrap();
+        let counts = |name: &str| case.numbers(name).iter().map(|v| *v as usize).collect::<Vec<_>>();
+        let condition = Condition {
+            embedding: case.given("in.clip_embed"),
+            latent: &case.given("in.x_input") / gradreel_models::views::Autoencoder::SCALE,
+            elevations: case.numbers("elevation"),
+        };
+        let pair = [&case.given("in.x0"), &case.given("in.noise")];
+        let (times, views) = (counts("t"), counts("target_index"));
+        let [loss, predicted] = net.loss(&Schedule::published(), pair, &times, &views, &condition).unwrap();
+        close("out.pred", predicted.value().unwrap(), file.get("out.pred").unwrap(), 5e-5);
+        let expected = file.get("out.loss").unwrap().item().unwrap();
+        assert!((loss.item().unwrap() - expected).abs() < 1e-4 * expected, "{}", loss.item().unwrap());
+        let gradients = loss.backward().unwrap();
+        for (name, expected) in file.tensors.iter().filter(|(name, _)| name.starts_with("grad.w.")) {
+            let path = &name["grad.".len()..];
+            // a rounding error may switch the ReLU of a whole region of a volume: compare by norm
+            let limit = if name.contains("diffusion_model") { 1e-3 } else { 2e-2 };
+            let found = gradients.wrt(&case.leaf_of(path)).unwrap().to_vec().unwrap();
+            let expected = expected.to_vec().unwrap();
+            let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>().sqrt();
+            let error = norm(&mut found.iter().zip(&expected).map(|(a, b)| a - b)) / norm(&mut expected.iter().copied());
+            assert!(error < limit, "{name}: relative error {error:.1e}");
         }
     }
 }
