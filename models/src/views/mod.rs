@@ -19,6 +19,7 @@ mod cameras;
 mod volume;
 mod denoiser;
 mod schedule;
+mod model;
 
 pub use autoencoder::{Autoencoder, AutoencoderSizes, Posterior};
 pub use cameras::Ring;
@@ -26,6 +27,7 @@ pub use clip::{ClipSizes, ClipTower};
 pub use denoiser::{Condition, Denoiser, DenoiserSizes, Look, Target};
 pub use image::prepare;
 pub use frustum_net::{FrustumNet, FrustumSizes};
+pub use model::{Model, ModelSizes, UNUSED};
 pub use resize::Bicubic;
 pub use schedule::{Ddim, Schedule, TIMES};
 pub use spatial_net::{SpatialNet, SpatialSizes};

@@ -3,6 +3,7 @@
 
 mod cameras;
 mod harness;
+mod keys;
 mod layers;
 mod networks;
 mod procedural;
