@@ -57,7 +57,7 @@ impl Attention {
         let [query, key] = [self.query.forward(x), self.key.forward(context)];
         let [query, key, value] = [query, key, value].map(|tokens| split_heads(&tokens, heads));
         let scale = ((self.sizes.channels / heads) as f64).powf(-0.5);
-        self.out.forward(&merge_heads(&query.attention(&key, &value, scale)))
+        self.out.forward(&merge_heads(&query.attention(&key, &value, scale, None)))
     }
 }
 

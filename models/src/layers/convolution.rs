@@ -87,7 +87,9 @@ impl Convolution {
         let init = if k.zeros { Init::Zeros } else { Init::FanIn(shape[1..].iter().product()) };
         let weight = scope.weight("weight", shape, init)?;
         let bias = if k.bias { Some(scope.weight("bias", [k.outputs], init)?) } else { None };
-        Ok(Self { weight, bias, conv: Conv::new(k.stride, k.padding), transposed })
+        let conv = Conv::new().stride(k.stride).padding(k.padding);
+        let conv = if transposed { conv.output_padding(k.stride - 1) } else { conv };
+        Ok(Self { weight, bias, conv, transposed })
     }
 
     /// Applies it.

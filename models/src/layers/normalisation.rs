@@ -29,7 +29,7 @@ impl GroupNorm {
     /// When the channels are not those of the layer, or the groups do not divide them.
     #[track_caller]
     pub fn forward(&self, x: &Var) -> Var {
-        x.group_norm(self.groups, Some((&self.weight, &self.bias)), self.epsilon)
+        x.group_norm(self.groups, self.epsilon, Some((&self.weight, &self.bias)))
     }
 
     /// What it makes of a constant input: the learned shift `[channels]`.
@@ -43,7 +43,7 @@ impl GroupNorm {
     /// As [`GroupNorm::forward`].
     #[track_caller]
     pub fn silu(&self, x: &Var) -> Var {
-        x.group_norm_silu(self.groups, Some((&self.weight, &self.bias)), self.epsilon)
+        x.group_norm_silu(self.groups, self.epsilon, Some((&self.weight, &self.bias)))
     }
 }
 
@@ -69,6 +69,6 @@ impl LayerNorm {
     /// When the last axis is not `channels` long.
     #[track_caller]
     pub fn forward(&self, x: &Var) -> Var {
-        x.layer_norm(1, Some((&self.weight, &self.bias)), 1e-5)
+        x.layer_norm(1, 1e-5, Some((&self.weight, &self.bias)))
     }
 }

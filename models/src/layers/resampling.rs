@@ -1,5 +1,6 @@
 //! Halving and doubling of images between the levels of a UNet.
 
+use gradreel::ops::Resampling;
 use gradreel::{Result, Var};
 
 use super::{Convolution, Kernel, Scope};
@@ -45,6 +46,6 @@ impl Upsample {
     #[track_caller]
     pub fn forward(&self, x: &Var) -> Var {
         let [height, width] = [x.dims()[2], x.dims()[3]];
-        self.0.forward(&x.resize_nearest(&[2 * height, 2 * width]))
+        self.0.forward(&x.resize([2 * height, 2 * width], Resampling::Nearest))
     }
 }

@@ -1,7 +1,6 @@
 //! Diffusion time as a vector.
 
-use gradreel::ops::sinusoidal;
-use gradreel::{Result, Var};
+use gradreel::{Result, Tensor, Var};
 
 use super::{Linear, Scope};
 
@@ -30,7 +29,10 @@ impl TimeEmbedding {
     /// # Errors
     /// When the features cannot be moved there.
     pub fn forward(&self, like: &Var, times: &[f64]) -> Result<Var> {
-        let features = sinusoidal(times, self.features).cast(like.dtype())?.to_device(&like.device())?;
+        // the angles in double precision: times reach 1000
+        let times = like.tape().constant(Tensor::from_vec(times.to_vec(), [times.len()]));
+        let features = times.sinusoid(self.features);
+        let features = features.value()?.cast(like.dtype())?.to_device(&like.device())?;
         let features = like.tape().constant(features);
         Ok(self.outer.forward(&self.inner.forward(&features).silu()))
     }

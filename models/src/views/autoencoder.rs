@@ -1,5 +1,6 @@
 //! The autoencoder between images and latents (Rombach et al. 2022, KL, factor 8).
 
+use gradreel::ops::Resampling;
 use gradreel::{Result, Var};
 
 use crate::layers::{Convolution, GroupNorm, Kernel, Scope};
@@ -185,7 +186,7 @@ impl Decoder {
             }
             if let Some(twice) = twice {
                 let [height, width] = [h.dims()[2], h.dims()[3]];
-                h = twice.forward(&h.resize_nearest(&[2 * height, 2 * width]));
+                h = twice.forward(&h.resize([2 * height, 2 * width], Resampling::Nearest));
             }
         }
         self.head.1.forward(&self.head.0.silu(&h))
@@ -260,7 +261,7 @@ impl Middle {
             let pixels = self.projections[i].forward(&h).reshape([batch, 1, channels, height * width]);
             pixels.permute(&[0, 1, 3, 2])
         });
-        let gathered = q.attention(&k, &v, (channels as f64).powf(-0.5));
+        let gathered = q.attention(&k, &v, (channels as f64).powf(-0.5), None);
         let gathered = gathered.permute(&[0, 1, 3, 2]).reshape([batch, channels, height, width]);
         self.blocks[1].forward(&(&x + &self.out.forward(&gathered)))
     }

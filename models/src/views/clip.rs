@@ -125,7 +125,7 @@ impl Block {
         let packed = self.packed.forward(&self.norms[0].forward(tokens));
         let part = |i: usize| split_heads(&packed.slice(2, i * width..(i + 1) * width), self.heads);
         let scale = ((width / self.heads) as f64).powf(-0.5);
-        let gathered = part(0).attention(&part(1), &part(2), scale);
+        let gathered = part(0).attention(&part(1), &part(2), scale, None);
         let tokens = tokens + &self.out.forward(&merge_heads(&gathered));
         let wide = self.wide.forward(&self.norms[1].forward(&tokens)).gelu_sigmoid();
         &tokens + &self.narrow.forward(&wide)

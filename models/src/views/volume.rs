@@ -1,10 +1,14 @@
 //! From noised views to the frustum volumes of one of them: encoder, un-projection, spatial net, frustum net.
 
-use gradreel::ops::GridSample;
+use gradreel::ops::{GridSampling, Interpolation, Padding};
 use gradreel::{Result, Tensor, Var};
 
 use super::{EncoderSizes, FrustumNet, FrustumSizes, Ring, SpatialNet, SpatialSizes, TargetEncoder, constant};
 use crate::layers::Scope;
+
+/// Places of −1 and 1 are the centres of the first and the last cell.
+const ALIGNED: GridSampling =
+    GridSampling { interpolation: Interpolation::Linear, padding: Padding::Zeros, align_corners: true };
 
 /// The sizes of the path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -107,7 +111,7 @@ impl VolumePath {
         let places: Vec<f64> = (0..views).flat_map(|view| self.places(view, width)).collect();
         let places = constant(noised, Tensor::from_vec(places, [views, v * v * v, 1, 2]))?;
         let places = places.reshape([1, views, v * v * v, 1, 2]).broadcast_to([batch, views, v * v * v, 1, 2]);
-        let sampled = maps.grid_sample(&places.reshape([all, v * v * v, 1, 2]), GridSample::aligned());
+        let sampled = maps.grid_sample(&places.reshape([all, v * v * v, 1, 2]), ALIGNED);
         Ok(sampled.reshape([batch, views * features, v, v, v]))
     }
 
@@ -150,7 +154,7 @@ impl VolumePath {
             .flat_map(|point| point.map(|x| x / half))
             .collect();
         let places = constant(volume, Tensor::from_vec(places, [1, views.len() * depth, width, width, 3]))?;
-        let sampled = volume.grid_sample(&places, GridSample::aligned());
+        let sampled = volume.grid_sample(&places, ALIGNED);
         let channels = sampled.dims()[1];
         let sampled = sampled.reshape([channels, views.len(), depth, width, width]);
         Ok(sampled.permute(&[1, 0, 2, 3, 4]))
