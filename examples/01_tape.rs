@@ -52,8 +52,9 @@ fn main() -> Result<()> {
     let x = spared.leaf(start);
     let end = spared.remat(&[&x], move |_, inputs| Ok(chain(&inputs[0])))?;
     let again = end.sum_all().backward()?.wrt(&x)?.to_vec()?;
-    println!("\n{STEPS} steps: {} bytes kept, with remat {}", kept.memory(), spared.memory());
+    let [all, few] = [&kept, &spared].map(|tape| tape.memory().held);
+    println!("\n{STEPS} steps: {all} bytes kept, with remat {few}");
     assert_eq!(plain, again);
-    assert!(spared.memory() * 50 < kept.memory());
+    assert!(few * 50 < all);
     Ok(())
 }

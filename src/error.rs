@@ -71,6 +71,16 @@ impl Error {
         self
     }
 
+    /// Puts a larger place, such as a file, before the place that is named already.
+    #[must_use]
+    pub fn within(mut self, place: impl fmt::Display) -> Self {
+        self.0.at = Some(match self.0.at.take() {
+            Some(inner) => format!("{place}: {inner}"),
+            None => place.to_string(),
+        });
+        self
+    }
+
     /// Says what was found there.
     #[must_use]
     pub fn found(mut self, found: impl fmt::Display) -> Self {

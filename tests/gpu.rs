@@ -28,11 +28,15 @@ fn gpu() -> Option<Device> {
 fn tolerance(op: &str) -> (f64, f64) {
     match op {
         // copies
-        "broadcast_to" | "concat" | "index_select" | "pad" | "permute" | "reshape" | "slice" => (1e-6, 1e-6),
+        "broadcast_to" | "concat" | "flip" | "index_select" | "pad" | "permute" | "reshape" | "slice" => (1e-6, 1e-6),
         // drivers compute exp with a few units in the last place
-        "exp" | "ln" | "logistic" | "softplus" | "tanh" => (2e-6, 5e-6),
+        "exp" | "exp_m1" | "ln" | "ln_1p" | "logistic" | "softplus" | "tanh" => (2e-6, 5e-6),
+        "erf" | "elu" | "gelu" | "gelu_sigmoid" | "gelu_tanh" | "silu" => (2e-6, 5e-6),
+        "attention" | "depth_attention" | "softmax" | "log_softmax" => (5e-6, 1e-5),
+        // sums over a run, divided by its deviation
+        "group_norm" | "layer_norm" => (1e-5, 1e-5),
         // exp of a product that carries the error of a logarithm
-        "powf" => (5e-6, 2e-5),
+        "pow" | "powf" => (5e-6, 2e-5),
         // WGSL allows 2.5 units in the last place in divisions and square roots
         _ => (2e-6, 2e-6),
     }
@@ -73,6 +77,9 @@ fn gradients(case: &Case, device: &Device) -> Vec<Tensor> {
         .map(|x| if x.dtype() == DType::F32 { tape.leaf(x) } else { tape.constant(x) })
         .collect();
     let y = apply(case, &tape, &inputs).unwrap();
+    if y.dtype() == DType::U32 {
+        return Vec::new();
+    }
     let w = uniform(9, y.shape(), 0.5..1.5).cast(DType::F32).unwrap().to_device(device).unwrap();
     let found = (&y * &tape.constant(w)).sum_all().backward().unwrap();
     inputs.iter().filter(|x| x.is_differentiable()).map(|x| found.wrt(x).unwrap().clone()).collect()
@@ -139,6 +146,10 @@ fn nan_and_infinity_go_the_same_way_on_both() {
                     let expected = forward(&case, inputs.clone()).unwrap();
                     let moved = inputs.iter().map(|x| x.to_device(&gpu).unwrap()).collect();
                     let found = forward(&case, moved).unwrap().to_device(&Device::Cpu).unwrap();
+                    if found.dtype() == DType::U32 {
+                        assert_eq!(found.slice::<u32>(), expected.slice::<u32>(), "{} of {poison}", entry.name);
+                        continue;
+                    }
                     let pairs = found.slice::<f32>().iter().zip(expected.slice::<f32>());
                     for (a, b) in pairs {
                         let nan = a.to_bits() & 0x7fff_ffff > 0x7f80_0000;

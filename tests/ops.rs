@@ -1,5 +1,6 @@
 //! Every op of the registry: gradient check in `f64`, `f32` against `f64`, non-finite operands, empty shapes.
 
+use gradreel::backend::cpu::pool;
 use gradreel::ops::{Case, registry};
 use gradreel::{DType, Tape, Tensor, Var, gradcheck};
 
@@ -25,7 +26,9 @@ fn every_derivative_agrees_with_central_differences() {
             let (real, fixed): (Vec<_>, Vec<_>) =
                 (0..case.inputs.len()).partition(|&i| case.inputs[i].dtype() == DType::F64);
             let inputs: Vec<_> = real.iter().map(|&i| (names[i].as_str(), case.inputs[i].clone())).collect();
-            if inputs.iter().all(|(_, x)| x.is_empty()) {
+            let specs: Vec<_> = case.inputs.iter().map(Tensor::spec).collect();
+            let numbers = case.op.infer(&specs).unwrap().dtype == DType::U32;
+            if numbers || inputs.iter().all(|(_, x)| x.is_empty()) {
                 continue;
             }
             let name = format!("{} case {number}", entry.name);
@@ -44,12 +47,14 @@ fn every_derivative_agrees_with_central_differences() {
 
 #[test]
 fn single_precision_agrees_with_double() {
+    // buffers hold NaN at first: a kernel that does not write all of its result is found out
+    pool::set_poison(true);
     for entry in registry() {
         for case in (entry.cases)() {
             let wide = apply(&case, &case.inputs).to_vec().unwrap();
             let narrow: Vec<_> = case.inputs.iter().map(|x| real(x, DType::F32)).collect();
             for (a, b) in apply(&case, &narrow).to_vec().unwrap().iter().zip(&wide) {
-                assert!((a - b).abs() <= 1e-5 * b.abs().max(1.0), "{}: f32 {a}, f64 {b}", entry.name);
+                assert!(a == b || (a - b).abs() <= 1e-5 * b.abs().max(1.0), "{}: f32 {a}, f64 {b}", entry.name);
             }
         }
     }
@@ -59,7 +64,8 @@ fn single_precision_agrees_with_double() {
 fn a_nan_operand_is_never_hidden() {
     for entry in registry() {
         for case in (entry.cases)() {
-            let Some(first) = case.inputs.first().filter(|x| !x.is_empty()) else { continue };
+            let poisonable = |x: &&Tensor| !case.condition && !x.is_empty() && x.dtype() != DType::U32;
+            let Some(first) = case.inputs.first().filter(poisonable) else { continue };
             let poisoned = Tensor::full(f64::NAN, first.shape(), DType::F64);
             let inputs: Vec<_> = std::iter::once(poisoned).chain(case.inputs[1..].iter().cloned()).collect();
             let result = apply(&case, &inputs);

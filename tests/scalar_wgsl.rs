@@ -93,6 +93,7 @@ const FUNCTIONS: [(&str, f64, Function); 19] = [
     ("logistic", 1e-5, |x| x.logistic()),
     ("softplus", 1e-5, |x| x.softplus()),
     ("ln_1p", 1e-6, |x| x.ln_1p()),
+    ("erf", 1e-6, |x| x.erf()),
     ("exp_m1", 1e-5, |x| x.exp_m1()),
     ("powf", 1e-5, |x| x.abs().powf(2.2)),
     ("min", 0.0, |x| x.min(0.5)),

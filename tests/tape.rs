@@ -35,7 +35,7 @@ fn remat_changes_no_bit_and_holds_less() {
         let x = tape.leaf(list(&[0.3, 1.7, -2.0]));
         let y = if remat { tape.remat(&[&x], move |_, v| Ok(model(&v[0]))).unwrap() } else { model(&x) };
         let gradient = y.sum_all().backward().unwrap().wrt(&x).unwrap().to_vec().unwrap();
-        (y.value().unwrap().to_vec().unwrap(), gradient, tape.memory())
+        (y.value().unwrap().to_vec().unwrap(), gradient, tape.memory().held)
     };
     let (plain, rematerialised) = (run(false), run(true));
     assert_eq!(plain.0, rematerialised.0);
@@ -116,4 +116,113 @@ fn gradcheck_prints_a_table() {
     let report = gradcheck("tanh", &[("x", list(&[0.5, 1.5]))], |_, v| Ok(v[0].tanh())).unwrap();
     assert!(report.passed(), "{report}");
     assert!(report.to_string().contains("x                       2"), "{report}");
+}
+
+#[test]
+fn a_chain_of_linear_ops_holds_no_value() {
+    const MEGABYTE: usize = 1 << 20;
+    let ones = Tensor::full(1.0, [MEGABYTE / 4], DType::F32);
+    let tape = Tape::new();
+    let (x, c) = (tape.leaf(ones.clone()), tape.constant(ones));
+    let mut y = x.clone();
+    for step in 0..50 {
+        y = if step % 2 == 0 { &y + &c } else { (&y + &x).reshape([2, MEGABYTE / 8]).reshape([MEGABYTE / 4]) };
+    }
+    assert_eq!(tape.memory().held, 0);
+    let gradients = y.sum_all().into_gradients().unwrap();
+    // the cotangent on its way and the sum that waits at the leaf, with one more of each while they are added
+    assert!(tape.memory().peak <= 4 * MEGABYTE, "{:?}", tape.memory());
+    assert_eq!(tape.memory().held, 0);
+    assert_eq!(gradients.wrt(&x).unwrap().slice::<f32>()[7], 26.0);
+}
+
+#[test]
+fn what_the_wanted_derivatives_do_not_read_is_not_held() {
+    let held = |of_a: bool, of_b: bool| {
+        let tape = Tape::new();
+        let make = |wanted: bool, size: usize| {
+            let x = Tensor::full(0.5, [size, size], DType::F64);
+            if wanted { tape.leaf(x) } else { tape.constant(x) }
+        };
+        let (a, b) = (make(of_a, 4), make(of_b, 4));
+        let _ = a.matmul(&b);
+        tape.memory().held
+    };
+    assert_eq!([held(false, false), held(true, false), held(false, true), held(true, true)], [0, 128, 128, 256]);
+    // the same tensor is counted once, however often it is held
+    let tape = Tape::new();
+    let x = tape.leaf(list(&[1.0, 2.0]));
+    let y = (0..5).map(|_| (&x * &x).sum_all()).reduce(|a, b| &a + &b).unwrap();
+    assert_eq!(tape.memory().held, 16);
+    assert_eq!(y.into_gradients().unwrap().wrt(&x).unwrap().slice::<f64>(), &[10.0, 20.0]);
+}
+
+#[test]
+fn a_spent_tape_frees_on_the_way_back_and_says_so_afterwards() {
+    const SIZE: usize = 1 << 15;
+    let run = |spend: bool| {
+        let tape = Tape::new();
+        let x = tape.leaf(Tensor::full(0.3, [SIZE], DType::F64));
+        let loss = (0..20).fold(x.clone(), |x, _| x.tanh()).sum_all();
+        let forward = tape.memory().held;
+        let gradients = if spend { loss.clone().into_gradients() } else { loss.backward() }.unwrap();
+        (gradients.wrt(&x).unwrap().clone(), tape, loss, x, forward)
+    };
+    let (spent, tape, loss, x, forward) = run(true);
+    assert_eq!(forward, 20 * 8 * SIZE);
+    assert_eq!(tape.memory().held, 0);
+    assert!(tape.memory().peak <= forward + 3 * 8 * SIZE);
+    let error = loss.backward().err().unwrap();
+    assert_eq!(error.kind(), ErrorKind::NoGradient);
+    assert!(error.to_string().contains("into_gradients"), "{error}");
+    // what is recorded afterwards is as good as ever
+    assert_eq!(x.sum_all().backward().unwrap().wrt(&x).unwrap().slice::<f64>()[0], 1.0);
+    let (kept, tape, loss, ..) = run(false);
+    assert_eq!(kept.slice::<f64>(), spent.slice::<f64>());
+    assert_eq!(tape.memory().held, forward);
+    assert!(loss.backward().is_ok());
+}
+
+#[test]
+fn a_derivative_that_reads_what_it_left_out_is_found_out() {
+    #[derive(Debug)]
+    struct Forgetful;
+    impl gradreel::Op for Forgetful {
+        fn name(&self) -> &str {
+            "forgetful"
+        }
+        fn infer(&self, inputs: &[gradreel::Spec]) -> gradreel::Result<gradreel::Spec> {
+            Ok(inputs[0].clone())
+        }
+        fn forward_cpu(&self, inputs: &[Tensor]) -> gradreel::Result<gradreel::Forward> {
+            Ok(inputs[0].clone().into())
+        }
+        fn reads(&self, _: &[bool]) -> gradreel::Reads {
+            gradreel::Reads::nothing()
+        }
+        fn vjp(&self, cx: &gradreel::Backward<'_>) -> gradreel::Result<Vec<Option<gradreel::Var>>> {
+            assert_eq!(cx.input(0).dims(), [1]);
+            Ok(vec![Some(cx.gradient() * cx.input(0))])
+        }
+    }
+    let tape = Tape::new();
+    let y = tape.leaf(list(&[1.0])).apply(Forgetful, &[]).unwrap();
+    let caught = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| y.sum_all().backward().is_ok())).unwrap_err();
+    let text = caught.downcast_ref::<String>().unwrap();
+    assert!(text.contains("`reads` leaves out"), "{text}");
+}
+
+#[test]
+#[should_panic(expected = "is differentiable on another tape")]
+fn a_variable_of_another_tape_is_refused() {
+    let x = Tape::new().leaf(list(&[1.0]));
+    let _ = &Tape::new().leaf(list(&[2.0])) * &x;
+}
+
+#[test]
+#[should_panic(expected = "hand it to the segment of a remat as an operand")]
+fn a_remat_refuses_to_lose_the_gradient_of_what_it_captures() {
+    let tape = Tape::new();
+    let (x, captured) = (tape.leaf(list(&[1.0])), tape.leaf(list(&[2.0])));
+    let _ = tape.remat(&[&x], move |_, v| Ok(&v[0] * &captured));
 }

@@ -134,6 +134,7 @@ fn copy_bandwidth(threads: usize) -> f64 {
     let part = from.len().div_ceil(threads);
     let time = seconds(|| {
         let mut to = to.lock().expect("one user");
+        let to: &mut [f32] = &mut to;
         rayon::scope(|scope| {
             for (to, from) in to.chunks_mut(part).zip(from.chunks(part)) {
                 scope.spawn(move |_| to.copy_from_slice(from));

@@ -1,3 +1,20 @@
-//! Files of tensors.
+//! Files of tensors: safetensors, PyTorch checkpoints, and NumPy's arrays.
+//!
+//! [`Archive`] lists the tensors of a file and reads one when it is asked for; [`TensorFile`] holds a whole file in memory
+//! and writes it. [`npy`] reads and writes single arrays.
+//!
+//! Every reader takes files of strangers: nothing in them is executed, what they claim is checked before it is believed, and
+//! a reader allocates at most a fixed multiple of the size of the file.
 
+mod archive;
+mod bytes;
+pub mod checkpoint;
+mod element;
+pub mod npy;
+mod npz;
 pub mod safetensors;
+mod zip;
+
+pub use archive::{Archive, Entry, Format};
+pub use element::Stored;
+pub use safetensors::TensorFile;

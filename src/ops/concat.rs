@@ -2,9 +2,10 @@
 
 use std::rc::Rc;
 
+use crate::backend::cpu::rows::{Part, joined};
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Element, Error, ErrorKind, Result, Spec, Tensor};
 
@@ -32,14 +33,9 @@ struct Concat {
 impl Concat {
     fn run<T: Element>(&self, inputs: &[Tensor]) -> Vec<T> {
         let outer: usize = inputs[0].dims()[..self.axis].iter().product();
-        let rows: Vec<usize> = inputs.iter().map(|x| x.dims()[self.axis..].iter().product()).collect();
-        let mut joined = Vec::with_capacity(outer * rows.iter().sum::<usize>());
-        for o in 0..outer {
-            for (x, row) in inputs.iter().zip(&rows) {
-                joined.extend_from_slice(&x.slice::<T>()[o * row..(o + 1) * row]);
-            }
-        }
-        joined
+        let row = |x: &Tensor| x.dims()[self.axis..].iter().product();
+        let parts: Vec<_> = inputs.iter().map(|x| Part { values: Some(x.slice::<T>()), len: row(x) }).collect();
+        joined(outer, &parts)
     }
 }
 
@@ -82,6 +78,10 @@ impl Op for Concat {
             start += from;
         }
         Ok(y.into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::nothing()
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

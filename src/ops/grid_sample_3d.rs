@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Spec, Tensor};
 
@@ -124,6 +124,11 @@ impl Op for GridSample3d {
     fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
         let shape = [inputs[1].dims()[0], inputs[0].dims()[3]];
         for_real!(inputs[0].dtype(), T => Ok(Tensor::from_vec(self.run::<T>(&inputs[0], &inputs[1]), shape).into()))
+    }
+
+    fn reads(&self, wanted: &[bool]) -> Reads {
+        // the place of a point always, what lies around it for the slope alone
+        Reads::nothing().input(1).input_if(0, wanted[1])
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -6,7 +6,7 @@ use std::rc::Rc;
 use crate::ops::grid_sample_3d::position_gradient;
 use crate::ops::{Case, Entry, Lattice, uniform};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Spec, Tensor};
 
@@ -63,6 +63,11 @@ impl Op for GridScatter3d {
         let [nx, ny, nz] = self.lattice.dims;
         let shape = [nx, ny, nz, inputs[0].dims()[1]];
         for_real!(inputs[0].dtype(), T => Ok(Tensor::from_vec(self.run::<T>(&inputs[0], &inputs[1]), shape).into()))
+    }
+
+    fn reads(&self, wanted: &[bool]) -> Reads {
+        // the place of a point always, what lies around it for the slope alone
+        Reads::nothing().input(1).input_if(0, wanted[1])
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -6,7 +6,7 @@ use std::rc::Rc;
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::index_select::check_rows;
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{DType, Device, Element, Error, ErrorKind, Result, Spec, Tensor};
 
@@ -98,6 +98,10 @@ impl Op for IndexAdd {
         let row: usize = x.dims()[1..].iter().product();
         let sizes = words([len, row]);
         Ok(gpu.launch(&KERNEL, &[x, &starts, &order], &sizes, result, Work::Invocations(len))?.into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::nothing().input(1)
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

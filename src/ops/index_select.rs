@@ -4,7 +4,7 @@ use std::rc::Rc;
 
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{DType, Element, Error, ErrorKind, Result, Spec, Tensor};
 
@@ -75,6 +75,10 @@ impl Op for IndexSelect {
         let len = result.shape.len();
         let row: usize = x.dims()[1..].iter().product();
         Ok(gpu.launch(&KERNEL, &[x, index], &words([len, row]), result, Work::Invocations(len))?.into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::nothing().input(1)
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

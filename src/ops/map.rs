@@ -1,17 +1,20 @@
 //! Pointwise ops: a scalar program applied to every element.
 //!
-//! Operands have equal numbers of elements, or one element that is used for all. The derivative with respect to an
-//! operand is again a map (of the program's vjp), so pointwise ops can be differentiated any number of times.
+//! Operands broadcast to a common shape. On the CPU a stretched operand is spread out chunk by chunk while it is used, and
+//! on a GPU beforehand. The derivative with respect to an operand is again a map (of the program's vjp), so pointwise ops
+//! can be differentiated any number of times.
 
 use std::cell::{OnceCell, RefCell};
 use std::collections::HashMap;
 use std::rc::Rc;
 
-use crate::backend::cpu::{CHUNK, filled};
-use crate::backend::gpu::{Gpu, Kernel, Work, words};
+use crate::backend::cpu::strided::read;
+use crate::backend::cpu::{CHUNK, buffer, filled};
+use crate::backend::gpu::{Gpu, Kernel, Strides, Work, words};
+use crate::ops::broadcast_to::steps;
 use crate::ops::{Case, Entry};
 use crate::scalar::{Lanes, Program, Real, Scalar};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -54,13 +57,7 @@ impl<const N: usize> Pointwise<N> {
     /// When the shapes do not broadcast.
     #[track_caller]
     pub fn apply(&self, inputs: [&Var; N]) -> Var {
-        let mut shape = Shape::scalar();
-        for x in inputs {
-            shape = shape.broadcast(x.shape()).unwrap_or_else(|e| panic!("{}", e.at(self.name)));
-        }
-        let fits = |x: &Var| x.len() == 1 || x.len() == shape.len();
-        let stretched = inputs.map(|x| if fits(x) { x.clone() } else { x.broadcast_to(&shape) });
-        Var::run(self.op(), &stretched.each_ref())
+        Var::run(self.op(), &inputs)
     }
 
     /// Its place in the registry.
@@ -70,7 +67,12 @@ impl<const N: usize> Pointwise<N> {
 
     /// Its cases as the registry wants them.
     pub(crate) fn all_cases(&self) -> Vec<Case> {
-        (self.cases)().into_iter().map(|inputs| Case { op: self.op(), inputs: inputs.into() }).collect()
+        (self.cases)().into_iter().map(|inputs| Case::of(self.op(), inputs)).collect()
+    }
+
+    /// Its cases, when it answers a question with 0 or 1: then NaN gives an answer, too.
+    pub(crate) fn conditions(&self) -> Vec<Case> {
+        self.all_cases().into_iter().map(Case::condition).collect()
     }
 }
 
@@ -78,8 +80,31 @@ impl<const N: usize> Pointwise<N> {
 #[derive(Debug)]
 pub struct Map {
     program: Program,
-    derivatives: Vec<OnceCell<Rc<Map>>>,
+    /// Whether the result depends on each operand.
+    used: Vec<bool>,
+    partials: Vec<OnceCell<Partial>>,
     kernel: OnceCell<Kernel>,
+}
+
+/// How the cotangent of one operand follows from the operands and the cotangent of the result.
+#[derive(Debug)]
+enum Partial {
+    /// It is 0 everywhere.
+    Zero,
+    /// It is the cotangent of the result.
+    Same,
+    /// A map of some of the operands; the number after the last operand's stands for the cotangent of the result.
+    Map(Rc<Map>, Vec<usize>),
+}
+
+impl Partial {
+    /// The operands that it reads.
+    fn operands(&self) -> &[usize] {
+        match self {
+            Self::Zero | Self::Same => &[],
+            Self::Map(_, operands) => operands,
+        }
+    }
 }
 
 impl Map {
@@ -90,8 +115,10 @@ impl Map {
     #[track_caller]
     pub fn new(program: Program) -> Self {
         assert_eq!(program.outputs().len(), 1, "map: the program {} must have one output", program.name());
-        let derivatives = (0..program.inputs().len()).map(|_| OnceCell::new()).collect();
-        Self { program, derivatives, kernel: OnceCell::new() }
+        let count = program.inputs().len();
+        let partials = (0..count).map(|_| OnceCell::new()).collect();
+        let used = (0..count).map(|input| program.depends(0, input)).collect();
+        Self { program, used, partials, kernel: OnceCell::new() }
     }
 
     /// The program applied to each element.
@@ -99,9 +126,26 @@ impl Map {
         &self.program
     }
 
-    /// The map whose operands are this one's and the cotangent, and whose result is the cotangent of one operand.
-    fn derivative(&self, input: usize) -> Rc<Self> {
-        self.derivatives[input].get_or_init(|| Rc::new(Self::new(self.program.vjp_wrt(&[input])))).clone()
+    /// The derivative with respect to one operand, without the operands that it does not depend on.
+    fn partial(&self, input: usize) -> &Partial {
+        self.partials[input].get_or_init(|| {
+            let whole = self.program.vjp_wrt(&[input]);
+            let count = whole.inputs().len();
+            let used: Vec<usize> = (0..count).filter(|&n| whole.depends(0, n)).collect();
+            match used[..] {
+                [] => Partial::Zero,
+                [only] if only == count - 1 && whole.is_empty() => Partial::Same,
+                _ => {
+                    let names: Vec<&str> = used.iter().map(|&n| whole.inputs()[n].as_str()).collect();
+                    let part = Program::trace(whole.name(), &names, &[whole.outputs()[0].as_str()], |given| {
+                        let mut all = vec![Scalar::from(0.0); count];
+                        used.iter().zip(given).for_each(|(&n, &x)| all[n] = x);
+                        whole.apply(&all)
+                    });
+                    Partial::Map(Rc::new(Self::new(part)), used)
+                }
+            }
+        })
     }
 
     /// The kernel around the program, made at the first call.
@@ -132,20 +176,58 @@ impl Map {
         }))
     }
 
-    fn run<T: Real>(&self, inputs: &[Tensor], len: usize) -> Vec<T> {
-        let slices: Vec<&[T]> = inputs.iter().map(Tensor::slice).collect();
+    fn run<T: Real>(&self, inputs: &[Tensor], shape: &Shape) -> Vec<T> {
+        let operands: Vec<Operand<'_, T>> = inputs
+            .iter()
+            .zip(&self.used)
+            .map(|(x, used)| match x.slice::<T>() {
+                _ if !used => Operand::Same(T::ZERO),
+                [one] => Operand::Same(*one),
+                many if many.len() == shape.len() => Operand::Each(many),
+                many => Operand::Stretched(many, stretched(x.shape(), shape)),
+            })
+            .collect();
         let program = &self.program;
-        filled(len, CHUNK, |start, out: &mut [T]| {
-            let lanes: Vec<Lanes<'_, T>> = slices
+        filled(shape.len(), CHUNK, |start, out: &mut [T]| {
+            let len = out.len();
+            let spread: Vec<Vec<T>> = operands.iter().map(|x| x.spread(start, len)).collect();
+            let lanes: Vec<Lanes<'_, T>> = operands
                 .iter()
-                .map(|x| match x {
-                    [one] => Lanes::Same(*one),
-                    many => Lanes::Each(&many[start..start + out.len()]),
+                .zip(&spread)
+                .map(|(x, spread)| match x {
+                    Operand::Same(one) => Lanes::Same(*one),
+                    Operand::Each(many) => Lanes::Each(&many[start..start + len]),
+                    Operand::Stretched(..) => Lanes::Each(spread),
                 })
                 .collect();
-            program.run(out.len(), &lanes, &mut [out]);
+            program.run(len, &lanes, &mut [out]);
         })
     }
+}
+
+/// An operand of a map on the CPU.
+enum Operand<'a, T> {
+    /// One number for all elements.
+    Same(T),
+    /// A number for each.
+    Each(&'a [T]),
+    /// Something in between, with the axes along which it is read.
+    Stretched(&'a [T], Strides),
+}
+
+impl<T: Real> Operand<'_, T> {
+    /// The elements for a chunk of the result, where they do not lie ready.
+    fn spread(&self, start: usize, len: usize) -> Vec<T> {
+        let Self::Stretched(values, axes) = self else { return Vec::new() };
+        let mut part = buffer(len);
+        read(values, 0, axes.axes(), start, &mut part);
+        part
+    }
+}
+
+/// The axes along which an operand is read for a result of this shape.
+fn stretched(x: &Shape, shape: &Shape) -> Strides {
+    Strides::new(shape.dims().iter().copied().zip(steps(x, shape)))
 }
 
 impl Op for Map {
@@ -165,10 +247,7 @@ impl Op for Map {
         }
         let mut shape = Shape::scalar();
         for x in inputs {
-            shape = shape.broadcast(&x.shape)?;
-        }
-        if inputs.iter().any(|x| x.shape.len() != 1 && x.shape.len() != shape.len()) {
-            return Err(wrong("operands must have one element or as many as the result").wanted(shape));
+            shape = shape.broadcast(&x.shape).map_err(|e| e.at(self.name()))?;
         }
         Ok(Spec { shape, dtype })
     }
@@ -176,30 +255,52 @@ impl Op for Map {
     fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
         let specs: Vec<_> = inputs.iter().map(Tensor::spec).collect();
         let Spec { shape, dtype } = self.infer(&specs)?;
-        for_real!(dtype, T => Ok(Tensor::from_vec(self.run::<T>(inputs, shape.len()), shape).into()))
+        for_real!(dtype, T => Ok(Tensor::from_vec(self.run::<T>(inputs, &shape), shape).into()))
     }
 
     fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
         let specs: Vec<_> = inputs.iter().map(Tensor::spec).collect();
         let result = self.infer(&specs)?;
         let len = result.shape.len();
-        let each = inputs.iter().enumerate().fold(0, |each, (n, x)| each | usize::from(x.len() != 1) << n);
-        let operands: Vec<&Tensor> = inputs.iter().collect();
+        let spread = |x: &Tensor| {
+            if x.len() == 1 || x.len() == len {
+                return Ok(x.clone());
+            }
+            stretched(x.shape(), &result.shape).gather(gpu, self.name(), x, 0, result.clone())
+        };
+        let operands: Vec<Tensor> = inputs.iter().map(spread).collect::<Result<_>>()?;
+        let operands: Vec<&Tensor> = operands.iter().collect();
+        let each = operands.iter().enumerate().fold(0, |each, (n, x)| each | usize::from(x.len() != 1) << n);
         Ok(gpu.launch(self.kernel()?, &operands, &words([len, each]), result, Work::Invocations(len))?.into())
     }
 
+    fn reads(&self, wanted: &[bool]) -> Reads {
+        let operands = self.program.inputs().len();
+        let wanted = (0..operands).filter(|&i| wanted[i]);
+        wanted
+            .flat_map(|i| self.partial(i).operands())
+            .filter(|&&n| n < operands)
+            .fold(Reads::nothing(), |reads, &n| reads.input(n))
+    }
+
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
-        Ok((0..cx.inputs().len())
-            .map(|i| {
-                cx.wants(i).then(|| {
-                    let x = cx.input(i);
-                    let operands: Vec<_> = cx.inputs().iter().chain([cx.gradient()]).collect();
-                    let cotangent = Var::run(self.derivative(i), &operands);
-                    let whole = if x.len() == cotangent.len() { cotangent } else { cotangent.sum_all() };
-                    whole.reshape(x.shape())
-                })
-            })
-            .collect())
+        let operand = |n: usize| if n < cx.inputs().len() { cx.input(n) } else { cx.gradient() };
+        let cotangent = |i: usize| -> Result<Var> {
+            let x = cx.input(i);
+            let each = match self.partial(i) {
+                Partial::Zero => {
+                    let zeros = Tensor::zeros(x.shape(), x.dtype()).to_device(&x.device())?;
+                    return Ok(x.tape().constant(zeros));
+                }
+                Partial::Same => cx.gradient().clone(),
+                Partial::Map(map, operands) => {
+                    let operands: Vec<_> = operands.iter().map(|&n| operand(n)).collect();
+                    Var::run(map.clone(), &operands)
+                }
+            };
+            Ok(each.broadcast_to(cx.output().shape()).sum_to(x.shape()))
+        };
+        (0..cx.inputs().len()).map(|i| cx.wants(i).then(|| cotangent(i)).transpose()).collect()
     }
 }
 
@@ -217,10 +318,51 @@ impl Var {
     /// assert!((y.value()?.slice::<f64>()[0] - 0.731_058_578_630).abs() < 1e-9);
     /// # Ok::<(), gradreel::Error>(())
     /// ```
+    /// # Panics
+    /// When the function uses values of another trace.
     #[track_caller]
     #[must_use]
     pub fn map(&self, name: &str, function: impl FnOnce(Scalar) -> Scalar) -> Self {
         let program = Program::trace(name, &["x"], &["y"], |x| vec![function(x[0])]);
         Self::run(Rc::new(Map::new(program)), &[self])
+    }
+
+    /// As [`Var::map`], for a function of this and another operand; shapes broadcast.
+    ///
+    /// ```
+    /// use gradreel::{Tape, Tensor};
+    ///
+    /// let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![3.0f64, 0.0], [2]));
+    /// let y = tape.leaf(Tensor::from_vec(vec![4.0f64], [1]));
+    /// let r = x.map2("hypotenuse", &y, |x, y| (x * x + y * y).sqrt());
+    /// assert_eq!(r.value()?.slice::<f64>(), &[5.0, 4.0]);
+    /// assert_eq!(r.sum_all().backward()?.wrt(&y)?.slice::<f64>(), &[1.8]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
+    /// # Panics
+    /// When the shapes do not broadcast.
+    #[track_caller]
+    #[must_use]
+    pub fn map2(&self, name: &str, other: &Self, function: impl FnOnce(Scalar, Scalar) -> Scalar) -> Self {
+        Self::map_n(name, [self, other], |[x, y]| function(x, y))
+    }
+
+    /// As [`Var::map`], for a function of any number of operands; shapes broadcast. A GPU takes up to seven.
+    ///
+    /// # Panics
+    /// When the shapes do not broadcast, or there is no operand.
+    #[track_caller]
+    #[must_use]
+    pub fn map_n<const N: usize>(
+        name: &str,
+        operands: [&Self; N],
+        function: impl FnOnce([Scalar; N]) -> Scalar,
+    ) -> Self {
+        let names: Vec<String> = (0..N).map(|i| format!("x{i}")).collect();
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        let program = Program::trace(name, &names, &["y"], |x| vec![function(std::array::from_fn(|i| x[i]))]);
+        Self::run(Rc::new(Map::new(program)), &operands)
     }
 }

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -121,6 +121,10 @@ impl Op for MatMul {
         let tile = KERNEL.reflect()?.constant("TILE");
         let tiles = Work::Groups(batch * m.div_ceil(tile) * n.div_ceil(tile));
         Ok(gpu.launch(&KERNEL, &[a, b], &sizes, result, tiles)?.into())
+    }
+
+    fn reads(&self, wanted: &[bool]) -> Reads {
+        Reads::nothing().input_if(0, wanted[1]).input_if(1, wanted[0])
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -9,28 +9,70 @@
 
 mod abs;
 mod add;
+mod arg_extremum;
+mod attention;
+mod axes;
 mod broadcast_to;
+mod choose;
+mod clamp;
 mod concat;
+mod cos;
+mod cumsum;
+mod depth_attention;
 mod div;
+mod elu;
+mod encoding;
+mod eq;
+mod erf;
 mod exp;
+mod exp_m1;
+mod flip;
+mod floor;
+mod gather;
+mod ge;
+mod gelu;
+mod gelu_sigmoid;
+mod gelu_tanh;
 mod grid_sample_3d;
 mod grid_scatter_3d;
+mod gt;
 mod index_add;
 mod index_select;
+mod le;
+mod leaky_relu;
 mod ln;
+mod ln_1p;
 mod logistic;
+mod logsumexp;
+mod lt;
 mod map;
 mod matmul;
+mod max;
 mod maximum;
+mod min;
 mod minimum;
 mod mul;
+mod ne;
 mod neg;
+mod normalise;
+mod one_hot;
+mod operators;
 mod pad;
 mod permute;
+mod pow;
 mod powf;
+mod prod;
+mod recip;
+mod recurrence;
+mod reduction;
 mod relu;
 mod reshape;
+mod rsqrt;
+mod sign;
+mod silu;
+mod sin;
 mod slice;
+mod softmax;
 mod softplus;
 mod sqrt;
 mod square;
@@ -62,12 +104,25 @@ pub struct Case {
     pub op: Rc<dyn Op>,
     /// Its operands.
     pub inputs: Vec<Tensor>,
+    /// Whether the result answers a question (is x below y? where is the largest?), so that NaN gives an answer, too.
+    pub condition: bool,
 }
 
 impl Case {
     /// An op applied to these operands.
     pub fn new(op: impl Op, inputs: impl Into<Vec<Tensor>>) -> Self {
-        Self { op: Rc::new(op), inputs: inputs.into() }
+        Self::of(Rc::new(op), inputs)
+    }
+
+    /// An op that exists already, applied to these operands.
+    pub fn of(op: Rc<dyn Op>, inputs: impl Into<Vec<Tensor>>) -> Self {
+        Self { op, inputs: inputs.into(), condition: false }
+    }
+
+    /// The same case of an op whose result answers a question, so that NaN gives an answer instead of NaN.
+    #[must_use]
+    pub fn condition(self) -> Self {
+        Self { condition: true, ..self }
     }
 }
 
@@ -84,32 +139,71 @@ pub fn registry() -> Vec<Entry> {
     vec![
         abs::ABS.entry(),
         add::ADD.entry(),
+        choose::CHOOSE.entry(),
+        clamp::CLAMP.entry(),
+        cos::COS.entry(),
         div::DIV.entry(),
+        elu::ELU.entry(),
+        eq::EQ.entry(),
+        erf::ERF.entry(),
         exp::EXP.entry(),
+        exp_m1::EXP_M1.entry(),
+        floor::FLOOR.entry(),
+        ge::GE.entry(),
+        gelu::GELU.entry(),
+        gelu_sigmoid::GELU_SIGMOID.entry(),
+        gelu_tanh::GELU_TANH.entry(),
+        gt::GT.entry(),
+        le::LE.entry(),
+        leaky_relu::LEAKY_RELU.entry(),
         ln::LN.entry(),
+        ln_1p::LN_1P.entry(),
         logistic::LOGISTIC.entry(),
+        lt::LT.entry(),
         maximum::MAXIMUM.entry(),
         minimum::MINIMUM.entry(),
         mul::MUL.entry(),
+        ne::NE.entry(),
         neg::NEG.entry(),
         powf::POWF.entry(),
+        recip::RECIP.entry(),
         relu::RELU.entry(),
+        rsqrt::RSQRT.entry(),
+        sign::SIGN.entry(),
+        silu::SILU.entry(),
+        sin::SIN.entry(),
         softplus::SOFTPLUS.entry(),
         sqrt::SQRT.entry(),
         square::SQUARE.entry(),
         sub::SUB.entry(),
         tanh::TANH.entry(),
+        arg_extremum::ENTRY,
+        attention::ENTRY,
         broadcast_to::ENTRY,
         concat::ENTRY,
+        cumsum::ENTRY,
+        depth_attention::ENTRY,
+        flip::ENTRY,
         grid_sample_3d::ENTRY,
         grid_scatter_3d::ENTRY,
         index_add::ENTRY,
         index_select::ENTRY,
         matmul::ENTRY,
+        max::ENTRY,
+        min::ENTRY,
+        normalise::GROUP_ENTRY,
+        normalise::LAYER_ENTRY,
+        one_hot::ENTRY,
         pad::ENTRY,
         permute::ENTRY,
+        pow::ENTRY,
+        prod::ENTRY,
+        recurrence::ENTRY,
         reshape::ENTRY,
         slice::ENTRY,
+        softmax::ADJOINT_ENTRY,
+        softmax::ENTRY,
+        softmax::LOG_ENTRY,
         sum::ENTRY,
     ]
 }
@@ -117,13 +211,37 @@ pub fn registry() -> Vec<Entry> {
 /// Every kernel of the crate but those made around scalar programs ([`Map::kernel`]). Adding one here adds its tests.
 pub fn kernels() -> Vec<&'static Kernel> {
     vec![
+        &arg_extremum::ROWS,
+        &arg_extremum::TREE,
+        &attention::FORWARD,
+        &attention::FOR_KEYS,
+        &attention::FOR_QUERIES,
+        &attention::FOR_SCORES,
+        &attention::FOR_VALUES,
+        &attention::SUMS,
         &concat::KERNEL,
+        &cumsum::KERNEL,
+        &depth_attention::MIX,
+        &depth_attention::SLOPES,
+        &depth_attention::SOFTMAX,
+        &depth_attention::SPREAD,
         &index_add::KERNEL,
         &index_select::KERNEL,
         &matmul::KERNEL,
+        &normalise::BACKWARD,
+        &normalise::FORWARD,
+        &normalise::MEANS,
+        &normalise::PARAMETERS,
+        &normalise::STATISTICS,
+        &one_hot::KERNEL,
         &pad::KERNEL,
+        &recurrence::KERNEL,
+        &reduction::ROWS,
+        &reduction::TREE,
+        &softmax::ADJOINT_GROUPS,
+        &softmax::ADJOINT_LINES,
+        &softmax::GROUPS,
+        &softmax::LINES,
         &STRIDED,
-        &sum::ROWS,
-        &sum::TREE,
     ]
 }

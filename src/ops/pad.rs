@@ -2,9 +2,10 @@
 
 use std::rc::Rc;
 
+use crate::backend::cpu::rows::{Part, joined};
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Element, Error, ErrorKind, Result, Spec, Tensor};
 
@@ -27,15 +28,17 @@ struct Pad {
 }
 
 impl Pad {
-    fn run<T: Element>(&self, x: &Tensor, spec: &Spec) -> Vec<T> {
+    /// Elements of `x` for each index of the axes before this one, and of one index of this one.
+    fn rows(&self, x: &Tensor) -> (usize, usize) {
         let inner: usize = x.dims()[self.axis + 1..].iter().product();
-        let (from, to) = (x.dims()[self.axis] * inner, spec.shape.dims()[self.axis] * inner);
-        let mut padded = vec![T::zeroed(); spec.shape.len()];
+        (x.dims()[self.axis] * inner, inner)
+    }
+
+    fn run<T: Element>(&self, x: &Tensor) -> Vec<T> {
+        let (row, inner) = self.rows(x);
+        let zeros = |count: usize| Part { values: None, len: count * inner };
         let outer: usize = x.dims()[..self.axis].iter().product();
-        for o in 0..outer {
-            padded[o * to + self.before * inner..][..from].copy_from_slice(&x.slice::<T>()[o * from..][..from]);
-        }
-        padded
+        joined(outer, &[zeros(self.before), Part { values: Some(x.slice()), len: row }, zeros(self.after)])
     }
 }
 
@@ -56,17 +59,21 @@ impl Op for Pad {
 
     fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
         let spec = self.infer(&[inputs[0].spec()])?;
-        for_real!(spec.dtype, T => Ok(Tensor::from_vec(self.run::<T>(&inputs[0], &spec), spec.shape).into()))
+        for_real!(spec.dtype, T => Ok(Tensor::from_vec(self.run::<T>(&inputs[0]), spec.shape).into()))
     }
 
     fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
         let x = &inputs[0];
         let result = self.infer(&[x.spec()])?;
-        let inner: usize = x.dims()[self.axis + 1..].iter().product();
-        let (from, to) = (x.dims()[self.axis] * inner, result.shape.dims()[self.axis] * inner);
+        let (from, inner) = self.rows(x);
+        let to = result.shape.dims()[self.axis] * inner;
         let len = result.shape.len();
         let sizes = words([len, from, to, self.before * inner]);
         Ok(gpu.launch(&KERNEL, &[x], &sizes, result, Work::Invocations(len))?.into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::nothing()
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -4,7 +4,7 @@ use std::rc::Rc;
 
 use crate::backend::gpu::Gpu;
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
 
 pub(super) const ENTRY: Entry = Entry {
@@ -38,6 +38,10 @@ impl Op for Reshape {
 
     fn forward_gpu(&self, _gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
         self.forward_cpu(inputs)
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::nothing()
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

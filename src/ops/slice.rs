@@ -3,11 +3,12 @@
 use std::ops::Range;
 use std::rc::Rc;
 
+use crate::backend::cpu::strided::gather;
 use crate::backend::gpu::{Gpu, Strides};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
-use crate::{Element, Error, ErrorKind, Result, Spec, Tensor};
+use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
 
 pub(super) const ENTRY: Entry = Entry {
     name: "slice",
@@ -25,13 +26,12 @@ struct Slice {
 }
 
 impl Slice {
-    fn run<T: Element>(&self, x: &Tensor) -> Vec<T> {
-        let inner: usize = x.dims()[self.axis + 1..].iter().product();
-        let row = x.dims()[self.axis] * inner;
-        let values = x.slice::<T>();
-        let outer: usize = x.dims()[..self.axis].iter().product();
-        let part = self.range.start * inner..self.range.end * inner;
-        (0..outer).flat_map(|o| &values[o * row..][part.clone()]).copied().collect()
+    /// Where it begins, and the axes of the result as they lie in `x`.
+    fn walk(&self, x: &Shape) -> (usize, Strides) {
+        let strides = x.strides();
+        let size = |axis| if axis == self.axis { self.range.len() } else { x.dims()[axis] };
+        let axes = Strides::new((0..x.rank()).map(|axis| (size(axis), strides[axis])));
+        (self.range.start * strides[self.axis], axes)
     }
 }
 
@@ -54,16 +54,21 @@ impl Op for Slice {
 
     fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
         let spec = self.infer(&[inputs[0].spec()])?;
-        for_real!(spec.dtype, T => Ok(Tensor::from_vec(self.run::<T>(&inputs[0]), spec.shape).into()))
+        let (start, axes) = self.walk(inputs[0].shape());
+        for_real!(spec.dtype, T => {
+            Ok(Tensor::from_vec(gather::<T>(inputs[0].slice(), start, &axes), spec.shape).into())
+        })
     }
 
     fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
         let x = &inputs[0];
         let result = self.infer(&[x.spec()])?;
-        let strides = x.shape().strides();
-        let start = self.range.start * strides[self.axis];
-        let axes = Strides::new(result.shape.dims().iter().copied().zip(strides));
+        let (start, axes) = self.walk(x.shape());
         Ok(axes.gather(gpu, self.name(), x, start, result)?.into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::nothing()
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

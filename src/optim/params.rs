@@ -1,10 +1,14 @@
-//! Parameters by dotted path: stored, bound to a tape, frozen by prefix.
+//! Parameters by dotted path: stored, viewed, frozen and cast by prefix.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
-use crate::{Error, ErrorKind, Gradients, Result, Tape, Tensor, Var};
+use crate::optim::prefix::{ByPrefix, check_prefix, under};
+use crate::{DType, Error, ErrorKind, Result, Tensor};
 
 /// Tensors by dotted path, in the order of their paths.
+///
+/// A *prefix* of a path ends where one of its components ends: `line` and `line.slope` are prefixes of `line.slope`, and
+/// `line.s` is not. The empty prefix is one of every path.
 ///
 /// ```
 /// use gradreel::optim::{Adam, Params};
@@ -25,7 +29,7 @@ use crate::{Error, ErrorKind, Gradients, Result, Tape, Tensor, Var};
 #[derive(Debug, Clone, Default)]
 pub struct Params {
     tensors: BTreeMap<String, Tensor>,
-    frozen: BTreeSet<String>,
+    frozen: ByPrefix<bool>,
 }
 
 impl Params {
@@ -57,63 +61,127 @@ impl Params {
         self.tensors.values().map(Tensor::len).sum()
     }
 
-    /// Treats every path with this prefix as constant from now on.
-    pub fn freeze(&mut self, prefix: impl Into<String>) {
-        self.frozen.insert(prefix.into());
+    /// Number of scalars in the tensors that are not frozen.
+    pub fn count_trainable(&self) -> usize {
+        self.iter().filter(|(path, _)| !self.is_frozen(path)).map(|(_, value)| value.len()).sum()
     }
 
-    /// Undoes [`Params::freeze`] of the same prefix.
-    pub fn thaw(&mut self, prefix: &str) {
-        self.frozen.remove(prefix);
+    /// The parameters under a prefix, by the rest of their paths.
+    pub fn scope(&self, prefix: impl Into<String>) -> Scope<'_> {
+        Scope { params: self, prefix: prefix.into() }
     }
 
-    /// Variables of a tape for all tensors: leaves, or constants where frozen.
-    #[track_caller]
-    pub fn bind(&self, tape: &Tape) -> Bound {
-        let bound = |(path, value): (&String, &Tensor)| {
-            let frozen = self.frozen.iter().any(|prefix| path.starts_with(prefix.as_str()));
-            let var = if frozen { tape.constant(value.clone()) } else { tape.leaf(value.clone()) };
-            (path.clone(), var)
-        };
-        Bound { vars: self.tensors.iter().map(bound).collect() }
+    /// Treats every path under this prefix as constant from now on. The longest prefix counts: part of what is frozen can be
+    /// thawed.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] when no path has this prefix.
+    pub fn freeze(&mut self, prefix: &str) -> Result<()> {
+        self.set_frozen(prefix, true)
+    }
+
+    /// Treats every path under this prefix as variable from now on.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] when no path has this prefix.
+    pub fn thaw(&mut self, prefix: &str) -> Result<()> {
+        self.set_frozen(prefix, false)
+    }
+
+    fn set_frozen(&mut self, prefix: &str, frozen: bool) -> Result<()> {
+        check_prefix(if frozen { "freezing" } else { "thawing" }, prefix, &self.tensors)?;
+        self.frozen.insert(prefix, frozen);
+        Ok(())
+    }
+
+    /// Whether a path is constant.
+    pub fn is_frozen(&self, path: &str) -> bool {
+        self.frozen.get(path).copied().unwrap_or(false)
+    }
+
+    /// Stores all floats under a prefix in another dtype; `f16` halves the memory of weights that are not trained.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] when no path has this prefix, or `dtype` holds no floats; [`ErrorKind::Device`] when a tensor
+    /// cannot be read back.
+    pub fn cast(&mut self, prefix: &str, dtype: DType) -> Result<()> {
+        check_prefix("a cast", prefix, &self.tensors)?;
+        if dtype == DType::U32 {
+            return Err(Error::new(ErrorKind::Input, "parameters are not cast to integers").at(prefix));
+        }
+        let paths: Vec<String> = under(&self.tensors, prefix).map(|(path, _)| path.clone()).collect();
+        for path in paths {
+            let value = self.get_mut(&path)?;
+            if value.dtype() != DType::U32 {
+                *value = value.cast(dtype)?;
+            }
+        }
+        Ok(())
+    }
+
+    pub(super) fn get_mut(&mut self, path: &str) -> Result<&mut Tensor> {
+        if self.tensors.contains_key(path) {
+            return Ok(self.tensors.get_mut(path).expect("it is there"));
+        }
+        Err(missing(path, self.tensors.keys()))
+    }
+
+    pub(super) fn tensors(&self) -> &BTreeMap<String, Tensor> {
+        &self.tensors
     }
 }
 
 impl FromIterator<(String, Tensor)> for Params {
     fn from_iter<I: IntoIterator<Item = (String, Tensor)>>(tensors: I) -> Self {
-        Self { tensors: tensors.into_iter().collect(), frozen: BTreeSet::new() }
+        Self { tensors: tensors.into_iter().collect(), frozen: ByPrefix::default() }
     }
 }
 
-/// The parameters as variables of one tape.
-pub struct Bound {
-    vars: BTreeMap<String, Var>,
+/// The parameters under a prefix, by the rest of their paths.
+#[derive(Debug, Clone)]
+pub struct Scope<'p> {
+    params: &'p Params,
+    prefix: String,
 }
 
-impl Bound {
-    /// The variable at a path.
+impl<'p> Scope<'p> {
+    /// The tensor at the rest of a path.
     ///
     /// # Errors
     /// [`ErrorKind::Input`] when there is none.
-    pub fn get(&self, path: &str) -> Result<&Var> {
-        self.vars.get(path).ok_or_else(|| missing(path, self.vars.keys()))
+    pub fn get(&self, path: &str) -> Result<&'p Tensor> {
+        self.params.get(&join(&self.prefix, path))
     }
 
-    /// The gradients of all that are not frozen, by path.
-    ///
-    /// # Errors
-    /// [`ErrorKind::NoGradient`] when the loss does not depend on one of them.
-    pub fn gradients(&self, gradients: &Gradients) -> Result<BTreeMap<String, Tensor>> {
-        let live = self.vars.iter().filter(|(_, var)| var.is_differentiable());
-        live.map(|(path, var)| {
-            let gradient = gradients.wrt(var).map_err(|e| e.at(path).fix("freeze it if that is intended"))?;
-            Ok((path.clone(), gradient.clone()))
-        })
-        .collect()
+    /// The parameters under a longer prefix.
+    #[must_use]
+    pub fn scope(&self, prefix: &str) -> Self {
+        Self { params: self.params, prefix: join(&self.prefix, prefix) }
+    }
+
+    /// The rest of every path with its tensor.
+    pub fn iter(&self) -> impl Iterator<Item = (&'p str, &'p Tensor)> {
+        let cut = if self.prefix.is_empty() { 0 } else { self.prefix.len() + 1 };
+        under(&self.params.tensors, &self.prefix).map(move |(path, value)| (path.get(cut..).unwrap_or(""), value))
+    }
+
+    /// Number of scalars in all tensors.
+    pub fn count(&self) -> usize {
+        self.iter().map(|(_, value)| value.len()).sum()
     }
 }
 
-fn missing<'a>(path: &str, known: impl Iterator<Item = &'a String>) -> Error {
+/// A path below a prefix.
+pub(super) fn join(prefix: &str, path: &str) -> String {
+    match (prefix, path) {
+        ("", path) => path.to_owned(),
+        (prefix, "") => prefix.to_owned(),
+        _ => format!("{prefix}.{path}"),
+    }
+}
+
+/// The error for a path that there is not; names some that are near.
+pub(super) fn missing<'a>(path: &str, known: impl Iterator<Item = &'a String>) -> Error {
     let known: Vec<_> = known.take(8).map(String::as_str).collect();
     Error::new(ErrorKind::Input, "no parameter at this path").at(path).found(format!("paths such as {known:?}"))
 }

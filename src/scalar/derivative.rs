@@ -163,6 +163,7 @@ fn rule(node: Node, values: &[Scalar], y: Scalar) -> Rule {
                 Unary::Ln1p => (1.0 + x).recip(),
                 // Not y + 1, for the same reason near y = −1.
                 Unary::ExpM1 => x.exp(),
+                Unary::Erf => std::f64::consts::FRAC_2_SQRT_PI * (-x.square()).exp(),
             };
             Rule::Product([Some((a, factor)), None])
         }

@@ -84,6 +84,8 @@ impl Scalar {
         ln_1p => Ln1p;
         /// `eˣ − 1` without cancellation near 0.
         exp_m1 => ExpM1;
+        /// The error function `2/√π ∫₀ˣ e^{−t²} dt`.
+        erf => Erf;
     }
 
     /// The value if it is known while tracing.
@@ -93,6 +95,21 @@ impl Scalar {
             Repr::Const(value) => Some(value),
             Repr::Node { .. } => None,
         }
+    }
+
+    /// The smallest integer not below `x`; its derivative is 0 everywhere.
+    #[must_use]
+    #[track_caller]
+    pub fn ceil(self) -> Self {
+        -(-self).floor()
+    }
+
+    /// The nearest integer, halves upwards; its derivative is 0 everywhere.
+    #[must_use]
+    #[track_caller]
+    pub fn round(self) -> Self {
+        let below = self.floor();
+        (self - below).ge(0.5).select(below + 1.0, below)
     }
 
     /// `x²`
@@ -184,6 +201,14 @@ impl Scalar {
     #[track_caller]
     pub fn ge(self, b: impl Into<Self>) -> Condition {
         Condition(trace::binary(Binary::Le, b.into(), self))
+    }
+
+    /// `self = b`; false for NaN.
+    #[must_use]
+    #[track_caller]
+    pub fn eq(self, b: impl Into<Self>) -> Condition {
+        let b = b.into();
+        self.le(b).and(self.ge(b))
     }
 
     /// `a` where the condition holds, else `b`. See [`Condition::select`].

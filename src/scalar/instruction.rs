@@ -25,6 +25,8 @@ pub enum Unary {
     Ln1p,
     /// `eˣ − 1`
     ExpM1,
+    /// The error function.
+    Erf,
 }
 
 /// Instructions of two operands.
@@ -49,7 +51,7 @@ pub enum Binary {
 impl Unary {
     /// Every instruction of one operand.
     #[cfg(test)]
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 16] = [
         Self::Neg,
         Self::Abs,
         Self::Sign,
@@ -65,6 +67,7 @@ impl Unary {
         Self::Softplus,
         Self::Ln1p,
         Self::ExpM1,
+        Self::Erf,
     ];
 
     /// The name in listings.
@@ -85,6 +88,7 @@ impl Unary {
             Self::Softplus => "softplus",
             Self::Ln1p => "ln_1p",
             Self::ExpM1 => "exp_m1",
+            Self::Erf => "erf",
         }
     }
 
@@ -107,6 +111,7 @@ impl Unary {
             Self::Softplus => x.softplus(),
             Self::Ln1p => x.ln_1p(),
             Self::ExpM1 => x.exp_m1(),
+            Self::Erf => x.erf(),
         }
     }
 }

@@ -5,6 +5,7 @@
 //! loops and macros. Values move by explicit loads and stores; a step may write over one of its operands.
 
 use super::instruction::{Binary, Unary};
+use super::kernel::Job;
 use super::lower::{Op, Step};
 use super::real::Real;
 
@@ -21,9 +22,12 @@ pub struct Port<T> {
 /// # Safety
 /// Every method must be called with the instruction set of the type enabled. `load` and `store` need a pointer to
 /// `WIDTH` values; alignment does not matter. Conditions are vectors of 0 and 1.
-pub(super) trait Lane: Copy {
+#[allow(clippy::missing_safety_doc)] // one contract for all methods
+pub trait Lane: Copy {
     type Element: Real;
     const WIDTH: usize;
+    /// How many such vectors the processor's registers hold at once.
+    const REGISTERS: usize;
 
     unsafe fn load(from: *const Self::Element) -> Self;
     unsafe fn store(self, to: *mut Self::Element);
@@ -59,6 +63,58 @@ pub(super) trait Lane: Copy {
     unsafe fn tanh(self) -> Self;
     unsafe fn logistic(self) -> Self;
     unsafe fn softplus(self) -> Self;
+    unsafe fn erf(self) -> Self;
+
+    /// The first `count` values, zeros after them; `count` may exceed the width.
+    #[inline(always)]
+    unsafe fn load_part(from: *const Self::Element, count: usize) -> Self {
+        // SAFETY: as this method, for `count` values; no vector is wider than 16.
+        unsafe {
+            if count >= Self::WIDTH {
+                return Self::load(from);
+            }
+            let mut values = [Self::Element::ZERO; 16];
+            std::ptr::copy_nonoverlapping(from, values.as_mut_ptr(), count);
+            Self::load(values.as_ptr())
+        }
+    }
+
+    /// Stores the first `count` values; `count` may exceed the width.
+    #[inline(always)]
+    unsafe fn store_part(self, to: *mut Self::Element, count: usize) {
+        // SAFETY: as this method, for `count` values; no vector is wider than 16.
+        unsafe {
+            if count >= Self::WIDTH {
+                return self.store(to);
+            }
+            let mut values = [Self::Element::ZERO; 16];
+            self.store(values.as_mut_ptr());
+            std::ptr::copy_nonoverlapping(values.as_ptr(), to, count);
+        }
+    }
+
+    /// The sum of its values, added in halves.
+    #[inline(always)]
+    unsafe fn total(self) -> Self::Element {
+        let mut values = [Self::Element::ZERO; 16];
+        // SAFETY: as this method; no vector is wider than 16.
+        unsafe { self.store(values.as_mut_ptr()) };
+        let mut half = Self::WIDTH / 2;
+        while half > 0 {
+            for i in 0..half {
+                values[i] += values[i + half];
+            }
+            half /= 2;
+        }
+        values[0]
+    }
+
+    /// `eˣ` for `x ≤ 0`, where 0 may stand for results below the normal numbers.
+    #[inline(always)]
+    unsafe fn exp_of_negative(self) -> Self {
+        // SAFETY: as this method.
+        unsafe { self.exp() }
+    }
 
     #[inline(always)]
     unsafe fn neg(self) -> Self {
@@ -127,12 +183,30 @@ macro_rules! elementwise {
 }
 pub(super) use elementwise;
 
+/// Runs register code over `lanes` lanes, rounded up to whole vectors; the contract is that of
+/// [`Kernel::execute`](super::kernel::Kernel::execute).
+pub(super) struct Execute<'a, T> {
+    pub(super) steps: &'a [Step],
+    pub(super) ports: &'a [Port<T>],
+    pub(super) lanes: usize,
+}
+
+impl<T: Real> Job<T> for Execute<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    unsafe fn run<V: Lane<Element = T>>(self) {
+        // SAFETY: the caller's promise.
+        unsafe { execute::<V>(self.steps, self.ports, self.lanes) }
+    }
+}
+
 /// Runs register code over `lanes` lanes, rounded up to whole vectors.
 ///
 /// # Safety
 /// As [`Kernel::execute`](super::kernel::Kernel::execute), with the instruction set of `V` enabled.
 #[inline(always)]
-pub(super) unsafe fn execute<V: Lane>(steps: &[Step], ports: &[Port<V::Element>], lanes: usize) {
+unsafe fn execute<V: Lane>(steps: &[Step], ports: &[Port<V::Element>], lanes: usize) {
     let vectors = lanes.div_ceil(V::WIDTH);
     for step in steps {
         macro_rules! port {
@@ -210,6 +284,7 @@ pub(super) unsafe fn execute<V: Lane>(steps: &[Step], ports: &[Port<V::Element>]
                 Unary::Softplus => each!(a => a.softplus()),
                 Unary::Ln1p => each!(a => a.ln_1p()),
                 Unary::ExpM1 => each!(a => a.exp_m1()),
+                Unary::Erf => each!(a => a.erf()),
             },
         }
     }

@@ -50,6 +50,7 @@
 //! simplified to 0.
 
 mod derivative;
+mod erf;
 mod evaluate;
 mod exp_ln;
 mod graph;
@@ -75,6 +76,8 @@ mod x86;
 
 pub use evaluate::Lanes;
 pub use handle::{Condition, Scalar};
+pub(crate) use kernel::{Job, Path};
+pub(crate) use lanes::Lane;
 pub use mat3::Mat3;
 pub use program::Program;
 pub use real::Real;

@@ -8,7 +8,7 @@ use super::lanes::{Lane, elementwise};
 
 /// Eight numbers.
 #[derive(Clone, Copy)]
-pub(super) struct Portable<T>([T; 8]);
+pub struct Portable<T>([T; 8]);
 
 macro_rules! each_of {
     ($($name:ident($($b:ident),*) |$x:ident| $value:expr;)*) => {$(
@@ -30,6 +30,8 @@ macro_rules! portable {
         impl Lane for Portable<$float> {
             type Element = $float;
             const WIDTH: usize = 8;
+            // registers of 16 bytes: 32 of them on 64-bit ARM, 16 elsewhere
+            const REGISTERS: usize = if cfg!(target_arch = "aarch64") { 64 } else { 32 } / size_of::<$float>();
 
             #[inline(always)]
             unsafe fn load(from: *const $float) -> Self {
@@ -73,7 +75,7 @@ macro_rules! portable {
 }
 
 portable!(f32 { single_precision!(); });
-portable!(f64 { elementwise!(exp, ln, exp_m1, ln_1p, sin, cos, tanh, logistic, softplus); });
+portable!(f64 { elementwise!(exp, ln, exp_m1, ln_1p, sin, cos, tanh, logistic, softplus, erf); });
 
 impl Lane32 for Portable<f32> {
     #[inline(always)]

@@ -53,6 +53,8 @@ pub trait Real:
     const EPSILON: Self;
     /// +∞
     const INFINITY: Self;
+    /// −∞
+    const NEG_INFINITY: Self;
     /// The name of the type, `"f32"` or `"f64"`.
     const NAME: &'static str;
 
@@ -80,6 +82,8 @@ pub trait Real:
     fn cos(self) -> Self;
     /// Hyperbolic tangent.
     fn tanh(self) -> Self;
+    /// The error function, within `1e-15` in `f64`.
+    fn erf(self) -> Self;
     /// `selfᵇ`
     fn powf(self, b: Self) -> Self;
     /// `selfⁿ`
@@ -132,10 +136,16 @@ macro_rules! real {
             const ONE: Self = 1.0;
             const EPSILON: Self = $float::EPSILON;
             const INFINITY: Self = $float::INFINITY;
+            const NEG_INFINITY: Self = $float::NEG_INFINITY;
             const NAME: &'static str = stringify!($float);
 
             real!(@forward $float: is_nan -> bool, is_finite -> bool, abs -> Self, floor -> Self, sqrt -> Self,
                 exp -> Self, ln -> Self, exp_m1 -> Self, ln_1p -> Self, sin -> Self, cos -> Self, tanh -> Self);
+
+            #[inline]
+            fn erf(self) -> Self {
+                Self::from_f64(super::erf::erf_f64(f64::from(self)))
+            }
 
             #[inline(always)]
             fn powf(self, b: Self) -> Self {

@@ -1,8 +1,8 @@
 //! A program as a WGSL function in `f32`.
 //!
-//! Built-in functions of WGSL may be inaccurate (`log` near 1, `tanh` near 0) or drop NaN (`min`, `max`); for these the
-//! text brings functions of its own, from `kernels/shared/`. A literal cannot be infinite or NaN: such constants are
-//! made from bits that are only known when the shader runs.
+//! Built-in functions of WGSL may be inaccurate (`log` near 1, `tanh` near 0) or drop NaN (`min`, `max`, on some
+//! drivers `exp`); for these the text brings functions of its own, from `kernels/shared/`. A literal cannot be infinite
+//! or NaN: such constants are made from bits that are only known when the shader runs.
 
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -35,9 +35,11 @@ fragments! {
     LN_1P = 5, "ln_1p.wgsl", needs &[LN];
     EXP_M1 = 6, "exp_m1.wgsl", needs &[];
     TANH = 7, "tanh.wgsl", needs &[EXP_M1];
-    LOGISTIC = 8, "logistic.wgsl", needs &[];
-    SOFTPLUS = 9, "softplus.wgsl", needs &[LN_1P];
-    POWF = 10, "powf.wgsl", needs &[LN];
+    EXP = 8, "exp.wgsl", needs &[IS_NAN];
+    LOGISTIC = 9, "logistic.wgsl", needs &[EXP];
+    SOFTPLUS = 10, "softplus.wgsl", needs &[LN_1P];
+    POWF = 11, "powf.wgsl", needs &[LN];
+    ERF = 12, "erf.wgsl", needs &[EXP];
 }
 
 /// Built-in functions that emitted code calls, which a program's own name must not hide.
@@ -184,6 +186,8 @@ fn constant(value: f32) -> String {
 /// The function that an instruction calls, if WGSL's own is not good enough.
 fn fragment(node: Node) -> Option<usize> {
     match node {
+        Node::Unary(Unary::Erf, _) => Some(ERF),
+        Node::Unary(Unary::Exp, _) => Some(EXP),
         Node::Unary(Unary::Sign, _) => Some(SIGN),
         Node::Unary(Unary::Ln, _) => Some(LN),
         Node::Unary(Unary::Tanh, _) => Some(TANH),
@@ -205,7 +209,7 @@ fn expression(node: Node, values: &[String]) -> String {
         Node::Select(c, a, b) => format!("select({}, {}, {} != 0f)", at(b), at(a), at(c)),
         Node::Unary(Unary::Neg, a) => format!("-{}", at(a)),
         Node::Unary(Unary::Recip, a) => format!("1f / {}", at(a)),
-        Node::Unary(op @ (Unary::Abs | Unary::Floor | Unary::Sqrt | Unary::Exp | Unary::Sin | Unary::Cos), a) => {
+        Node::Unary(op @ (Unary::Abs | Unary::Floor | Unary::Sqrt | Unary::Sin | Unary::Cos), a) => {
             format!("{}({})", op.name(), at(a))
         }
         Node::Unary(op, a) => format!("scalar_{}({})", op.name(), at(a)),

@@ -9,16 +9,16 @@ use super::lanes::{Lane, elementwise};
 
 /// Eight `f32`.
 #[derive(Clone, Copy)]
-pub(super) struct F32x8(__m256);
+pub struct F32x8(__m256);
 /// Four `f64`.
 #[derive(Clone, Copy)]
-pub(super) struct F64x4(__m256d);
+pub struct F64x4(__m256d);
 /// Sixteen `f32`.
 #[derive(Clone, Copy)]
-pub(super) struct F32x16(__m512);
+pub struct F32x16(__m512);
 /// Eight `f64`.
 #[derive(Clone, Copy)]
-pub(super) struct F64x8(__m512d);
+pub struct F64x8(__m512d);
 
 macro_rules! methods {
     ($($name:ident($($b:ident),*) |$x:ident| $value:expr;)*) => {$(
@@ -34,13 +34,14 @@ macro_rules! methods {
 
 macro_rules! lane {
     (
-        $name:ident: $float:ident x $width:literal,
+        $name:ident: $float:ident x $width:literal in $registers:literal,
         $load:ident $store:ident $splat:ident $add:ident $sub:ident $mul:ident $div:ident $sqrt:ident
         $fmadd:ident $fmsub:ident $fnmadd:ident $min:ident $max:ident { $($rest:tt)* }
     ) => {
         impl Lane for $name {
             type Element = $float;
             const WIDTH: usize = $width;
+            const REGISTERS: usize = $registers;
 
             #[inline(always)]
             unsafe fn load(from: *const $float) -> Self {
@@ -78,7 +79,7 @@ macro_rules! lane {
     };
 }
 
-lane!(F32x8: f32 x 8,
+lane!(F32x8: f32 x 8 in 16,
     _mm256_loadu_ps _mm256_storeu_ps _mm256_set1_ps _mm256_add_ps _mm256_sub_ps _mm256_mul_ps _mm256_div_ps
     _mm256_sqrt_ps _mm256_fmadd_ps _mm256_fmsub_ps _mm256_fnmadd_ps _mm256_min_ps _mm256_max_ps {
     methods! {
@@ -92,7 +93,7 @@ lane!(F32x8: f32 x 8,
     single_precision!();
 });
 
-lane!(F64x4: f64 x 4,
+lane!(F64x4: f64 x 4 in 16,
     _mm256_loadu_pd _mm256_storeu_pd _mm256_set1_pd _mm256_add_pd _mm256_sub_pd _mm256_mul_pd _mm256_div_pd
     _mm256_sqrt_pd _mm256_fmadd_pd _mm256_fmsub_pd _mm256_fnmadd_pd _mm256_min_pd _mm256_max_pd {
     methods! {
@@ -103,10 +104,10 @@ lane!(F64x4: f64 x 4,
         is_nan() |x| _mm256_and_pd(_mm256_cmp_pd::<_CMP_UNORD_Q>(x, x), _mm256_set1_pd(1.0));
         choose(a, b) |x| _mm256_blendv_pd(b, a, _mm256_cmp_pd::<_CMP_NEQ_UQ>(x, _mm256_setzero_pd()));
     }
-    elementwise!(exp, ln, exp_m1, ln_1p, sin, cos, tanh, logistic, softplus);
+    elementwise!(exp, ln, exp_m1, ln_1p, sin, cos, tanh, logistic, softplus, erf);
 });
 
-lane!(F32x16: f32 x 16,
+lane!(F32x16: f32 x 16 in 32,
     _mm512_loadu_ps _mm512_storeu_ps _mm512_set1_ps _mm512_add_ps _mm512_sub_ps _mm512_mul_ps _mm512_div_ps
     _mm512_sqrt_ps _mm512_fmadd_ps _mm512_fmsub_ps _mm512_fnmadd_ps _mm512_min_ps _mm512_max_ps {
     methods! {
@@ -121,7 +122,7 @@ lane!(F32x16: f32 x 16,
     single_precision!();
 });
 
-lane!(F64x8: f64 x 8,
+lane!(F64x8: f64 x 8 in 32,
     _mm512_loadu_pd _mm512_storeu_pd _mm512_set1_pd _mm512_add_pd _mm512_sub_pd _mm512_mul_pd _mm512_div_pd
     _mm512_sqrt_pd _mm512_fmadd_pd _mm512_fmsub_pd _mm512_fnmadd_pd _mm512_min_pd _mm512_max_pd {
     methods! {
@@ -133,7 +134,7 @@ lane!(F64x8: f64 x 8,
         choose(a, b) |x|
             _mm512_mask_blend_pd(_mm512_cmp_pd_mask::<_CMP_NEQ_UQ>(x, _mm512_setzero_pd()), b, a);
     }
-    elementwise!(exp, ln, exp_m1, ln_1p, sin, cos, tanh, logistic, softplus);
+    elementwise!(exp, ln, exp_m1, ln_1p, sin, cos, tanh, logistic, softplus, erf);
 });
 
 impl Lane32 for F32x8 {

@@ -1,12 +1,13 @@
 //! The backward pass: one loop over the tape from the result to the leaves.
 
-use crate::tape::{Applied, Backward, Tape, Var, anomaly};
+use crate::tape::{Applied, Backward, Kind, Tape, Var, anomaly};
 use crate::{Error, ErrorKind, Result, Tensor};
 
-/// The gradients of a scalar with respect to the leaves of a tape.
+/// The gradients of a scalar with respect to the leaves of a tape. Does not keep the tape.
 pub struct Gradients {
-    tape: Tape,
-    by_node: Vec<Option<Tensor>>,
+    tape: u64,
+    /// In the order of the leaves' places on the tape.
+    by_leaf: Vec<(usize, Tensor)>,
 }
 
 impl Gradients {
@@ -18,16 +19,27 @@ impl Gradients {
     pub fn wrt(&self, leaf: &Var) -> Result<&Tensor> {
         let reason = match leaf.node() {
             None => "it is a constant; make it with Tape::leaf",
-            Some(_) if !self.tape.same(leaf.tape()) => "it lives on another tape",
-            Some(node) => match self.by_node.get(node).and_then(Option::as_ref) {
-                Some(gradient) => return Ok(gradient),
-                None => "it is not a leaf, or the result does not depend on it",
+            Some(_) if self.tape != leaf.tape().id() => "it lives on another tape",
+            Some(node) => match self.by_leaf.binary_search_by_key(&node, |(leaf, _)| *leaf) {
+                Ok(at) => return Ok(&self.by_leaf[at].1),
+                Err(_) => "it is not a leaf, or the result does not depend on it",
             },
         };
         Err(Error::new(ErrorKind::NoGradient, "no gradient arrived at this variable")
             .at(format!("{leaf:?}"))
             .found(reason))
     }
+}
+
+/// What becomes of the tape while derivatives are taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Pass {
+    /// It stays as it is.
+    Keep,
+    /// The derivatives are recorded on it.
+    Record,
+    /// Each node is freed as soon as its derivative was taken, and all others as well.
+    Spend,
 }
 
 impl Var {
@@ -41,6 +53,38 @@ impl Var {
     /// When it is not a single number.
     #[track_caller]
     pub fn backward(&self) -> Result<Gradients> {
+        self.gradients(Pass::Keep)
+    }
+
+    /// As [`Var::backward`], but uses the tape up: what a node keeps is freed as soon as its derivative was taken, so that
+    /// memory shrinks on the way back. Afterwards the tape holds its leaves only; a later backward pass through what was
+    /// recorded before is an error.
+    ///
+    /// ```
+    /// use gradreel::{Tape, Tensor};
+    ///
+    /// let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0f64, 2.0, 3.0], [3]));
+    /// let loss = x.square().sum_all();
+    /// let gradients = loss.clone().into_gradients()?;
+    /// assert_eq!(gradients.wrt(&x)?.slice::<f64>(), &[2.0, 4.0, 6.0]);
+    /// assert_eq!(tape.memory().held, 0);
+    /// assert!(loss.backward().is_err());
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`Var::backward`].
+    ///
+    /// # Panics
+    /// When it is not a single number.
+    #[track_caller]
+    pub fn into_gradients(self) -> Result<Gradients> {
+        self.gradients(Pass::Spend)
+    }
+
+    #[track_caller]
+    fn gradients(&self, pass: Pass) -> Result<Gradients> {
         assert_eq!(
             self.len(),
             1,
@@ -48,9 +92,10 @@ impl Var {
             self.spec()
         );
         let seed = Tensor::full(1.0, self.shape(), self.dtype()).to_device(&self.device())?;
-        let cotangents = self.pull_back(self.tape().constant(seed), false)?;
-        let by_node = cotangents.into_iter().map(|g| g.map(|g| g.tensor().clone())).collect();
-        Ok(Gradients { tape: self.tape().clone(), by_node })
+        let cotangents = self.pull_back(self.tape().constant(seed), pass)?;
+        let arrived = cotangents.into_iter().enumerate();
+        let by_leaf = arrived.filter_map(|(node, gradient)| Some((node, gradient?.tensor().clone()))).collect();
+        Ok(Gradients { tape: self.tape().id(), by_leaf })
     }
 
     /// Gradients of this number with respect to some leaves as variables of the same tape, so that they can be
@@ -65,7 +110,7 @@ impl Var {
     pub fn gradients_of(&self, leaves: &[&Self]) -> Result<Vec<Self>> {
         assert_eq!(self.len(), 1, "gradients start at a single number, not at {:?}", self.spec());
         let seed = Tensor::full(1.0, self.shape(), self.dtype()).to_device(&self.device())?;
-        let mut cotangents = self.pull_back(self.tape().constant(seed), true)?;
+        let mut cotangents = self.pull_back(self.tape().constant(seed), Pass::Record)?;
         leaves
             .iter()
             .map(|leaf| {
@@ -76,50 +121,80 @@ impl Var {
             .collect()
     }
 
-    /// Carries a cotangent of this variable back to the leaves. With `live`, the derivatives are recorded as well.
-    pub(super) fn pull_back(&self, seed: Self, live: bool) -> Result<Vec<Option<Self>>> {
+    /// Carries a cotangent of this variable back to the leaves: what arrives, by node.
+    pub(super) fn pull_back(&self, seed: Self, pass: Pass) -> Result<Vec<Option<Self>>> {
         let tape = self.tape();
         tape.check()?;
         let Some(last) = self.node() else {
             return Err(Error::new(ErrorKind::NoGradient, "backward of a constant: no leaf is behind it")
                 .fix("make the inputs whose gradients you want with Tape::leaf"));
         };
-        let mut cotangents: Vec<Option<Self>> = vec![None; last + 1];
-        cotangents[last] = Some(seed);
-        for node in (0..=last).rev() {
-            if !tape.is_op(node) {
-                continue;
-            }
-            let Some(gradient) = cotangents[node].take() else { continue };
-            for (input, cotangent) in tape.vjp_of(node, &gradient, live)? {
-                cotangents[input] = Some(match cotangents[input].take() {
-                    None => cotangent,
-                    Some(sum) => &sum + &cotangent,
-                });
-            }
+        if pass == Pass::Spend {
+            // nothing after this variable leads to it
+            tape.spend(last + 1..tape.len());
         }
-        tape.check()?;
+        let mut cotangents: Vec<Option<Self>> = vec![None; last + 1];
+        tape.hold(&seed);
+        cotangents[last] = Some(seed);
+        let done = tape.walk(&mut cotangents, pass);
+        cotangents.iter().flatten().for_each(|waiting| tape.release(waiting));
+        done.and_then(|()| tape.check())?;
         Ok(cotangents)
     }
 }
 
 impl Tape {
-    fn is_op(&self, node: usize) -> bool {
-        self.0.borrow().nodes[node].op.is_some()
+    pub(super) fn id(&self) -> u64 {
+        self.0.borrow().id
+    }
+
+    /// Takes the derivatives of the ops at which a cotangent waits, from the last to the first.
+    fn walk(&self, cotangents: &mut [Option<Var>], pass: Pass) -> Result<()> {
+        for node in (0..cotangents.len()).rev() {
+            if matches!(self.0.borrow().nodes[node].kind, Kind::Leaf) {
+                continue;
+            }
+            if let Some(gradient) = cotangents[node].take() {
+                let arrived = self.vjp_of(node, &gradient, pass)?;
+                self.release(&gradient);
+                drop(gradient);
+                for (input, cotangent) in arrived {
+                    let sum = match cotangents[input].take() {
+                        None => cotangent,
+                        Some(before) => {
+                            self.release(&before);
+                            &before + &cotangent
+                        }
+                    };
+                    self.hold(&sum);
+                    cotangents[input] = Some(sum);
+                }
+            }
+            if pass == Pass::Spend {
+                self.spend(node..node + 1);
+            }
+        }
+        Ok(())
     }
 
     /// The cotangents of one node's recorded operands.
-    fn vjp_of(&self, node: usize, gradient: &Var, live: bool) -> Result<Vec<(usize, Var)>> {
-        let (op, operands, output, residual, place, anomaly) = {
-            let record = self.0.borrow();
-            let entry = &record.nodes[node];
-            let Applied { op, inputs, residual } = entry.op.as_ref().expect("only ops are pulled back");
-            (op.clone(), inputs.clone(), entry.value.clone(), residual.clone(), entry.place, record.anomaly)
+    fn vjp_of(&self, node: usize, gradient: &Var, pass: Pass) -> Result<Vec<(usize, Var)>> {
+        let live = pass == Pass::Record;
+        let var = |node: Option<usize>, value: &Tensor| Var::new(self.clone(), node.filter(|_| live), value.clone());
+        let record = self.0.borrow();
+        let Kind::Op(applied) = &record.nodes[node].kind else {
+            return Err(Error::new(ErrorKind::NoGradient, "this tape was used up by Var::into_gradients")
+                .at(record.nodes[node].place)
+                .fix("take the other gradients before it, with Var::backward"));
         };
-        let var = |node: Option<usize>, value: Tensor| Var::new(self.clone(), node.filter(|_| live), value);
-        let inputs: Vec<_> = operands.iter().map(|(node, value)| var(*node, value.clone())).collect();
-        let wanted: Vec<_> = operands.iter().map(|(node, _)| node.is_some()).collect();
-        let output = var(Some(node), output);
+        let Applied { op, residual, .. } = applied;
+        let (op, residual) = (op.clone(), residual.clone());
+        let inputs: Vec<_> = applied.inputs.iter().map(|(node, value)| var(*node, value)).collect();
+        let targets: Vec<_> = applied.inputs.iter().map(|(node, _)| *node).collect();
+        let wanted: Vec<_> = targets.iter().map(Option::is_some).collect();
+        let output = var(Some(node), &applied.output);
+        let (place, anomaly) = (record.nodes[node].place, record.anomaly);
+        drop(record);
         let cx =
             Backward { gradient, inputs: &inputs, wanted: &wanted, output: &output, residual: residual.as_ref(), live };
         // a fault inside the derivative is reported for the op whose derivative it is, at the line that applied the op
@@ -130,7 +205,7 @@ impl Tape {
         assert_eq!(cotangents.len(), inputs.len(), "{}: vjp must speak of every operand", op.name());
         let mut arrived = Vec::with_capacity(inputs.len());
         for (index, cotangent) in cotangents.into_iter().enumerate() {
-            let (Some(target), Some(cotangent)) = (operands[index].0, cotangent) else { continue };
+            let (Some(target), Some(cotangent)) = (targets[index], cotangent) else { continue };
             assert_eq!(
                 cotangent.spec(),
                 inputs[index].spec(),
@@ -143,5 +218,30 @@ impl Tape {
             arrived.push((target, cotangent));
         }
         Ok(arrived)
+    }
+
+    /// Frees what these nodes keep.
+    fn spend(&self, nodes: std::ops::Range<usize>) {
+        for node in nodes {
+            let mut record = self.0.borrow_mut();
+            let kind = &mut record.nodes[node].kind;
+            if matches!(kind, Kind::Leaf) {
+                continue;
+            }
+            let Kind::Op(applied) = std::mem::replace(kind, Kind::Spent) else { continue };
+            applied.tensors().for_each(|tensor| record.ledger.release(tensor));
+            record.ledger.subtract(applied.residual_bytes);
+            // whatever the op and its residual do when they go, they may ask the tape
+            drop(record);
+            drop(applied);
+        }
+    }
+
+    fn hold(&self, cotangent: &Var) {
+        self.0.borrow_mut().ledger.hold(cotangent.tensor());
+    }
+
+    fn release(&self, cotangent: &Var) {
+        self.0.borrow_mut().ledger.release(cotangent.tensor());
     }
 }

@@ -8,6 +8,9 @@
 //! Derivatives are written in ops ([`Op::vjp`] returns `Var`s): one rule serves both backends, and
 //! [`Var::gradients_of`] records them again for gradients of gradients.
 //!
+//! A tape keeps no more than derivatives will read ([`Op::reads`]); [`Var::into_gradients`] frees even that, node by
+//! node, as soon as it was read. [`Tape::memory`] says how much it holds, and held at most.
+//!
 //! ```
 //! use gradreel::{Tape, Tensor};
 //!
@@ -22,6 +25,7 @@
 mod anomaly;
 mod backward;
 pub mod gradcheck;
+mod memory;
 mod op;
 mod remat;
 mod var;
@@ -29,12 +33,15 @@ mod var;
 use std::cell::RefCell;
 use std::panic::Location;
 use std::rc::Rc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 pub use backward::Gradients;
-pub use op::{Backward, Forward, Op};
+use memory::Ledger;
+pub use memory::Memory;
+pub use op::{Backward, Forward, Op, Reads};
 pub use var::Var;
 
-use crate::{Error, Result, Tensor};
+use crate::{Error, Result, Spec, Tensor};
 
 /// A record of the ops applied to some leaves; cloning it gives another handle to the same record.
 #[derive(Clone)]
@@ -42,7 +49,10 @@ pub struct Tape(Rc<RefCell<Record>>);
 
 /// What a tape remembers.
 struct Record {
+    /// Tells tapes apart after they are gone.
+    id: u64,
     nodes: Vec<Node>,
+    ledger: Ledger,
     anomaly: bool,
     /// The first fault met by a method that cannot return it; every result is withheld after that.
     fault: Option<Error>,
@@ -50,16 +60,24 @@ struct Record {
 
 /// One applied op, or a leaf.
 struct Node {
-    op: Option<Applied>,
-    value: Tensor,
+    kind: Kind,
     place: &'static Location<'static>,
 }
 
-/// The op of a node with what its derivative needs.
+enum Kind {
+    Leaf,
+    Op(Applied),
+    /// An op whose derivative was taken by a backward pass that used up the tape.
+    Spent,
+}
+
+/// The op of a node with what its derivative will read; the rest is hollow.
 struct Applied {
     op: Rc<dyn Op>,
     inputs: Vec<(Option<usize>, Tensor)>,
+    output: Tensor,
     residual: Option<Rc<dyn std::any::Any>>,
+    residual_bytes: usize,
 }
 
 impl Default for Tape {
@@ -71,7 +89,10 @@ impl Default for Tape {
 impl Tape {
     /// An empty tape.
     pub fn new() -> Self {
-        Self(Rc::new(RefCell::new(Record { nodes: Vec::new(), anomaly: false, fault: None })))
+        static NEXT: AtomicU64 = AtomicU64::new(0);
+        let id = NEXT.fetch_add(1, Ordering::Relaxed);
+        let ledger = Ledger::default();
+        Self(Rc::new(RefCell::new(Record { id, nodes: Vec::new(), ledger, anomaly: false, fault: None })))
     }
 
     /// An empty tape that checks every value and gradient and names the first op that made one non-finite, with the
@@ -92,8 +113,8 @@ impl Tape {
     /// A variable whose gradient is wanted.
     #[track_caller]
     pub fn leaf(&self, value: Tensor) -> Var {
-        let node = Node { op: None, value: value.clone(), place: Location::caller() };
-        Var::new(self.clone(), Some(self.push(node)), value)
+        let node = self.push(Node { kind: Kind::Leaf, place: Location::caller() });
+        Var::new(self.clone(), Some(node), value)
     }
 
     /// A variable without gradient.
@@ -111,9 +132,23 @@ impl Tape {
         self.len() == 0
     }
 
-    /// Bytes of the values that the nodes hold.
-    pub fn memory(&self) -> usize {
-        self.0.borrow().nodes.iter().map(|node| node.value.len() * node.value.dtype().size()).sum()
+    /// Bytes that this tape holds for its backward pass, now and at most so far.
+    ///
+    /// ```
+    /// use gradreel::{DType, Tape, Tensor};
+    ///
+    /// let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::zeros([1000], DType::F32));
+    /// let sum = &(&x + &x) + &x; // linear: no derivative reads a value
+    /// assert_eq!(tape.memory().held, 0);
+    /// let loss = sum.square().sum_all(); // 2 · sum
+    /// assert_eq!(tape.memory().held, 4000);
+    /// loss.into_gradients()?;
+    /// assert_eq!(tape.memory().held, 0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    pub fn memory(&self) -> Memory {
+        self.0.borrow().ledger.memory()
     }
 
     /// The first fault met by a method that could not return it (a device lost under `a + b`, a non-finite value in
@@ -129,23 +164,15 @@ impl Tape {
     ///
     /// # Errors
     /// What [`Op::infer`] and [`Op::forward`] return; in anomaly mode, a non-finite result.
+    ///
+    /// # Panics
+    /// When an operand is differentiable on another tape: its gradient would be lost.
     #[track_caller]
     pub fn apply(&self, op: Rc<dyn Op>, inputs: &[&Var]) -> Result<Var> {
         let place = Location::caller();
         let specs: Vec<_> = inputs.iter().map(|x| x.spec()).collect();
         let expected = op.infer(&specs).map_err(|e| e.at(format!("{} (called at {place})", op.name())))?;
-        let values: Vec<_> = inputs.iter().map(|x| x.tensor().clone()).collect();
-        let Forward { output, residual } = op.forward(&values)?;
-        assert_eq!(output.spec(), expected, "{}: the result is not what its shape rule promised", op.name());
-        if self.0.borrow().anomaly {
-            anomaly::check_value(&*op, &values, &output, place)?;
-        }
-        if inputs.iter().all(|x| x.node().is_none()) {
-            return Ok(self.constant(output));
-        }
-        let inputs = inputs.iter().map(|x| (x.node(), x.tensor().clone())).collect();
-        let node = Node { op: Some(Applied { op, inputs, residual }), value: output.clone(), place };
-        Ok(Var::new(self.clone(), Some(self.push(node)), output))
+        self.compute(op, inputs, &expected, place)
     }
 
     /// Applies an op on behalf of a method that returns a plain `Var`.
@@ -154,15 +181,57 @@ impl Tape {
     /// For a wrong shape, at the caller's line. Any other fault is kept by the tape (see [`Tape::check`]).
     #[track_caller]
     pub(crate) fn apply_or_keep_fault(&self, op: Rc<dyn Op>, inputs: &[&Var]) -> Var {
+        let place = Location::caller();
         let specs: Vec<_> = inputs.iter().map(|x| x.spec()).collect();
         let expected = match op.infer(&specs) {
             Ok(expected) => expected,
             Err(error) => panic!("{}", error.at(op.name())),
         };
-        self.apply(op, inputs).unwrap_or_else(|fault| {
+        self.compute(op, inputs, &expected, place).unwrap_or_else(|fault| {
             self.keep_fault(fault);
             self.constant(Tensor::zeros(expected.shape, expected.dtype))
         })
+    }
+
+    /// Computes an op whose shapes fit, and records it if a gradient is wanted.
+    fn compute(
+        &self,
+        op: Rc<dyn Op>,
+        inputs: &[&Var],
+        expected: &Spec,
+        place: &'static Location<'static>,
+    ) -> Result<Var> {
+        let values: Vec<_> = inputs.iter().map(|x| x.tensor().clone()).collect();
+        let Forward { output, residual, residual_bytes } = op.forward(&values)?;
+        assert_eq!(output.spec(), *expected, "{}: the result is not what its shape rule promised", op.name());
+        if self.0.borrow().anomaly {
+            anomaly::check_value(&*op, &values, &output, place)?;
+        }
+        if inputs.iter().all(|x| x.node().is_none()) {
+            return Ok(self.constant(output));
+        }
+        if let Some(stray) = inputs.iter().find(|x| x.is_differentiable() && !self.same(x.tape())) {
+            panic!(
+                "{} (called at {place}): {stray:?} is differentiable on another tape; detach it, or hand it to the \
+                 segment of a remat as an operand",
+                op.name()
+            );
+        }
+        let wanted: Vec<_> = inputs.iter().map(|x| x.is_differentiable()).collect();
+        let reads = op.reads(&wanted);
+        let only = |tensor: Tensor, read: bool| if read { tensor } else { tensor.hollow() };
+        let operand = |(i, value): (usize, Tensor)| (inputs[i].node(), only(value, reads.reads_input(i)));
+        let applied = Applied {
+            inputs: values.into_iter().enumerate().map(operand).collect(),
+            output: only(output.clone(), reads.reads_output()),
+            op,
+            residual,
+            residual_bytes,
+        };
+        applied.tensors().for_each(|tensor| self.0.borrow_mut().ledger.hold(tensor));
+        self.0.borrow_mut().ledger.add(residual_bytes);
+        let node = self.push(Node { kind: Kind::Op(applied), place });
+        Ok(Var::new(self.clone(), Some(node), output))
     }
 
     /// Keeps the first fault; every result is withheld from then on.
@@ -178,5 +247,12 @@ impl Tape {
 
     fn same(&self, other: &Self) -> bool {
         Rc::ptr_eq(&self.0, &other.0)
+    }
+}
+
+impl Applied {
+    /// The tensors that it holds.
+    fn tensors(&self) -> impl Iterator<Item = &Tensor> {
+        self.inputs.iter().map(|(_, value)| value).chain([&self.output])
     }
 }

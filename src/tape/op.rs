@@ -82,6 +82,16 @@ pub trait Op: Debug + 'static {
         }
     }
 
+    /// Which values [`Op::vjp`] looks at when the gradients of the operands marked in `wanted` are asked for.
+    ///
+    /// The tape lets go of all others at once, so that the activations behind linear ops, or in front of frozen weights,
+    /// are freed while the forward pass still runs. What is left out keeps its shape, dtype and device; reading its
+    /// values panics. Without a rule of its own, an op keeps everything.
+    fn reads(&self, wanted: &[bool]) -> Reads {
+        let _ = wanted;
+        Reads::everything()
+    }
+
     /// Vector-Jacobian product: for each operand, the cotangent that belongs to the result's, or `None` where the operand
     /// is not differentiable (indices, say).
     ///
@@ -90,24 +100,98 @@ pub trait Op: Debug + 'static {
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>>;
 }
 
+/// The values that a derivative looks at besides the cotangent; see [`Op::reads`].
+///
+/// ```
+/// use gradreel::Reads;
+///
+/// // a product needs the other factor
+/// fn reads(wanted: &[bool]) -> Reads {
+///     Reads::nothing().input_if(0, wanted[1]).input_if(1, wanted[0])
+/// }
+/// assert_eq!(reads(&[true, false]), Reads::nothing().input(1));
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Reads {
+    /// One bit per operand; the last stands for all operands from the 64th on.
+    inputs: u64,
+    output: bool,
+}
+
+impl Reads {
+    /// All operands and the result.
+    pub const fn everything() -> Self {
+        Self { inputs: u64::MAX, output: true }
+    }
+
+    /// No values: shapes, dtypes and the cotangent are enough. The right answer for most linear ops.
+    pub const fn nothing() -> Self {
+        Self { inputs: 0, output: false }
+    }
+
+    /// All operands, but not the result.
+    pub const fn inputs() -> Self {
+        Self { inputs: u64::MAX, output: false }
+    }
+
+    /// This operand as well.
+    #[must_use]
+    pub const fn input(self, index: usize) -> Self {
+        Self { inputs: self.inputs | Self::bit(index), ..self }
+    }
+
+    /// This operand as well, under a condition.
+    #[must_use]
+    pub const fn input_if(self, index: usize, condition: bool) -> Self {
+        if condition { self.input(index) } else { self }
+    }
+
+    /// The result as well.
+    #[must_use]
+    pub const fn output(self) -> Self {
+        Self { output: true, ..self }
+    }
+
+    /// Whether this operand is read.
+    pub const fn reads_input(self, index: usize) -> bool {
+        self.inputs & Self::bit(index) != 0
+    }
+
+    /// Whether the result is read.
+    pub const fn reads_output(self) -> bool {
+        self.output
+    }
+
+    const fn bit(index: usize) -> u64 {
+        1 << if index < 63 { index } else { 63 }
+    }
+}
+
 /// What a forward pass hands on: the result, and anything the derivative wants to keep.
 pub struct Forward {
     /// The result.
     pub output: Tensor,
     /// Handed to [`Op::vjp`] through [`Backward::residual`].
     pub residual: Option<Rc<dyn Any>>,
+    pub(super) residual_bytes: usize,
 }
 
 impl Forward {
     /// A result with something kept for the backward pass.
     pub fn with_residual(output: Tensor, residual: impl Any) -> Self {
-        Self { output, residual: Some(Rc::new(residual)) }
+        Self { output, residual: Some(Rc::new(residual)), residual_bytes: 0 }
+    }
+
+    /// Says how many bytes the residual holds, for [`Tape::memory`](crate::Tape::memory).
+    #[must_use]
+    pub fn holding(self, bytes: usize) -> Self {
+        Self { residual_bytes: bytes, ..self }
     }
 }
 
 impl From<Tensor> for Forward {
     fn from(output: Tensor) -> Self {
-        Self { output, residual: None }
+        Self { output, residual: None, residual_bytes: 0 }
     }
 }
 
@@ -127,12 +211,12 @@ impl Backward<'_> {
         self.gradient
     }
 
-    /// An operand.
+    /// An operand; without its values if [`Op::reads`] leaves it out.
     pub fn input(&self, index: usize) -> &Var {
         &self.inputs[index]
     }
 
-    /// All operands.
+    /// All operands; without the values of those that [`Op::reads`] leaves out.
     pub fn inputs(&self) -> &[Var] {
         self.inputs
     }
@@ -142,7 +226,7 @@ impl Backward<'_> {
         self.wanted[index]
     }
 
-    /// The result.
+    /// The result; without its values if [`Op::reads`] leaves it out.
     pub fn output(&self) -> &Var {
         self.output
     }

@@ -4,7 +4,8 @@ use std::cell::RefCell;
 use std::fmt;
 use std::rc::Rc;
 
-use crate::tape::{Backward, Forward, Op, Tape, Var};
+use crate::tape::backward::Pass;
+use crate::tape::{Backward, Forward, Op, Reads, Tape, Var};
 use crate::{Result, Spec, Tensor};
 
 type Segment = dyn Fn(&Tape, &[Var]) -> Result<Var>;
@@ -13,7 +14,7 @@ impl Tape {
     /// Runs a segment of a model without recording it; the backward pass runs it once more to get its derivative.
     ///
     /// The memory of the segment's inner values is freed at once, for one more forward evaluation. The segment must be a
-    /// pure function of its operands: what it captures counts as constant. Remat changes no number.
+    /// pure function of its operands: variables that it captures must be constants. Remat changes no number.
     ///
     /// ```
     /// use gradreel::{Tape, Tensor};
@@ -76,6 +77,10 @@ impl Op for Remat {
         Ok((self.segment)(&inner, &values)?.value()?.clone().into())
     }
 
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::inputs()
+    }
+
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
         cx.first_order_only(self.name())?;
         let outer = cx.gradient().tape();
@@ -91,7 +96,7 @@ impl Op for Remat {
             return Ok(vec![None; leaves.len()]);
         }
         let seed = inner.constant(cx.gradient().tensor().clone());
-        let cotangents = output.pull_back(seed, false)?;
+        let cotangents = output.pull_back(seed, Pass::Spend)?;
         Ok(leaves
             .iter()
             .map(|leaf| {

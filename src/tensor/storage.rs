@@ -1,11 +1,12 @@
 //! The tensor itself: a shape over shared, immutable storage.
 
 use std::fmt;
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 use half::f16;
 use ndarray::{ArrayD, ArrayViewD, IxDyn};
 
+use crate::backend::cpu::{CHUNK, filled, pool};
 use crate::backend::gpu::GpuBuffer;
 use crate::tensor::{DType, Device, Element, Shape, Spec};
 use crate::{Error, ErrorKind, Result};
@@ -18,6 +19,22 @@ pub(crate) enum Storage {
     F64(Vec<f64>),
     U32(Vec<u32>),
     Gpu(GpuBuffer),
+    /// No numbers any more: they were on this device.
+    Hollow(Device),
+}
+
+impl Drop for Storage {
+    /// Buffers go back to the pools that results come from.
+    fn drop(&mut self) {
+        match self {
+            Self::F16(values) => pool::give(std::mem::take(values)),
+            Self::F32(values) => pool::give(std::mem::take(values)),
+            Self::F64(values) => pool::give(std::mem::take(values)),
+            Self::U32(values) => pool::give(std::mem::take(values)),
+            // its own drop does so
+            Self::Gpu(_) | Self::Hollow(_) => {}
+        }
+    }
 }
 
 /// A contiguous, row-major, immutable array; cloning shares its storage.
@@ -52,11 +69,15 @@ impl Tensor {
     pub fn full(value: f64, shape: impl Into<Shape>, dtype: DType) -> Self {
         let shape = shape.into();
         let len = shape.len();
+        fn constant<T: Element>(value: f64, len: usize) -> Storage {
+            let value = T::from_f64(value);
+            wrap(filled(len, CHUNK, |_, part: &mut [T]| part.fill(value)))
+        }
         let storage = match dtype {
-            DType::F16 => Storage::F16(vec![f16::from_f64(value); len]),
-            DType::F32 => Storage::F32(vec![value as f32; len]),
-            DType::F64 => Storage::F64(vec![value; len]),
-            DType::U32 => Storage::U32(vec![value as u32; len]),
+            DType::F16 => constant::<f16>(value, len),
+            DType::F32 => constant::<f32>(value, len),
+            DType::F64 => constant::<f64>(value, len),
+            DType::U32 => constant::<u32>(value, len),
         };
         Self { shape, dtype, storage: Arc::new(storage) }
     }
@@ -106,10 +127,42 @@ impl Tensor {
         Spec::new(&self.shape, self.dtype)
     }
 
+    /// Bytes of the numbers.
+    pub fn bytes(&self) -> usize {
+        self.len() * self.dtype.size()
+    }
+
+    /// Shape, dtype and device alone: what a tape keeps of a tensor whose numbers nobody will read.
+    pub(crate) fn hollow(&self) -> Self {
+        static ON_CPU: LazyLock<Arc<Storage>> = LazyLock::new(|| Arc::new(Storage::Hollow(Device::Cpu)));
+        let storage = match self.device() {
+            Device::Cpu => ON_CPU.clone(),
+            device => Arc::new(Storage::Hollow(device)),
+        };
+        Self { shape: self.shape.clone(), dtype: self.dtype, storage }
+    }
+
+    #[track_caller]
+    fn panic_hollow(&self) -> ! {
+        panic!(
+            "the numbers of {:?} were freed: this derivative reads a value that its op's `reads` leaves out",
+            self.spec()
+        )
+    }
+
+    /// What tells storages apart; `None` where there are no numbers.
+    pub(crate) fn storage_address(&self) -> Option<usize> {
+        match &*self.storage {
+            Storage::Hollow(_) => None,
+            _ => Some(Arc::as_ptr(&self.storage) as usize),
+        }
+    }
+
     /// Where the numbers live.
     pub fn device(&self) -> Device {
         match &*self.storage {
             Storage::Gpu(buffer) => Device::Gpu(buffer.gpu().clone()),
+            Storage::Hollow(device) => device.clone(),
             _ => Device::Cpu,
         }
     }
@@ -122,6 +175,7 @@ impl Tensor {
     pub(crate) fn gpu_buffer(&self) -> &GpuBuffer {
         match &*self.storage {
             Storage::Gpu(buffer) => buffer,
+            Storage::Hollow(_) => self.panic_hollow(),
             _ => panic!("the tensor {:?} is on the CPU; move it with to_device first", self.spec()),
         }
     }
@@ -139,6 +193,31 @@ impl Tensor {
             Storage::F64(values) => bytemuck::cast_slice(values),
             Storage::U32(values) => bytemuck::cast_slice(values),
             Storage::Gpu(_) => panic!("slice: the tensor {:?} is on a GPU; read it with to_vec", self.spec()),
+            Storage::Hollow(_) => self.panic_hollow(),
+        }
+    }
+
+    /// The numbers of a CPU tensor for writing. Tensors that share them keep what they have: they are copied first then.
+    ///
+    /// # Panics
+    /// As [`Tensor::slice`].
+    #[track_caller]
+    pub(crate) fn slice_mut<T: Element>(&mut self) -> &mut [T] {
+        if Arc::get_mut(&mut self.storage).is_none() {
+            let old = self.slice::<T>();
+            let copy = filled(old.len(), CHUNK, |start, part: &mut [T]| {
+                part.copy_from_slice(&old[start..start + part.len()]);
+            });
+            *self = Self::from_vec(copy, &self.shape);
+        }
+        assert_eq!(T::DTYPE, self.dtype, "slice_mut: the tensor {:?} was written as {}", self.spec(), T::DTYPE);
+        match Arc::get_mut(&mut self.storage).expect("nobody shares it") {
+            Storage::F16(values) => bytemuck::cast_slice_mut(values),
+            Storage::F32(values) => bytemuck::cast_slice_mut(values),
+            Storage::F64(values) => bytemuck::cast_slice_mut(values),
+            Storage::U32(values) => bytemuck::cast_slice_mut(values),
+            Storage::Gpu(_) => panic!("slice_mut: the tensor is on a GPU"),
+            Storage::Hollow(_) => panic!("slice_mut: the tape has freed the numbers of this tensor"),
         }
     }
 
@@ -165,6 +244,7 @@ impl Tensor {
             Storage::F64(values) => values.clone(),
             Storage::U32(values) => wide(values),
             Storage::Gpu(_) => return self.to_device(&Device::Cpu)?.to_vec(),
+            Storage::Hollow(_) => self.panic_hollow(),
         })
     }
 
@@ -214,6 +294,7 @@ impl Tensor {
     /// [`ErrorKind::Device`] when the transfer fails; [`ErrorKind::Unsupported`] for a dtype the device does not hold.
     pub fn to_device(&self, device: &Device) -> Result<Self> {
         match (&*self.storage, device) {
+            (Storage::Hollow(_), _) => self.panic_hollow(),
             (Storage::Gpu(buffer), Device::Cpu) => match self.dtype {
                 DType::U32 => Ok(Self::from_vec(buffer.read::<u32>()?, &self.shape)),
                 _ => Ok(Self::from_vec(buffer.read::<f32>()?, &self.shape)),
@@ -247,6 +328,7 @@ impl Tensor {
             Storage::F64(values) => values.iter().all(|v| v.is_finite()),
             Storage::U32(_) => true,
             Storage::Gpu(_) => return self.to_device(&Device::Cpu)?.all_finite(),
+            Storage::Hollow(_) => self.panic_hollow(),
         })
     }
 }

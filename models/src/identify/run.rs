@@ -191,7 +191,7 @@ impl Run {
         file.tensors.insert("voxels".into(), Tensor::from_vec(field.voxels.clone(), [field.len()]));
         file.tensors.extend(params.iter().map(|(path, value)| (path.to_owned(), value.clone())));
         if let Some(adam) = adam {
-            file.tensors.extend(adam.state());
+            adam.save(&mut file);
         }
         self.folder.write(FIELD, &file.to_bytes()?)
     }
@@ -241,8 +241,8 @@ impl Run {
         if !fits {
             return Err(damaged(&self.folder, FIELD, &"tensors that do not belong together"));
         }
-        if file.tensors.contains_key("adam.steps") {
-            adam.restore(&file.tensors).map_err(|e| damaged(&self.folder, FIELD, &e))?;
+        if Adam::is_saved_in(&file) {
+            adam.restore(&file).map_err(|e| damaged(&self.folder, FIELD, &e))?;
         }
         let field = Field { lattice, voxels: voxels.slice::<u32>().to_vec() };
         let params = file.tensors.into_iter().filter(|(path, _)| path.starts_with("field.")).collect();

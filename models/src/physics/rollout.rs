@@ -1,6 +1,6 @@
 //! A whole simulation as one op of the tape.
 
-use gradreel::{Backward, DType, Error, ErrorKind, Forward, Op, Result, Spec, Tensor, Var};
+use gradreel::{Backward, DType, Error, ErrorKind, Forward, Op, Reads, Result, Spec, Tensor, Var};
 
 use super::lattice::Lattice;
 use super::law::Law;
@@ -135,6 +135,10 @@ impl Op for Rollout {
             DType::F64 => self.forward::<f64>(inputs),
             _ => self.forward::<f32>(inputs),
         }
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::inputs()
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use gradreel::ops::Lattice;
 use gradreel::scalar::Real;
-use gradreel::{Backward, DType, Error, ErrorKind, Forward, Op, Result, Spec, Tensor, Var};
+use gradreel::{Backward, DType, Error, ErrorKind, Forward, Op, Reads, Result, Spec, Tensor, Var};
 use rayon::prelude::*;
 
 use crate::render::Rays;
@@ -270,6 +270,10 @@ impl Op for March {
             _ => Tensor::from_vec(self.forward::<f32>(&inputs[0]), shape),
         }
         .into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::inputs()
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

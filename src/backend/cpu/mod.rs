@@ -1,21 +1,32 @@
 //! The CPU backend: fixed work chunks over rayon's threads, so that results do not depend on the thread count.
 
+pub(crate) mod attention;
+pub(crate) mod depth_attention;
+pub(crate) mod normalise;
+pub mod pool;
+pub(crate) mod reduce;
+pub(crate) mod rows;
+pub(crate) mod scan;
+pub(crate) mod softmax;
+pub(crate) mod strided;
+mod widest;
+
+use bytemuck::Pod;
 use rayon::prelude::*;
+
+use crate::scalar::{Job, Path, Real};
+pub(crate) use widest::{Work, widest};
 
 /// Elements per work item of a pointwise loop: large enough to hide scheduling, small enough to stay in cache.
 pub(crate) const CHUNK: usize = 1 << 14;
 
 /// A vector of `len` numbers for a result. What it holds at first is unspecified: write every element.
-pub(crate) fn buffer<T: bytemuck::Zeroable + Clone>(len: usize) -> Vec<T> {
-    vec![T::zeroed(); len]
+pub(crate) fn buffer<T: Pod>(len: usize) -> Vec<T> {
+    pool::take(len)
 }
 
 /// Fills a vector of `len` by chunks in parallel; `fill(start, chunk)` writes the elements from `start` on.
-pub(crate) fn filled<T: bytemuck::Zeroable + Clone + Send>(
-    len: usize,
-    chunk: usize,
-    fill: impl Fn(usize, &mut [T]) + Sync,
-) -> Vec<T> {
+pub(crate) fn filled<T: Pod + Send>(len: usize, chunk: usize, fill: impl Fn(usize, &mut [T]) + Sync) -> Vec<T> {
     let mut values = buffer(len);
     if len <= chunk {
         fill(0, &mut values);
@@ -23,4 +34,35 @@ pub(crate) fn filled<T: bytemuck::Zeroable + Clone + Send>(
         values.par_chunks_mut(chunk).enumerate().for_each(|(i, part)| fill(i * chunk, part));
     }
     values
+}
+
+/// Runs a job with the widest vectors that the processor has.
+pub(crate) fn vectorised<T: Real, J: Job<T>>(job: J) -> J::Output {
+    // SAFETY: the path is available; jobs given to this function ask for nothing else.
+    unsafe { T::dispatch(Path::best(), job) }
+}
+
+/// A result that parallel work items write at places of their own.
+#[derive(Clone, Copy)]
+pub(crate) struct Shared<T>(*mut T);
+
+// SAFETY: whoever writes through it promises that no two items touch the same element.
+unsafe impl<T: Send> Send for Shared<T> {}
+// SAFETY: as above.
+unsafe impl<T: Send> Sync for Shared<T> {}
+
+impl<T> Shared<T> {
+    pub(crate) fn new(values: &mut [T]) -> Self {
+        Self(values.as_mut_ptr())
+    }
+
+    /// The element with this number.
+    ///
+    /// # Safety
+    /// It must lie within the slice, which must still be borrowed; no other item may touch what is written through it.
+    #[inline(always)]
+    pub(crate) unsafe fn at(self, index: usize) -> *mut T {
+        // SAFETY: the caller's promise.
+        unsafe { self.0.add(index) }
+    }
 }

@@ -5,7 +5,16 @@ use std::collections::BTreeSet;
 use crate::{Error, ErrorKind, Result};
 
 /// The files that kernels may import, by the path they are imported under.
-const SHARED: &[(&str, &str)] = &[("shared/linear.wgsl", include_str!("../../../kernels/shared/linear.wgsl"))];
+const SHARED: &[(&str, &str)] = &[
+    ("shared/exp_or_nan.wgsl", include_str!("../../../kernels/shared/exp_or_nan.wgsl")),
+    ("shared/is_nan.wgsl", include_str!("../../../kernels/shared/is_nan.wgsl")),
+    ("shared/linear.wgsl", include_str!("../../../kernels/shared/linear.wgsl")),
+    ("shared/ln.wgsl", include_str!("../../../kernels/shared/ln.wgsl")),
+    ("shared/logistic.wgsl", include_str!("../../../kernels/shared/logistic.wgsl")),
+    ("shared/max.wgsl", include_str!("../../../kernels/shared/max.wgsl")),
+    ("shared/min.wgsl", include_str!("../../../kernels/shared/min.wgsl")),
+    ("shared/sum_of_group.wgsl", include_str!("../../../kernels/shared/sum_of_group.wgsl")),
+];
 
 /// A kernel's text after its imports, and where each of its lines came from.
 #[derive(Debug)]

@@ -10,7 +10,8 @@ pub(crate) static STRIDED: Kernel =
 /// Axes that the arrays of `kernels/strided.wgsl` and `kernels/sum.wgsl` hold.
 const MOST: usize = 8;
 
-/// Some axes, outermost first, with their distances in elements between neighbours.
+/// Some axes, outermost first, with their distances in elements between neighbours. A distance may be negative: steps
+/// are added modulo the word size, on both backends.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Strides(Vec<(usize, usize)>);
 
@@ -20,7 +21,7 @@ impl Strides {
         let mut merged: Vec<(usize, usize)> = Vec::new();
         for (size, step) in axes.into_iter().filter(|(size, _)| *size != 1) {
             match merged.last_mut() {
-                Some((outer, outer_step)) if *outer_step == size * step => {
+                Some((outer, outer_step)) if *outer_step == size.wrapping_mul(step) => {
                     (*outer, *outer_step) = (*outer * size, step)
                 }
                 _ => merged.push((size, step)),
@@ -34,9 +35,20 @@ impl Strides {
         self.0.iter().map(|(size, _)| size).product()
     }
 
+    /// The distance to the place with this number, in row-major order.
+    pub(crate) fn place(&self, number: usize) -> usize {
+        let step = |(at, rest): (usize, usize), (size, step): &(usize, usize)| (at + rest % size * step, rest / size);
+        self.0.iter().rev().fold((0, number), step).0
+    }
+
     /// Number of axes that are left.
     pub(crate) fn rank(&self) -> usize {
         self.0.len()
+    }
+
+    /// Sizes and steps, outermost first.
+    pub(crate) fn axes(&self) -> &[(usize, usize)] {
+        &self.0
     }
 
     /// The words of the kernel's array of axes.

@@ -53,6 +53,7 @@ fn vector_functions_are_accurate_everywhere() {
         (Unary::Tanh, 3.0),
         (Unary::Logistic, 3.0),
         (Unary::Softplus, 3.0),
+        (Unary::Erf, 1.6),
         (Unary::Sqrt, 0.51),
         (Unary::Recip, 0.51),
     ];
@@ -67,6 +68,32 @@ fn vector_functions_are_accurate_everywhere() {
         }
     }
     assert!(failures.is_empty(), "{failures:#?}");
+}
+
+/// Numbers of mpmath 1.3 with 40 digits.
+#[test]
+fn the_error_function_of_f64_is_accurate() {
+    let known = [
+        (1e-10, 1.128_379_167_095_512_6e-10),
+        (0.1, 0.112_462_916_018_284_89),
+        (0.499, 0.5196206559894685),
+        (0.5, 0.520_499_877_813_046_5),
+        (0.501, 0.5213782208544119),
+        (1.0, 0.842_700_792_949_714_9),
+        (1.7, 0.9837904585907745),
+        (2.5, 0.999_593_047_982_555_04),
+        (4.2, 0.9999999971445058),
+        (5.9, 0.9999999999999999),
+        (6.5, 1.0),
+    ];
+    for (x, wanted) in known {
+        for sign in [-1.0, 1.0] {
+            let found = Unary::Erf.eval(sign * x);
+            assert!((found - sign * wanted).abs() <= 4e-16 * wanted, "erf({}) = {found:e}", sign * x);
+        }
+    }
+    assert!(Unary::Erf.eval(f64::NAN).is_nan());
+    assert_eq!([Unary::Erf.eval(f64::INFINITY), Unary::Erf.eval(-0.0_f64)], [1.0, 0.0]);
 }
 
 #[test]

@@ -43,7 +43,7 @@ fn everything() -> Program {
             x.min(y).exp_m1() * -x.abs().exp().recip(),
             z.max(x).softplus() / positive,
             z.logistic() + positive.ln_1p(),
-            x.floor() * y.sign() - x.abs(),
+            x.floor() * y.sign() - x.abs() + z.erf(),
             x.gt(y).and(y.le(z)).or(z.lt(-1.0).not()).select(x * z, y - z),
             -(x - y),
         ];

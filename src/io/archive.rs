@@ -1,0 +1,274 @@
+//! Named tensors of a file, listed without being read.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::Path;
+
+use crate::io::bytes::Bytes;
+use crate::io::element::{Stored, decode_as, gather};
+use crate::io::{TensorFile, checkpoint, npz, safetensors, zip};
+use crate::{DType, Error, ErrorKind, Result, Shape, Tensor};
+
+/// What an [`Archive`] was read from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Format {
+    /// safetensors.
+    Safetensors,
+    /// PyTorch's container since 1.6: a ZIP archive around a pickle.
+    TorchZip,
+    /// PyTorch's container before 1.6: a sequence of pickles and raw storages.
+    TorchLegacy,
+    /// NumPy's archive of uncompressed arrays.
+    Npz,
+}
+
+/// A tensor in a file: its type, its shape, and where its numbers are.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Entry {
+    /// The type in the file; [`Stored::dtype`] says what it becomes.
+    pub stored: Stored,
+    /// Sizes per axis.
+    pub shape: Shape,
+    /// Elements between neighbours, per axis.
+    pub(super) strides: Vec<usize>,
+    /// First element, counted from the start of the storage.
+    pub(super) offset: usize,
+    /// The bytes of the storage in the file.
+    pub(super) storage: Range<usize>,
+    /// Whether the bytes of an element are in the order of a big-endian machine.
+    pub(super) big_endian: bool,
+}
+
+impl Entry {
+    /// A view of a storage that lies whole in the file, checked: the shape can be held in memory, every element lies within
+    /// the storage, and the elements are not many more than the storage has (a stride of 0 repeats them).
+    pub(super) fn new(
+        stored: Stored,
+        dims: Vec<usize>,
+        strides: Vec<usize>,
+        offset: usize,
+        storage: Range<usize>,
+    ) -> Result<Self> {
+        let held = storage.len() / stored.size();
+        let refuse = |what: &str, wanted: String| {
+            Error::new(ErrorKind::Input, what)
+                .found(format!("shape {dims:?}, strides {strides:?}, offset {offset} in {held} elements"))
+                .wanted(wanted)
+        };
+        if dims.len() > LARGEST_RANK {
+            return Err(Error::new(ErrorKind::Input, "a tensor has too many axes")
+                .found(dims.len())
+                .wanted(format!("at most {LARGEST_RANK}")));
+        }
+        // axes of size 0 count as 1 here, so that strides of an empty shape do not overflow either
+        let bytes = dims.iter().try_fold(8usize, |n, d| n.checked_mul((*d).max(1)));
+        if bytes.is_none_or(|n| isize::try_from(n).is_err()) {
+            return Err(refuse("the shape of a tensor is beyond memory", "a product that fits 63 bits".to_owned()));
+        }
+        let count: usize = dims.iter().product();
+        let last = dims.iter().zip(&strides).try_fold(offset, |last, (d, s)| {
+            last.checked_add((d.max(&1) - 1).checked_mul(*s)?)
+        });
+        if count > 0 && last.is_none_or(|last| last >= held) {
+            return Err(refuse("a tensor reaches beyond its storage", format!("a last element below {held}")));
+        }
+        if count > LARGEST_REPEAT.saturating_mul(held).saturating_add(1 << 16) {
+            let wanted = format!("at most {LARGEST_REPEAT} times the elements of the storage");
+            return Err(refuse("a tensor repeats its storage too often", wanted));
+        }
+        let shape = Shape::from(dims);
+        Ok(Self { stored, shape, strides, offset, storage, big_endian: false })
+    }
+
+    /// A tensor whose numbers lie one behind the other.
+    pub(super) fn contiguous(stored: Stored, dims: Vec<usize>, storage: Range<usize>) -> Result<Self> {
+        let mut strides = vec![1usize; dims.len()];
+        for axis in (1..dims.len()).rev() {
+            strides[axis - 1] = strides[axis].saturating_mul(dims[axis]);
+        }
+        Self::new(stored, dims, strides, 0, storage)
+    }
+
+    /// Bytes of the tensor once it is read.
+    pub fn bytes(&self) -> usize {
+        self.shape.len() * self.stored.dtype().size()
+    }
+}
+
+/// NumPy and PyTorch have no tensors of more axes.
+const LARGEST_RANK: usize = 64;
+/// How many times as many elements as its storage a tensor may have.
+const LARGEST_REPEAT: usize = 64;
+
+/// The tensors of a safetensors file, a PyTorch checkpoint or an `.npz`, listed without being read.
+///
+/// Names are dotted paths; of a PyTorch checkpoint they are those of its `state_dict` where it has one. A tensor is read from
+/// the mapped file when it is asked for, so that a part of a file of many gigabytes needs the memory of that part. Nothing in
+/// a file is ever executed: see [`checkpoint`].
+///
+/// ```
+/// use gradreel::Tensor;
+/// use gradreel::io::{Archive, TensorFile};
+///
+/// let mut file = TensorFile::default();
+/// file.tensors.insert("line.slope".into(), Tensor::from_vec(vec![1.0f32, 2.0], [2]));
+/// let archive = Archive::from_bytes(file.to_bytes()?)?;
+/// assert_eq!(archive.entry("line.slope")?.shape.dims(), [2]);
+/// assert_eq!(archive.load("line.slope")?.slice::<f32>(), [1.0, 2.0]);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
+pub struct Archive {
+    bytes: Bytes,
+    format: Format,
+    contents: Contents,
+}
+
+/// What a reader found: tensors, or why one of them cannot be read, and text.
+#[derive(Default)]
+pub(super) struct Contents {
+    pub entries: BTreeMap<String, Result<Entry>>,
+    pub metadata: BTreeMap<String, String>,
+}
+
+impl Archive {
+    /// Maps a file and lists its tensors; the format is told from the content.
+    ///
+    /// The file must not be changed while the archive is open (replacing it by a rename, as [`TensorFile::write`] does, is
+    /// safe).
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] for a file that is missing, damaged or of another format, with what was found where.
+    pub fn open(path: impl AsRef<Path>) -> Result<Self> {
+        Self::open_at(path, &[])
+    }
+
+    /// As [`Archive::open`]; of a PyTorch checkpoint, the tensors of a nested dictionary or list, such as
+    /// `["optimizer_states", "0", "state"]`. Without keys, that is `["state_dict"]` where there is one, else everything.
+    ///
+    /// # Errors
+    /// As [`Archive::open`], and for a key that is not there, or keys for a file of another format.
+    pub fn open_at(path: impl AsRef<Path>, keys: &[&str]) -> Result<Self> {
+        let path = path.as_ref();
+        Self::parse(Bytes::open(path)?, keys).map_err(|e| e.within(path.display()))
+    }
+
+    /// Lists the tensors of a file that is already in memory.
+    ///
+    /// # Errors
+    /// As [`Archive::open`].
+    pub fn from_bytes(bytes: Vec<u8>) -> Result<Self> {
+        Self::parse(Bytes::Owned(bytes), &[])
+    }
+
+    fn parse(bytes: Bytes, keys: &[&str]) -> Result<Self> {
+        let nested_only_in_checkpoints = || match keys {
+            [] => Ok(()),
+            _ => Err(Error::new(ErrorKind::Input, "only a PyTorch checkpoint has nested dictionaries")
+                .found(format!("the keys {keys:?} for another format"))),
+        };
+        let (format, contents) = match &bytes[..] {
+            [b'P', b'K', 3 | 5, 4 | 6, ..] => {
+                let directory = zip::directory(&bytes)?;
+                match checkpoint::in_zip(&bytes, &directory, keys)? {
+                    Some(contents) => (Format::TorchZip, contents),
+                    None => (Format::Npz, nested_only_in_checkpoints().and_then(|()| npz::list(&bytes, directory))?),
+                }
+            }
+            [0x80, 2..=5, ..] => (Format::TorchLegacy, checkpoint::in_stream(&bytes, keys)?),
+            [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => {
+                return Err(Error::new(ErrorKind::Input, "an .npy file holds one array without a name")
+                    .fix("read it with gradreel::io::npy::read"));
+            }
+            _ => (Format::Safetensors, nested_only_in_checkpoints().and_then(|()| safetensors::list(&bytes))?),
+        };
+        Ok(Self { bytes, format, contents })
+    }
+
+    /// What the file is.
+    pub fn format(&self) -> Format {
+        self.format
+    }
+
+    /// Every name, in order, including those of entries that cannot be read.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.contents.entries.keys().map(String::as_str)
+    }
+
+    /// Text and constants by name: the metadata of safetensors; of a PyTorch checkpoint the numbers and texts beside the
+    /// tensors, such as `epoch` and `global_step`.
+    pub fn metadata(&self) -> &BTreeMap<String, String> {
+        &self.contents.metadata
+    }
+
+    /// Type and shape of a tensor.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] when there is none of this name or what is there is no tensor; [`ErrorKind::Unsupported`] when
+    /// its type is not read.
+    pub fn entry(&self, name: &str) -> Result<&Entry> {
+        match self.contents.entries.get(name) {
+            Some(Ok(entry)) => Ok(entry),
+            Some(Err(error)) => Err(error.clone()),
+            None => Err(unknown(name, self.names())),
+        }
+    }
+
+    /// Reads a tensor, as [`Stored::dtype`].
+    ///
+    /// # Errors
+    /// As [`Archive::entry`]; [`ErrorKind::Unsupported`] for an integer that `u32` does not hold.
+    pub fn load(&self, name: &str) -> Result<Tensor> {
+        let entry = self.entry(name)?;
+        self.read(entry, entry.stored.dtype()).map_err(|e| e.at(name))
+    }
+
+    /// Reads a tensor in another dtype: floats are rounded to the nearest, integers must be held exactly.
+    ///
+    /// # Errors
+    /// As [`Archive::load`]; [`ErrorKind::Unsupported`] for floats as `u32`.
+    pub fn load_as(&self, name: &str, dtype: DType) -> Result<Tensor> {
+        self.read(self.entry(name)?, dtype).map_err(|e| e.at(name))
+    }
+
+    /// Reads everything.
+    ///
+    /// # Errors
+    /// As [`Archive::load`] of the first entry that cannot be read; [`ErrorKind::Input`] when entries that share storages
+    /// would together be much larger than the file.
+    pub fn load_all(&self) -> Result<TensorFile> {
+        let mut total = 0usize;
+        for name in self.names() {
+            total = total.saturating_add(self.entry(name)?.bytes());
+        }
+        if total > self.bytes.len().saturating_mul(LARGEST_REPEAT).saturating_add(1 << 20) {
+            return Err(Error::new(ErrorKind::Input, "the tensors of the file are too large together")
+                .found(format!("{total} bytes in a file of {}", self.bytes.len()))
+                .fix("load the tensors that are needed one by one"));
+        }
+        let tensors = self.names().map(|name| Ok((name.to_owned(), self.load(name)?)));
+        Ok(TensorFile { tensors: tensors.collect::<Result<_>>()?, metadata: self.contents.metadata.clone() })
+    }
+
+    fn read(&self, entry: &Entry, dtype: DType) -> Result<Tensor> {
+        let storage = &self.bytes[entry.storage.clone()];
+        let size = entry.stored.size();
+        let mut bytes = gather(storage, size, &entry.shape, &entry.strides, entry.offset);
+        if entry.big_endian {
+            bytes.to_mut().chunks_exact_mut(size).for_each(<[u8]>::reverse);
+        }
+        decode_as(entry.stored, &bytes, entry.shape.clone(), dtype)
+    }
+}
+
+impl std::fmt::Debug for Archive {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{:?} of {} entries", self.format, self.contents.entries.len())
+    }
+}
+
+/// The error for a name that a file does not have.
+pub(super) fn unknown<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Error {
+    let known: Vec<_> = known.take(8).collect();
+    Error::new(ErrorKind::Input, "the file has no tensor of this name").at(name).found(format!("{known:?}"))
+}

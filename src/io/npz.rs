@@ -1,0 +1,23 @@
+//! NumPy's archive of arrays: a ZIP archive with one `.npy` per name.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use crate::io::archive::Contents;
+use crate::io::npy;
+use crate::{Error, ErrorKind, Result};
+
+/// Lists the arrays.
+pub(super) fn list(bytes: &[u8], directory: BTreeMap<String, Range<usize>>) -> Result<Contents> {
+    let mut contents = Contents::default();
+    for (file, range) in directory {
+        let Some(name) = file.strip_suffix(".npy") else {
+            return Err(Error::new(ErrorKind::Input, "the archive holds something other than arrays or a checkpoint")
+                .at(&file)
+                .wanted("the .npy files of numpy.savez, or the data.pkl of torch.save"));
+        };
+        let entry = npy::entry(bytes, range).map_err(|e| e.within(name));
+        contents.entries.insert(name.to_owned(), entry);
+    }
+    Ok(contents)
+}

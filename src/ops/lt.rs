@@ -1,0 +1,29 @@
+//! `lt`: 1 where `x < y`, else 0, in the operands' dtype; 0 where either is NaN. Its derivative is 0.
+
+use crate::ops::{Pointwise, uniform};
+use crate::{Tensor, Var};
+
+pub(super) const LT: Pointwise<2> = Pointwise {
+    name: "lt",
+    function: |[x, y]| x.lt(y).to_scalar(),
+    cases: || {
+        vec![
+            [uniform(1, [4, 5], -3.0..3.0), uniform(2, [4, 5], -3.0..3.0)],
+            [uniform(1, [4, 5], -3.0..3.0), uniform(2, [5], -3.0..3.0)],
+            [uniform(1, [2, 3], -3.0..3.0), Tensor::from_vec(vec![f64::NAN], [1])],
+        ]
+    },
+    entry: || LT.conditions(),
+};
+
+impl Var {
+    /// 1 where this is below `other`, else 0; 0 where either is NaN. A constant: it has no derivative.
+    ///
+    /// # Panics
+    /// When the shapes do not broadcast.
+    #[track_caller]
+    #[must_use]
+    pub fn lt(&self, other: &Self) -> Self {
+        LT.apply([&self.detach(), &other.detach()])
+    }
+}

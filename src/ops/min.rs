@@ -1,0 +1,91 @@
+//! `min`: the smallest element over some axes, which are dropped from the shape; NaN if any element is.
+
+use std::rc::Rc;
+
+use crate::backend::cpu::reduce::Fold;
+use crate::backend::gpu::Gpu;
+use crate::ops::reduction::{Axes, Join};
+use crate::ops::{Case, Entry, uniform};
+use crate::scalar::Real;
+use crate::tape::{Backward, Forward, Op, Var};
+use crate::tensor::for_real;
+use crate::{Result, Spec, Tensor};
+
+pub(super) const ENTRY: Entry = Entry {
+    name: "min",
+    gpu: true,
+    cases: || {
+        let case = |axes: &[usize], x: Tensor| Case::new(Min { axes: Axes::new(axes) }, [x]);
+        let some = || uniform(1, [2, 3, 4], -1.0..1.0);
+        vec![
+            case(&[0, 1, 2], some()),
+            case(&[1], some()),
+            case(&[0, 2], some()),
+            case(&[], some()),
+            case(&[1], uniform(2, [3, 1], -1.0..1.0)),
+            case(&[0], uniform(3, [70, 2], -1.0..1.0)),
+        ]
+    },
+};
+
+#[derive(Debug)]
+struct Min {
+    axes: Axes,
+}
+
+struct Smallest;
+
+impl<T: Real> Fold<T> for Smallest {
+    type State = T;
+    const START: T = T::INFINITY;
+
+    #[inline(always)]
+    fn add(state: T, x: T) -> T {
+        if x < state || x.is_nan() { x } else { state }
+    }
+
+    #[inline(always)]
+    fn join(a: T, b: T) -> T {
+        Self::add(a, b)
+    }
+
+    #[inline(always)]
+    fn finish(state: T) -> T {
+        state
+    }
+}
+
+impl Op for Min {
+    fn name(&self) -> &'static str {
+        "min"
+    }
+
+    fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
+        self.axes.infer_some(self.name(), &inputs[0])
+    }
+
+    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+        for_real!(inputs[0].dtype(), T => Ok(self.axes.on_cpu::<T, Smallest>(&inputs[0]).into()))
+    }
+
+    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+        Ok(self.axes.on_gpu(gpu, self.name(), &inputs[0], Join::Min)?.into())
+    }
+
+    fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
+        Ok(vec![Some(cx.gradient().to_extremum(cx.input(0), &self.axes, false))])
+    }
+}
+
+impl Var {
+    /// The smallest element over some axes, which are dropped; NaN if any element is. The derivative goes to the first
+    /// smallest element in row-major order.
+    ///
+    /// # Panics
+    /// When an axis does not exist or is empty.
+    #[track_caller]
+    #[must_use]
+    pub fn min(&self, axes: &[usize]) -> Self {
+        Self::run(Rc::new(Min { axes: Axes::new(axes) }), &[self])
+    }
+}

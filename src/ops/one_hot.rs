@@ -1,0 +1,154 @@
+//! `one_hot`: 1 at the places that indices name, 0 elsewhere. It has no derivative.
+
+use std::rc::Rc;
+
+use crate::backend::cpu::{CHUNK, filled};
+use crate::backend::gpu::{Gpu, Kernel, Work, words};
+use crate::ops::index_select::check_rows;
+use crate::ops::reduction::Axes;
+use crate::ops::{Case, Entry};
+use crate::scalar::Real;
+use crate::tape::{Backward, Forward, Op, Var};
+use crate::tensor::for_real;
+use crate::{DType, Device, Error, ErrorKind, Result, Shape, Spec, Tensor};
+
+pub(super) const ENTRY: Entry = Entry {
+    name: "one_hot",
+    gpu: true,
+    cases: || {
+        let case = |shape: &[usize], axes: &[usize], index: &[u32]| {
+            let op = OneHot::new(&shape.into(), Axes::new(axes), DType::F32);
+            let index = Tensor::from_vec(index.to_vec(), op.axes.kept(&op.shape));
+            Case::new(op, [index]).condition()
+        };
+        vec![
+            case(&[3, 4], &[1], &[0, 3, 2]),
+            case(&[2, 3, 4], &[0, 2], &[7, 0, 5]),
+            case(&[5], &[0], &[4]),
+            case(&[2, 3, 2], &[1], &[0, 1, 2, 1]),
+        ]
+    },
+};
+
+pub(super) static KERNEL: Kernel =
+    Kernel::new("one_hot", "main", include_str!("../../kernels/one_hot.wgsl"), &["y", "index"]);
+
+/// Groups of axes that the kernel's array holds.
+const MOST: usize = 8;
+
+#[derive(Debug)]
+pub(super) struct OneHot {
+    shape: Shape,
+    axes: Axes,
+    dtype: DType,
+}
+
+impl OneHot {
+    /// A result of this shape, in which an index counts the places of `axes`.
+    pub(super) fn new(shape: &Shape, axes: Axes, dtype: DType) -> Self {
+        Self { shape: shape.clone(), axes, dtype }
+    }
+
+    /// Applies it.
+    #[track_caller]
+    pub(super) fn of(self, index: &Var) -> Var {
+        Var::run(Rc::new(self), &[index])
+    }
+
+    fn run<T: Real>(&self, index: &[u32]) -> Vec<T> {
+        let (kept, hot) = (self.axes.walk(&self.shape, false), self.axes.walk(&self.shape, true));
+        let mut result = filled(self.shape.len(), CHUNK, |_, part: &mut [T]| part.fill(T::ZERO));
+        for (number, &i) in index.iter().enumerate() {
+            result[kept.place(number) + hot.place(i as usize)] = T::ONE;
+        }
+        result
+    }
+
+    /// Axes of the result as the kernel walks them: size, and steps in the index tensor and in the numbers it holds.
+    fn groups(&self) -> Result<Vec<[usize; 4]>> {
+        let mut groups: Vec<(usize, bool)> = Vec::new();
+        for (axis, &size) in self.shape.dims().iter().enumerate() {
+            let hot = self.axes.contains(axis);
+            match groups.last_mut() {
+                Some((outer, same)) if *same == hot => *outer *= size,
+                _ => groups.push((size, hot)),
+            }
+        }
+        if groups.len() > MOST {
+            return Err(Error::new(ErrorKind::Unsupported, "one_hot: too many axes for its WGSL kernel")
+                .found(groups.len())
+                .wanted(format!("at most {MOST}"))
+                .fix("reshape, or move the operand to the CPU with to_device(&Device::Cpu)"));
+        }
+        let mut steps = [1, 1];
+        let mut walked: Vec<[usize; 4]> = Vec::new();
+        for (size, hot) in groups.into_iter().rev() {
+            let step = &mut steps[usize::from(hot)];
+            walked.push(if hot { [size, 0, *step, 0] } else { [size, *step, 0, 0] });
+            *step *= size;
+        }
+        walked.reverse();
+        Ok(walked)
+    }
+}
+
+impl Op for OneHot {
+    fn name(&self) -> &'static str {
+        "one_hot"
+    }
+
+    fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
+        let index = &inputs[0];
+        let wanted = self.axes.infer(self.name(), &Spec::new(&self.shape, DType::U32))?;
+        self.axes.check_numbers(self.name(), &self.shape)?;
+        if *index != wanted || !self.dtype.is_real() {
+            return Err(Error::new(ErrorKind::Shape, "one_hot: the index does not fit")
+                .found(format!("{index:?} for {}{}", self.dtype, self.shape))
+                .wanted(format!("{wanted:?} for a result of f32 or f64")));
+        }
+        Ok(Spec::new(&self.shape, self.dtype))
+    }
+
+    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+        let index = inputs[0].slice::<u32>();
+        check_rows(self.name(), index, self.axes.walk(&self.shape, true).len())?;
+        for_real!(self.dtype, T => Ok(Tensor::from_vec(self.run::<T>(index), &self.shape).into()))
+    }
+
+    /// An index beyond the end gives zeros: [`Var::one_hot`] has checked before.
+    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+        let groups = self.groups()?;
+        let len = self.shape.len();
+        let mut sizes = words([len, groups.len(), 0, 0]).to_vec();
+        groups.into_iter().for_each(|group| sizes.extend(words(group)));
+        let result = Spec::new(&self.shape, self.dtype);
+        Ok(gpu.launch(&KERNEL, &[&inputs[0]], &sizes, result, Work::Invocations(len))?.into())
+    }
+
+    fn vjp(&self, _cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
+        Ok(vec![None])
+    }
+}
+
+impl Var {
+    /// With these as indices of any shape: 1 at the index, 0 elsewhere, along a new last axis of size `classes`.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] when an index is not below `classes`.
+    ///
+    /// # Panics
+    /// When these are not `u32`, or `dtype` is not `f32` or `f64`.
+    #[track_caller]
+    pub fn one_hot(&self, classes: usize, dtype: DType) -> Result<Self> {
+        let index = self.tensor();
+        assert_eq!(index.dtype(), DType::U32, "one_hot: the indices are {:?}", index.spec());
+        match index.device() {
+            Device::Cpu => check_rows("one_hot", index.slice(), classes)?,
+            Device::Gpu(_) => check_rows("one_hot", index.gpu_buffer().indices()?, classes)?,
+        }
+        let mut dims = self.dims().to_vec();
+        dims.push(classes);
+        let axes = Axes::new(&[self.shape().rank()]);
+        self.tape().apply(Rc::new(OneHot::new(&dims.into(), axes, dtype)), &[self])
+    }
+}

@@ -1,0 +1,20 @@
+//! `recip`: `1 / x`.
+
+use crate::Var;
+use crate::ops::{Pointwise, uniform};
+
+pub(super) const RECIP: Pointwise<1> = Pointwise {
+    name: "recip",
+    function: |[x]| x.recip(),
+    cases: || vec![[uniform(1, [4, 5], 0.3..3.0)], [uniform(1, [3], -3.0..-0.3)]],
+    entry: || RECIP.all_cases(),
+};
+
+impl Var {
+    /// `1 / x` of each element.
+    #[track_caller]
+    #[must_use]
+    pub fn recip(&self) -> Self {
+        RECIP.apply([self])
+    }
+}

@@ -1,0 +1,83 @@
+//! What a tape holds in memory, now and at most.
+
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::hash::{BuildHasherDefault, Hasher};
+
+use crate::Tensor;
+
+/// Bytes that a tape holds for its backward pass.
+///
+/// Counted are the distinct tensors among the operands and results that some derivative will read, what forward passes
+/// declared with [`Forward::holding`](crate::Forward::holding), and, while a backward pass runs, the cotangents that wait
+/// for their turn. Not counted are tensors that only the program's own variables keep, and what one op needs while it
+/// runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Memory {
+    /// Bytes held now.
+    pub held: usize,
+    /// The most bytes held at any time so far.
+    pub peak: usize,
+}
+
+/// The account behind [`Memory`]: how many times each storage is held.
+#[derive(Default)]
+pub(super) struct Ledger {
+    memory: Memory,
+    holds: HashMap<usize, u32, BuildHasherDefault<Mixer>>,
+}
+
+impl Ledger {
+    pub(super) fn memory(&self) -> Memory {
+        self.memory
+    }
+
+    /// A tensor is held once more.
+    pub(super) fn hold(&mut self, tensor: &Tensor) {
+        let Some(storage) = tensor.storage_address() else { return };
+        let holds = self.holds.entry(storage).or_insert(0);
+        *holds += 1;
+        if *holds == 1 {
+            self.add(tensor.bytes());
+        }
+    }
+
+    /// A tensor is held once less.
+    pub(super) fn release(&mut self, tensor: &Tensor) {
+        let Some(storage) = tensor.storage_address() else { return };
+        let Entry::Occupied(mut holds) = self.holds.entry(storage) else { return };
+        *holds.get_mut() -= 1;
+        if *holds.get() == 0 {
+            holds.remove();
+            self.subtract(tensor.bytes());
+        }
+    }
+
+    pub(super) fn add(&mut self, bytes: usize) {
+        self.memory.held += bytes;
+        self.memory.peak = self.memory.peak.max(self.memory.held);
+    }
+
+    pub(super) fn subtract(&mut self, bytes: usize) {
+        self.memory.held -= bytes;
+    }
+}
+
+/// A hash of addresses by one multiplication: nobody chooses addresses to collide.
+#[derive(Default)]
+struct Mixer(u64);
+
+impl Hasher for Mixer {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, _bytes: &[u8]) {
+        unreachable!("addresses are hashed as one word");
+    }
+
+    fn write_usize(&mut self, address: usize) {
+        // the high bits choose the bucket's tag, the low ones the bucket: both have to depend on all of the address
+        self.0 = (address as u64 >> 4).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(32);
+    }
+}
