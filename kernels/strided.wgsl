@@ -1,4 +1,4 @@
-// y[i] = x[start + sum over axes of index * step]: the kernel of broadcast_to (some steps are 0), permute and slice.
+// y[i - first] = x[start + sum over axes of index * step]: the kernel of broadcast_to (some steps are 0), permute and slice.
 //
 // Elements are copied as bits, so that any type of four bytes goes through unchanged, NaN included.
 #import "shared/linear.wgsl"
@@ -8,6 +8,8 @@ struct Layout {
     len: u32,
     start: u32,
     rank: u32,
+    // the number of the first element of y, where y is a part of the result
+    first: u32,
     axes: array<vec4<u32>, 8>,
 }
 
@@ -25,7 +27,7 @@ fn main(
     if i >= sizes.len {
         return;
     }
-    var rest = i;
+    var rest = sizes.first + i;
     var place = sizes.start;
     for (var axis = sizes.rank; axis > 0u; axis--) {
         let extent = sizes.axes[axis - 1u];

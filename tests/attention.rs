@@ -167,6 +167,23 @@ fn attention_is_a_softmax_between_two_products() {
 }
 
 #[test]
+fn depth_attention_is_a_softmax_of_sums_of_products() {
+    // more pixels than one strip, and a last vector that is not full
+    let tape = Tape::new();
+    let q = tape.leaf(uniform(1, [1, 2, 5, 1, 23, 31], -1.5..1.5));
+    let [k, v] = [2, 3].map(|seed| tape.leaf(uniform(seed, [1, 2, 5, 6, 23, 31], -1.5..1.5)));
+    let fused = q.reshape([1, 2, 5, 23, 31]).depth_attention(&k, &v, 0.4);
+    let weights = (&(&q * &k).sum(&[2]) * 0.4).softmax(2);
+    let composed = (&weights.reshape([1, 2, 1, 6, 23, 31]) * &v).sum(&[3]);
+    assert!(distance(fused.value().unwrap(), composed.value().unwrap()) < 1e-13);
+    let of = |y: &Var| y.square().sum_all().backward().unwrap();
+    let (a, b) = (of(&fused), of(&composed));
+    for x in [&q, &k, &v] {
+        assert!(distance(a.wrt(x).unwrap(), b.wrt(x).unwrap()) < 1e-12);
+    }
+}
+
+#[test]
 fn softmax_can_be_differentiated_twice() {
     let start = uniform(1, [3, 4], -1.0..1.0).slice::<f64>().to_vec();
     for log in [false, true] {

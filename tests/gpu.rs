@@ -7,7 +7,7 @@ use std::sync::OnceLock;
 use gradreel::backend::gpu::{Gpu, Kernel, Work};
 use gradreel::ops::{Case, Map, registry, uniform};
 use gradreel::scalar::Program;
-use gradreel::{DType, Device, ErrorKind, Result, Shape, Spec, Tape, Tensor, Var};
+use gradreel::{DType, Device, ErrorKind, Key, Result, Shape, Spec, Tape, Tensor, Var};
 
 /// The one GPU of all tests, which share it between their threads.
 fn gpu() -> Option<Device> {
@@ -265,6 +265,33 @@ fn matmul_of_any_size() {
 }
 
 #[test]
+fn attention_over_more_than_one_block_of_partners() {
+    let Some(gpu) = gpu() else { return };
+    for [queries, keys, channels, values] in [[3, 300, 2, 5], [300, 3, 5, 2], [2, 3, 4, 260], [2, 0, 3, 3]] {
+        let operands =
+            [random(1, [2, queries, channels]), random(2, [2, keys, channels]), random(3, [2, keys, values])];
+        compare(&gpu, "attention", &operands, |v| v[0].attention(&v[1], &v[2], 0.8, None));
+        let slopes = |device: &Device| {
+            let tape = Tape::new();
+            let vars: Vec<Var> = operands.iter().map(|x| tape.leaf(x.to_device(device).unwrap())).collect();
+            let loss = vars[0].attention(&vars[1], &vars[2], 0.8, None).square().sum_all();
+            let found = loss.backward().unwrap();
+            vars.iter().map(|x| found.wrt(x).unwrap().to_device(&Device::Cpu).unwrap()).collect::<Vec<_>>()
+        };
+        slopes(&gpu).iter().zip(slopes(&Device::Cpu)).for_each(|(a, b)| assert_close("attention", a, &b));
+    }
+    // masks that leave a query some keys, or none
+    let inf = f32::INFINITY;
+    let mask = Tensor::from_vec(vec![0.0, -inf, -inf, -inf, -inf, -inf, 1.0, 2.0, -inf], [3, 3]);
+    let operands = [random(1, [2, 3, 4]), random(2, [2, 3, 4]), random(3, [2, 3, 4]), mask.clone()];
+    compare(&gpu, "attention", &operands, |v| v[0].attention(&v[1], &v[2], 0.8, Some(&v[3])));
+    compare(&gpu, "softmax", std::slice::from_ref(&mask), |v| v[0].softmax(1));
+    compare(&gpu, "log_softmax", &[random(1, [3, 700])], |v| v[0].log_softmax(1));
+    let far = uniform(1, [2, 2, 300], 3000.0..3001.0).cast(DType::F32).unwrap();
+    compare(&gpu, "group_norm", &[far], |v| v[0].group_norm(1, 1e-5, None));
+}
+
+#[test]
 fn more_workgroups_than_one_axis_may_have() {
     let Some(gpu) = gpu() else { return };
     let len = 65_535 * 256 + 1000;
@@ -372,4 +399,52 @@ fn a_kernel_of_ones_own() {
     assert!(found.iter().zip(x.to_vec().unwrap()).all(|(a, b)| *a == 2.0 * b));
     let none = gpu.empty(Spec::new([0], DType::F32)).unwrap();
     assert!(run(&gpu, &none).unwrap().is_empty());
+}
+
+#[test]
+fn random_numbers_are_the_same_on_both() {
+    let Some(gpu) = gpu() else { return };
+    let key = Key::new(17);
+    let on = |device: &Device, make: fn(&Device, Key, [usize; 1], DType) -> Result<Tensor>| {
+        make(device, key, [70_001], DType::F32).unwrap().to_vec().unwrap()
+    };
+    assert!(on(&gpu, Tensor::uniform_on) == on(&Device::Cpu, Tensor::uniform_on));
+    let pairs = on(&gpu, Tensor::normal_on).into_iter().zip(on(&Device::Cpu, Tensor::normal_on));
+    for (at, (a, b)) in pairs.enumerate() {
+        assert!((a - b).abs() <= 5e-6 * b.abs().max(1.0), "number {at} is {a} on the GPU and {b} on the CPU");
+    }
+}
+
+#[test]
+fn composed_functions_agree() {
+    let Some(gpu) = gpu() else { return };
+    let x = random(1, [3, 4, 5]);
+    let index = |v: &Var, list: Vec<u32>, shape: &[usize]| {
+        let index = Tensor::from_vec(list, shape).to_device(&v.device()).unwrap();
+        v.tape().constant(index)
+    };
+    let one = std::slice::from_ref(&x);
+    compare(&gpu, "exp", one, |v| v[0].logsumexp(&[0, 2]));
+    compare(&gpu, "variance", one, |v| v[0].variance(&[1], 1));
+    compare(&gpu, "cumprod", one, |v| v[0].cumprod_from_end(1));
+    compare(&gpu, "slice", one, |v| v[0].roll(2, 3).flip(0).repeat(&[1, 2, 1]));
+    compare(&gpu, "slice", one, |v| v[0].gather(1, &index(&v[0], vec![3, 0, 1, 1], &[2, 1, 2])).unwrap());
+    compare(&gpu, "slice", one, |v| v[0].select_along(2, &index(&v[0], vec![4, 0, 4], &[3])).unwrap());
+    compare(&gpu, "slice", one, |v| index(&v[0], vec![2, 0], &[2]).one_hot(3, DType::F32).unwrap());
+    compare(&gpu, "add", one, |v| {
+        let values = v[0].slice(0, 0..1).slice(1, 0..2).slice(2, 0..2);
+        v[0].scatter_add(2, &index(&v[0], vec![3, 0, 0, 0], &[1, 2, 2]), &values).unwrap()
+    });
+    compare(&gpu, "sin", one, |v| v[0].positional_encoding(8));
+    compare(&gpu, "sin", &[Tensor::from_vec(vec![0.0f32, 1.0, 981.0], [3])], |v| v[0].sinusoid(7));
+    compare(&gpu, "mul", &[x.clone(), random(2, [4, 1]), random(3, [5])], |v| &v[0] * &v[1] + &v[2]);
+    let mask = Tensor::from_vec(vec![1.0f32, 0.0, f32::NAN, -2.0], [4, 1]);
+    compare(&gpu, "choose", &[mask, x.clone(), random(2, [5])], |v| v[0].choose(&v[1], &v[2]));
+    let long = random(4, [2, 5000]);
+    compare(&gpu, "max", std::slice::from_ref(&long), |v| v[0].max(&[1]));
+    let places = |device: &Device| {
+        let x = Tape::new().constant(long.to_device(device).unwrap());
+        [x.argmax(1), x.argmin(1), x.argmax(0)].map(|y| y.value().unwrap().to_vec().unwrap())
+    };
+    assert_eq!(places(&gpu), places(&Device::Cpu));
 }

@@ -81,7 +81,7 @@ type Function = fn(Scalar) -> Scalar;
 
 /// Functions with the relative error they may have; differences below 1e-37 do not count, since devices may flush
 /// subnormal numbers.
-const FUNCTIONS: [(&str, f64, Function); 19] = [
+const FUNCTIONS: [(&str, f64, Function); 22] = [
     ("abs", 0.0, |x| x.abs()),
     ("sign", 0.0, |x| x.sign()),
     ("floor", 0.0, |x| x.floor()),
@@ -89,6 +89,8 @@ const FUNCTIONS: [(&str, f64, Function); 19] = [
     ("sqrt", 5e-7, |x| x.sqrt()),
     ("exp", 1e-5, |x| x.exp()),
     ("ln", 2e-7, |x| x.ln()),
+    ("sine", 2e-7, |x| x.min(8000.0).max(-8000.0).sin() + 2.0),
+    ("cosine", 2e-7, |x| x.min(8000.0).max(-8000.0).cos() + 2.0),
     ("tanh", 1e-6, |x| x.tanh()),
     ("logistic", 1e-5, |x| x.logistic()),
     ("softplus", 1e-5, |x| x.softplus()),

@@ -67,9 +67,10 @@ impl Entry {
             return Err(refuse("the shape of a tensor is beyond memory", "a product that fits 63 bits".to_owned()));
         }
         let count: usize = dims.iter().product();
-        let last = dims.iter().zip(&strides).try_fold(offset, |last, (d, s)| {
-            last.checked_add((d.max(&1) - 1).checked_mul(*s)?)
-        });
+        let last = dims
+            .iter()
+            .zip(&strides)
+            .try_fold(offset, |last, (d, s)| last.checked_add((d.max(&1) - 1).checked_mul(*s)?));
         if count > 0 && last.is_none_or(|last| last >= held) {
             return Err(refuse("a tensor reaches beyond its storage", format!("a last element below {held}")));
         }

@@ -74,7 +74,8 @@ fn entry(bytes: &[u8], header: &Fields<'_>, extra: &[u8], limit: usize) -> Resul
     let outside = || damaged("an entry outside of the file", header.at).found(format!("{size} bytes at {start}"));
     let start = usize::try_from(start).map_err(|_| outside())?;
     let size = usize::try_from(size).map_err(|_| outside())?;
-    let local = Fields::at(bytes, start, 30, LOCAL).ok_or_else(|| damaged("no entry where the directory says", start))?;
+    let local =
+        Fields::at(bytes, start, 30, LOCAL).ok_or_else(|| damaged("no entry where the directory says", start))?;
     // the lengths of the local header: writers pad there, so that data starts at a multiple of 64
     let data = start + 30 + usize::from(local.u16(26)) + usize::from(local.u16(28));
     match data.checked_add(size) {

@@ -3,7 +3,7 @@
 use std::ops;
 
 use crate::ops::{Pointwise, uniform};
-use crate::{Tensor, Var};
+use crate::{Device, Tensor, Var};
 
 pub(super) const ADD: Pointwise<2> = Pointwise {
     name: "add",
@@ -48,8 +48,11 @@ impl ops::Add<&Var> for f64 {
 impl Var {
     /// A constant of the same dtype on the same device: the partner of `x + 1.0`.
     pub(super) fn number(&self, number: f64) -> Self {
-        let value = Tensor::scalar(number, self.dtype());
-        match value.to_device(&self.device()) {
+        let (value, device) = (Tensor::scalar(number, self.dtype()), self.device());
+        if device == Device::Cpu {
+            return self.tape().constant(value);
+        }
+        match value.to_device(&device) {
             Ok(value) => self.tape().constant(value),
             Err(fault) => {
                 self.tape().keep_fault(fault);

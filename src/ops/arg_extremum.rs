@@ -9,7 +9,7 @@ use crate::ops::one_hot::OneHot;
 use crate::ops::reduction::Axes;
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{DType, Result, Spec, Tensor};
 
@@ -99,6 +99,10 @@ impl Op for ArgExtremum {
         let long = count >= LONG;
         let (kernel, work) = if long { (&TREE, Work::Groups(results)) } else { (&ROWS, Work::Invocations(results)) };
         Ok(gpu.launch(kernel, &[x], &sizes, self.infer(&[x.spec()])?, work)?.into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::nothing()
     }
 
     fn vjp(&self, _cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -39,6 +39,21 @@ impl Concat {
     }
 }
 
+/// Tensors on a GPU, one after the other along an axis. Their shapes fit.
+pub(super) fn join(gpu: &Gpu, inputs: &[Tensor], axis: usize) -> Result<Tensor> {
+    let mut dims = inputs[0].dims().to_vec();
+    dims[axis] = inputs.iter().map(|x| x.dims()[axis]).sum();
+    let to: usize = dims[axis..].iter().product();
+    let y = gpu.empty(Spec::new(dims, inputs[0].dtype()))?;
+    let mut start = 0;
+    for x in inputs {
+        let from: usize = x.dims()[axis..].iter().product();
+        gpu.dispatch(&KERNEL, &[&y, x], &words([x.len(), from, to, start]), Work::Invocations(x.len()))?;
+        start += from;
+    }
+    Ok(y)
+}
+
 impl Op for Concat {
     fn name(&self) -> &'static str {
         "concat"
@@ -67,17 +82,7 @@ impl Op for Concat {
     }
 
     fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
-        let specs: Vec<_> = inputs.iter().map(Tensor::spec).collect();
-        let result = self.infer(&specs)?;
-        let to: usize = result.shape.dims()[self.axis..].iter().product();
-        let y = gpu.empty(result)?;
-        let mut start = 0;
-        for x in inputs {
-            let from: usize = x.dims()[self.axis..].iter().product();
-            gpu.dispatch(&KERNEL, &[&y, x], &words([x.len(), from, to, start]), Work::Invocations(x.len()))?;
-            start += from;
-        }
-        Ok(y.into())
+        Ok(join(gpu, inputs, self.axis)?.into())
     }
 
     fn reads(&self, _wanted: &[bool]) -> Reads {

@@ -5,7 +5,7 @@ use std::rc::Rc;
 use crate::backend::cpu::scan::scan;
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -70,6 +70,10 @@ impl Op for CumSum {
         let lines = outer * inner;
         let sizes = words([lines, len, inner, usize::from(self.reverse)]);
         Ok(gpu.launch(&KERNEL, &[x], &sizes, x.spec(), Work::Invocations(lines))?.into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::nothing()
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

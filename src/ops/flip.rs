@@ -5,7 +5,7 @@ use std::rc::Rc;
 use crate::backend::cpu::strided::gather;
 use crate::backend::gpu::{Gpu, Strides};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -57,6 +57,10 @@ impl Op for Flip {
         let x = &inputs[0];
         let (start, axes) = self.walk(x.shape());
         Ok(axes.gather(gpu, self.name(), x, start, x.spec())?.into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::nothing()
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -3,6 +3,9 @@
 
 use std::rc::Rc;
 
+use rayon::prelude::*;
+
+use crate::backend::cpu::{Bins, CHUNK, buffer, filled, partition};
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::index_select::check_rows;
 use crate::ops::{Case, Entry, uniform};
@@ -18,6 +21,7 @@ pub(super) const ENTRY: Entry = Entry {
         vec![
             Case::new(IndexAdd { rows: 5 }, [uniform(1, [4, 3], -1.0..1.0), rows(&[4, 0, 0, 2])]),
             Case::new(IndexAdd { rows: 3 }, [uniform(1, [2], -1.0..1.0), rows(&[1, 1])]),
+            Case::new(IndexAdd { rows: 2 }, [uniform(1, [0, 3], -1.0..1.0), rows(&[])]),
         ]
     },
 };
@@ -30,30 +34,44 @@ struct IndexAdd {
     rows: usize,
 }
 
+/// Elements below which one thread adds up what there is.
+const SERIAL: usize = 1 << 15;
+
 impl IndexAdd {
     /// In the order of the list, so that the result does not depend on the thread count.
-    fn run<T: Element + std::ops::AddAssign>(x: &Tensor, index: &[u32], len: usize) -> Vec<T> {
+    ///
+    /// Of a long list the places are first sorted by blocks of the result, which are then filled in parallel.
+    fn run<T: Element + std::ops::AddAssign>(x: &Tensor, index: &[u32], rows: usize) -> Vec<T> {
         let row: usize = x.dims()[1..].iter().product();
-        let mut sums = vec![T::zeroed(); len];
-        for (&i, values) in index.iter().zip(x.slice::<T>().chunks(row.max(1))) {
-            sums[i as usize * row..][..row].iter_mut().zip(values).for_each(|(sum, v)| *sum += *v);
+        let values = x.slice::<T>();
+        let mut sums: Vec<T> = buffer(rows * row);
+        let add = |sums: &mut [T], place: usize, at: usize| {
+            if row == 1 {
+                sums[at] += values[place];
+            } else {
+                let from = &values[place * row..][..row];
+                sums[at * row..][..row].iter_mut().zip(from).for_each(|(sum, v)| *sum += *v);
+            }
+        };
+        if values.len() < SERIAL || rows < 2 {
+            sums.fill(T::zeroed());
+            index.iter().enumerate().for_each(|(place, &at)| add(&mut sums, place, at as usize));
+            return sums;
         }
+        // a power of two of rows to a block, some 64 blocks
+        let shift = rows.div_ceil(64).next_power_of_two().trailing_zeros();
+        let blocks: Vec<u32> = filled(index.len(), CHUNK, |start, part| {
+            part.iter_mut().zip(&index[start..]).for_each(|(block, &at)| *block = at >> shift);
+        });
+        let bins = partition(&blocks, rows.div_ceil(1 << shift));
+        sums.par_chunks_mut((row << shift).max(1)).enumerate().for_each(|(block, sums)| {
+            sums.fill(T::zeroed());
+            for &place in bins.positions(block, block + 1) {
+                add(sums, place as usize, index[place as usize] as usize - (block << shift));
+            }
+        });
         sums
     }
-}
-
-/// The positions of a list of rows sorted by row, and where those of each row start: `rows + 1` numbers.
-fn sorted(index: &[u32], rows: usize) -> (Vec<u32>, Vec<u32>) {
-    let mut starts = vec![0u32; rows + 1];
-    index.iter().for_each(|&row| starts[row as usize + 1] += 1);
-    (0..rows).for_each(|row| starts[row + 1] += starts[row]);
-    let mut next = starts.clone();
-    let mut order = vec![0u32; index.len()];
-    for (position, &row) in (0u32..).zip(index) {
-        order[next[row as usize] as usize] = position;
-        next[row as usize] += 1;
-    }
-    (starts, order)
 }
 
 impl Op for IndexAdd {
@@ -79,7 +97,7 @@ impl Op for IndexAdd {
         check_rows(self.name(), index.slice(), self.rows)?;
         let shape = self.infer(&[x.spec(), index.spec()])?.shape;
         for_real!(x.dtype(), T => {
-            Ok(Tensor::from_vec(Self::run::<T>(x, index.slice(), shape.len()), shape).into())
+            Ok(Tensor::from_vec(Self::run::<T>(x, index.slice(), self.rows), shape).into())
         })
     }
 
@@ -92,7 +110,7 @@ impl Op for IndexAdd {
             let len = list.len();
             Tensor::from_vec(list, [len]).to_device(&Device::Gpu(gpu.clone()))
         };
-        let (starts, order) = sorted(rows, self.rows);
+        let Bins { starts, order } = partition(rows, self.rows);
         let (starts, order) = (on_gpu(starts)?, on_gpu(order)?);
         let len = result.shape.len();
         let row: usize = x.dims()[1..].iter().product();

@@ -2,6 +2,7 @@
 
 use std::rc::Rc;
 
+use crate::backend::cpu::{CHUNK, filled};
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
 use crate::tape::{Backward, Forward, Op, Reads, Var};
@@ -29,7 +30,16 @@ struct IndexSelect;
 impl IndexSelect {
     fn run<T: Element>(x: &Tensor, index: &[u32]) -> Vec<T> {
         let row: usize = x.dims()[1..].iter().product();
-        index.iter().flat_map(|&i| &x.slice::<T>()[i as usize * row..][..row]).copied().collect()
+        let values = x.slice::<T>();
+        let chunk = (CHUNK / row.max(1)).max(1) * row;
+        filled(index.len() * row, chunk, |start, part: &mut [T]| {
+            if row == 1 {
+                part.iter_mut().zip(&index[start..]).for_each(|(out, &i)| *out = values[i as usize]);
+            } else if row > 0 {
+                let rows = part.chunks_mut(row).zip(&index[start / row..]);
+                rows.for_each(|(out, &i)| out.copy_from_slice(&values[i as usize * row..][..row]));
+            }
+        })
     }
 }
 

@@ -5,16 +5,17 @@
 //! can be differentiated any number of times.
 
 use std::cell::{OnceCell, RefCell};
-use std::collections::HashMap;
 use std::rc::Rc;
 
+use smallvec::SmallVec;
+
 use crate::backend::cpu::strided::read;
-use crate::backend::cpu::{CHUNK, buffer, filled};
-use crate::backend::gpu::{Gpu, Kernel, Strides, Work, words};
+use crate::backend::cpu::{CHUNK, filled};
+use crate::backend::gpu::{Gpu, Kernel, Strides, words};
 use crate::ops::broadcast_to::steps;
 use crate::ops::{Case, Entry};
 use crate::scalar::{Lanes, Program, Real, Scalar};
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{AddressMap, Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -37,9 +38,10 @@ impl<const N: usize> Pointwise<N> {
     /// The op with its program traced; the same one at every call of a thread, so that derivatives are built once.
     pub fn op(&self) -> Rc<Map> {
         thread_local! {
-            static TRACED: RefCell<HashMap<&'static str, Rc<Map>>> = RefCell::new(HashMap::new());
+            static TRACED: RefCell<AddressMap<(usize, usize), Rc<Map>>> = RefCell::default();
         }
-        if let Some(map) = TRACED.with_borrow(|known| known.get(self.name).cloned()) {
+        let key = (self.name.as_ptr() as usize, self.function as usize);
+        if let Some(map) = TRACED.with_borrow(|known| known.get(&key).cloned()) {
             return map;
         }
         let names: Vec<String> = (0..N).map(|i| format!("x{i}")).collect();
@@ -47,7 +49,7 @@ impl<const N: usize> Pointwise<N> {
         let program =
             Program::trace(self.name, &names, &["y"], |x| vec![(self.function)(std::array::from_fn(|i| x[i]))]);
         let map = Rc::new(Map::new(program));
-        TRACED.with_borrow_mut(|known| known.insert(self.name, map.clone()));
+        TRACED.with_borrow_mut(|known| known.insert(key, map.clone()));
         map
     }
 
@@ -80,8 +82,6 @@ impl<const N: usize> Pointwise<N> {
 #[derive(Debug)]
 pub struct Map {
     program: Program,
-    /// Whether the result depends on each operand.
-    used: Vec<bool>,
     partials: Vec<OnceCell<Partial>>,
     kernel: OnceCell<Kernel>,
 }
@@ -115,10 +115,8 @@ impl Map {
     #[track_caller]
     pub fn new(program: Program) -> Self {
         assert_eq!(program.outputs().len(), 1, "map: the program {} must have one output", program.name());
-        let count = program.inputs().len();
-        let partials = (0..count).map(|_| OnceCell::new()).collect();
-        let used = (0..count).map(|input| program.depends(0, input)).collect();
-        Self { program, used, partials, kernel: OnceCell::new() }
+        let partials = (0..program.inputs().len()).map(|_| OnceCell::new()).collect();
+        Self { program, partials, kernel: OnceCell::new() }
     }
 
     /// The program applied to each element.
@@ -176,12 +174,24 @@ impl Map {
         }))
     }
 
+    /// The common shape of operands.
+    fn shape<'a>(&self, mut operands: impl Iterator<Item = &'a Shape>) -> Result<Shape> {
+        let first = operands.next().cloned().unwrap_or_default();
+        operands.try_fold(first, |shape, x| shape.broadcast(x)).map_err(|e| e.at(self.name()))
+    }
+
+    /// The result for operands of one element each.
+    fn single<T: Real>(&self, inputs: &[Tensor]) -> T {
+        let lanes: SmallVec<[_; 4]> = inputs.iter().map(|x| Lanes::Same(x.slice::<T>()[0])).collect();
+        let mut result = [T::ZERO];
+        self.program.run(1, &lanes, &mut [&mut result]);
+        result[0]
+    }
+
     fn run<T: Real>(&self, inputs: &[Tensor], shape: &Shape) -> Vec<T> {
         let operands: Vec<Operand<'_, T>> = inputs
             .iter()
-            .zip(&self.used)
-            .map(|(x, used)| match x.slice::<T>() {
-                _ if !used => Operand::Same(T::ZERO),
+            .map(|x| match x.slice::<T>() {
                 [one] => Operand::Same(*one),
                 many if many.len() == shape.len() => Operand::Each(many),
                 many => Operand::Stretched(many, stretched(x.shape(), shape)),
@@ -219,7 +229,7 @@ impl<T: Real> Operand<'_, T> {
     /// The elements for a chunk of the result, where they do not lie ready.
     fn spread(&self, start: usize, len: usize) -> Vec<T> {
         let Self::Stretched(values, axes) = self else { return Vec::new() };
-        let mut part = buffer(len);
+        let mut part = vec![T::ZERO; len];
         read(values, 0, axes.axes(), start, &mut part);
         part
     }
@@ -245,17 +255,16 @@ impl Op for Map {
         if !dtype.is_real() || inputs.iter().any(|x| x.dtype != dtype) {
             return Err(wrong("operands must be all f32 or all f64"));
         }
-        let mut shape = Shape::scalar();
-        for x in inputs {
-            shape = shape.broadcast(&x.shape).map_err(|e| e.at(self.name()))?;
-        }
-        Ok(Spec { shape, dtype })
+        Ok(Spec { shape: self.shape(inputs.iter().map(|x| &x.shape))?, dtype })
     }
 
     fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
-        let specs: Vec<_> = inputs.iter().map(Tensor::spec).collect();
-        let Spec { shape, dtype } = self.infer(&specs)?;
-        for_real!(dtype, T => Ok(Tensor::from_vec(self.run::<T>(inputs, &shape), shape).into()))
+        let shape = self.shape(inputs.iter().map(Tensor::shape))?;
+        for_real!(inputs[0].dtype(), T => Ok(match shape.len() {
+            1 => Tensor::one(self.single::<T>(inputs), shape),
+            _ => Tensor::from_vec(self.run::<T>(inputs, &shape), shape),
+        }
+        .into()))
     }
 
     fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
@@ -271,7 +280,7 @@ impl Op for Map {
         let operands: Vec<Tensor> = inputs.iter().map(spread).collect::<Result<_>>()?;
         let operands: Vec<&Tensor> = operands.iter().collect();
         let each = operands.iter().enumerate().fold(0, |each, (n, x)| each | usize::from(x.len() != 1) << n);
-        Ok(gpu.launch(self.kernel()?, &operands, &words([len, each]), result, Work::Invocations(len))?.into())
+        Ok(gpu.launch_each(self.kernel()?, &operands, |_, count| words([count, each]).to_vec(), result)?.into())
     }
 
     fn reads(&self, wanted: &[bool]) -> Reads {
@@ -294,11 +303,11 @@ impl Op for Map {
                 }
                 Partial::Same => cx.gradient().clone(),
                 Partial::Map(map, operands) => {
-                    let operands: Vec<_> = operands.iter().map(|&n| operand(n)).collect();
+                    let operands: SmallVec<[_; 4]> = operands.iter().map(|&n| operand(n)).collect();
                     Var::run(map.clone(), &operands)
                 }
             };
-            Ok(each.broadcast_to(cx.output().shape()).sum_to(x.shape()))
+            Ok(if each.shape() == x.shape() { each } else { each.sum_to(x.shape()) })
         };
         (0..cx.inputs().len()).map(|i| cx.wants(i).then(|| cotangent(i)).transpose()).collect()
     }

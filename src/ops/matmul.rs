@@ -1,14 +1,14 @@
 //! `matmul`: the product of two matrices, each as it is or transposed, alone or in equal batches.
 //!
-//! On the CPU it stands on faer's GEMM, which picks its kernels for the processor at run time; on a GPU tiles of both
+//! On the CPU it stands on the crate's own GEMM (`backend::cpu::gemm`); on a GPU tiles of both
 //! operands go through workgroup memory.
 
 use std::rc::Rc;
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, MatMut, MatRef, Par};
 use rayon::prelude::*;
 
+use crate::backend::cpu::buffer;
+use crate::backend::cpu::gemm::{Gemm, Out, Par, Strided};
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
@@ -63,25 +63,22 @@ impl MatMul {
         fits.then_some([left.0, left.1, left.2, right.2])
     }
 
-    fn run<T: Real + faer::traits::ComplexField>(&self, a: &Tensor, b: &Tensor) -> Vec<T> {
+    fn run<T: Real>(&self, a: &Tensor, b: &Tensor) -> Vec<T> {
         let [batch, m, k, n] = self.sizes(a.shape(), b.shape()).expect("checked by infer");
-        let mut product = vec![<T as bytemuck::Zeroable>::zeroed(); batch * m * n];
-        if product.is_empty() || k == 0 {
+        let mut product = buffer(batch * m * n);
+        if product.is_empty() {
             return product;
         }
         let (left, right) = (a.slice::<T>(), b.slice::<T>());
         let one = |i: usize, out: &mut [T], par: Par| {
-            let matrix = |values, rows, columns, transposed| match transposed {
-                false => MatRef::from_row_major_slice(values, rows, columns),
-                true => MatRef::from_column_major_slice(values, rows, columns),
-            };
-            let lhs = matrix(&left[i * m * k..(i + 1) * m * k], m, k, self.transposed[0]);
-            let rhs = matrix(&right[i * k * n..(i + 1) * k * n], k, n, self.transposed[1]);
-            matmul(MatMut::from_row_major_slice_mut(out, m, n), Accum::Replace, lhs, rhs, T::one_impl(), par);
+            let (a, b) = (&left[i * m * k..(i + 1) * m * k], &right[i * k * n..(i + 1) * k * n]);
+            let a = if self.transposed[0] { Strided::side_by_side(a, m) } else { Strided::lines(a, k) };
+            let b = if self.transposed[1] { Strided::lines(b, k) } else { Strided::side_by_side(b, n) };
+            Gemm::new([m, k, n]).run(&a, &b, Out::rows(out, n), par);
         };
         match batch {
-            1 => one(0, &mut product, Par::rayon(0)),
-            _ => product.par_chunks_mut(m * n).enumerate().for_each(|(i, out)| one(i, out, Par::Seq)),
+            1 => one(0, &mut product, Par::Threads),
+            _ => product.par_chunks_mut(m * n).enumerate().for_each(|(i, out)| one(i, out, Par::Sequential)),
         }
         product
     }

@@ -7,7 +7,7 @@ use crate::backend::gpu::Gpu;
 use crate::ops::reduction::{Axes, Join};
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Result, Spec, Tensor};
 
@@ -70,6 +70,10 @@ impl Op for Max {
 
     fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
         Ok(self.axes.on_gpu(gpu, self.name(), &inputs[0], Join::Max)?.into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::inputs()
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -11,13 +11,17 @@ mod abs;
 mod add;
 mod arg_extremum;
 mod attention;
+mod average_pool;
 mod axes;
 mod broadcast_to;
+mod cast;
 mod choose;
 mod clamp;
 mod concat;
+mod convolution;
 mod cos;
 mod cumsum;
+mod density_to_alpha;
 mod depth_attention;
 mod div;
 mod elu;
@@ -33,8 +37,9 @@ mod ge;
 mod gelu;
 mod gelu_sigmoid;
 mod gelu_tanh;
-mod grid_sample_3d;
-mod grid_scatter_3d;
+pub(crate) mod grid;
+mod grid_sample;
+mod grid_scatter;
 mod gt;
 mod index_add;
 mod index_select;
@@ -48,6 +53,7 @@ mod lt;
 mod map;
 mod matmul;
 mod max;
+mod max_pool;
 mod maximum;
 mod min;
 mod minimum;
@@ -58,16 +64,25 @@ mod normalise;
 mod one_hot;
 mod operators;
 mod pad;
+mod per_axis;
 mod permute;
+mod pool;
 mod pow;
 mod powf;
 mod prod;
+mod ray_transmittance;
+mod ray_weights;
 mod recip;
 mod recurrence;
 mod reduction;
 mod relu;
+mod resample;
 mod reshape;
+mod resize;
 mod rsqrt;
+mod segment_repeat;
+mod segment_sum;
+mod segments;
 mod sign;
 mod silu;
 mod sin;
@@ -82,11 +97,17 @@ mod tanh;
 
 use std::rc::Rc;
 
-pub use grid_sample_3d::Lattice;
+pub use convolution::Conv;
+pub(crate) use convolution::{Geometry, Phase};
+pub use grid::{GridSampling, Interpolation, Lattice, Padding};
 pub use map::{Map, Pointwise};
+pub use per_axis::PerAxis;
+pub use pool::Pool;
+pub use resize::Resampling;
+pub use segments::segment_offsets;
 
-use crate::backend::gpu::{Kernel, STRIDED};
-use crate::{Key, Op, Shape, Tensor};
+use crate::backend::gpu::{Kernel, NARROW, SORT_BLOCKS, SORT_STEPS, SORT_TAILS, STRIDED, WIDEN};
+use crate::{Key, Op, Shape, Tensor, random};
 
 /// An op of the crate with the cases its tests feed it.
 pub struct Entry {
@@ -142,6 +163,7 @@ pub fn registry() -> Vec<Entry> {
         choose::CHOOSE.entry(),
         clamp::CLAMP.entry(),
         cos::COS.entry(),
+        density_to_alpha::DENSITY_TO_ALPHA.entry(),
         div::DIV.entry(),
         elu::ELU.entry(),
         eq::EQ.entry(),
@@ -180,16 +202,22 @@ pub fn registry() -> Vec<Entry> {
         arg_extremum::ENTRY,
         attention::ENTRY,
         broadcast_to::ENTRY,
+        cast::ENTRY,
         concat::ENTRY,
+        convolution::forward::ENTRY,
+        convolution::transposed::ENTRY,
+        convolution::weights::ENTRY,
         cumsum::ENTRY,
         depth_attention::ENTRY,
         flip::ENTRY,
-        grid_sample_3d::ENTRY,
-        grid_scatter_3d::ENTRY,
+        grid_sample::ENTRY,
+        grid_scatter::ENTRY,
         index_add::ENTRY,
         index_select::ENTRY,
         matmul::ENTRY,
         max::ENTRY,
+        max_pool::PICK_ENTRY,
+        max_pool::UNPOOL_ENTRY,
         min::ENTRY,
         normalise::GROUP_ENTRY,
         normalise::LAYER_ENTRY,
@@ -198,8 +226,13 @@ pub fn registry() -> Vec<Entry> {
         permute::ENTRY,
         pow::ENTRY,
         prod::ENTRY,
+        ray_transmittance::ENTRY,
+        ray_weights::ENTRY,
         recurrence::ENTRY,
+        resample::ENTRY,
         reshape::ENTRY,
+        segment_repeat::ENTRY,
+        segment_sum::ENTRY,
         slice::ENTRY,
         softmax::ADJOINT_ENTRY,
         softmax::ENTRY,
@@ -225,6 +258,11 @@ pub fn kernels() -> Vec<&'static Kernel> {
         &depth_attention::SLOPES,
         &depth_attention::SOFTMAX,
         &depth_attention::SPREAD,
+        &grid_sample::SAMPLE,
+        &grid_sample::SLOPE,
+        &grid_scatter::CELLS,
+        &grid_scatter::GATHER,
+        &grid_scatter::STARTS,
         &index_add::KERNEL,
         &index_select::KERNEL,
         &matmul::KERNEL,
@@ -235,13 +273,31 @@ pub fn kernels() -> Vec<&'static Kernel> {
         &normalise::STATISTICS,
         &one_hot::KERNEL,
         &pad::KERNEL,
+        &ray_transmittance::LEFT,
+        &ray_transmittance::SLOPE,
+        &ray_weights::SLOPE,
+        &ray_weights::WEIGHTS,
         &recurrence::KERNEL,
+        &*random::KERNEL,
         &reduction::ROWS,
         &reduction::TREE,
+        &NARROW,
         &softmax::ADJOINT_GROUPS,
         &softmax::ADJOINT_LINES,
         &softmax::GROUPS,
         &softmax::LINES,
+        &segment_repeat::KERNEL,
+        &segment_sum::KERNEL,
+        &SORT_BLOCKS,
+        &SORT_STEPS,
+        &SORT_TAILS,
+        &convolution::FORWARD,
+        &convolution::TRANSPOSED,
+        &convolution::WEIGHTS,
+        &max_pool::PICK,
+        &max_pool::UNPOOL,
+        &resample::KERNEL,
         &STRIDED,
+        &WIDEN,
     ]
 }

@@ -8,7 +8,7 @@ use crate::ops::index_select::check_rows;
 use crate::ops::reduction::Axes;
 use crate::ops::{Case, Entry};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{DType, Device, Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -123,6 +123,10 @@ impl Op for OneHot {
         groups.into_iter().for_each(|group| sizes.extend(words(group)));
         let result = Spec::new(&self.shape, self.dtype);
         Ok(gpu.launch(&KERNEL, &[&inputs[0]], &sizes, result, Work::Invocations(len))?.into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::nothing()
     }
 
     fn vjp(&self, _cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -6,7 +6,7 @@ use crate::backend::cpu::scan::scan;
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::cumsum::{around, check_axis};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Spec, Tensor};
 
@@ -75,11 +75,16 @@ impl Op for Recurrence {
         Ok(gpu.launch(&KERNEL, &[a, b], &sizes, b.spec(), Work::Invocations(lines))?.into())
     }
 
+    fn reads(&self, wanted: &[bool]) -> Reads {
+        let factors = Reads::nothing().input(0);
+        if wanted[0] { factors.output() } else { factors }
+    }
+
     /// The cotangents run the other way: `λᵢ = gᵢ + aᵢ₊₁ λᵢ₊₁`; then `dbᵢ = λᵢ` and `daᵢ = λᵢ yᵢ₋₁`.
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
         let (a, g) = (cx.input(0), cx.gradient());
         if a.is_empty() {
-            return Ok(vec![Some(a.clone()), Some(g.clone())]);
+            return Ok(vec![Some(g.clone()), Some(g.clone())]);
         }
         let back = Self { axis: self.axis, reverse: !self.reverse };
         let to_b = Var::run(Rc::new(back), &[&self.neighbours(a, false), g]);

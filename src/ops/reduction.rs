@@ -1,7 +1,8 @@
 //! What reductions over axes have in common: shape rule, layout, and the two ways of running them.
 
 use crate::backend::cpu::reduce::{Fold, reduce};
-use crate::backend::gpu::{Gpu, Kernel, Strides, Work, words};
+use crate::backend::gpu::{Gpu, GpuBuffer, Kernel, Strides, Work, words};
+use crate::ops::concat;
 use crate::scalar::Real;
 use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor, Var};
 
@@ -108,8 +109,12 @@ impl Axes {
         Tensor::from_vec(reduce::<T, F>(x.slice(), kept.axes(), dropped.axes()), self.kept(x.shape()))
     }
 
-    /// Runs it on a GPU, along a tree whose shape depends on the operand's alone.
+    /// Runs it on a GPU, along a tree whose shape depends on the operand's alone (and, where that does not fit one
+    /// binding, on the size of a binding).
     pub(super) fn on_gpu(&self, gpu: &Gpu, op: &str, x: &Tensor, join: Join) -> Result<Tensor> {
+        if x.len() > gpu.part_len() {
+            return self.by_parts(gpu, op, x, join);
+        }
         let (mut kept, mut dropped) = (self.walk(x.shape(), false), self.walk(x.shape(), true));
         let mut partial = x.clone();
         loop {
@@ -128,6 +133,50 @@ impl Axes {
             }
             (kept, dropped) = (Strides::new([(results, 1)]), Strides::new([(spans, results)]));
         }
+    }
+}
+
+impl Axes {
+    /// Reduces parts of the operand along its outermost axis. Where that axis is kept, these are parts of the result;
+    /// where it is dropped, they are reduced once more.
+    fn by_parts(&self, gpu: &Gpu, op: &str, x: &Tensor, join: Join) -> Result<Tensor> {
+        // neighbouring axes of the same kind as one
+        let mut groups: Vec<(usize, bool)> = Vec::new();
+        for (axis, &size) in x.dims().iter().enumerate().filter(|(_, size)| **size != 1) {
+            match groups.last_mut() {
+                Some((merged, dropped)) if *dropped == self.contains(axis) => *merged *= size,
+                _ => groups.push((size, self.contains(axis))),
+            }
+        }
+        let (rows, dropped) = groups[0];
+        let inner: usize = groups[1..].iter().map(|(size, _)| size).product();
+        // parts have to begin at aligned places
+        let mut least = 1;
+        while least * inner % GpuBuffer::ALIGNMENT != 0 {
+            least *= 2;
+        }
+        let most = gpu.part_len() / inner / least * least;
+        if most == 0 {
+            return Err(Error::new(
+                ErrorKind::Device,
+                format!("{op}: the operand does not fit one binding of this GPU"),
+            )
+            .at(gpu.name())
+            .found(format!("{:?} over axes {:?}", x.spec(), self.0))
+            .wanted(format!("at most {} bytes behind {least} steps of an axis", gpu.limits().binding_bytes))
+            .fix("reduce it in steps, or move it to the CPU with to_device(&Device::Cpu)"));
+        }
+        let tail = groups[1..].iter().map(|(size, _)| *size);
+        let axes = Self((0..groups.len()).filter(|&axis| groups[axis].1).collect());
+        let mut parts = Vec::new();
+        for start in (0..rows).step_by(most) {
+            let shape: Vec<usize> = std::iter::once(most.min(rows - start)).chain(tail.clone()).collect();
+            let part = axes.on_gpu(gpu, op, &x.gpu_part(start * inner, shape), join)?;
+            parts.push(if dropped { part.reshape([vec![1], part.dims().to_vec()].concat()) } else { part });
+        }
+        let joined = concat::join(gpu, &parts, 0)?;
+        let whole = if dropped { Self(vec![0]).on_gpu(gpu, op, &joined, join)? } else { joined };
+        Ok(whole.reshape(self.kept(x.shape())))
     }
 }
 

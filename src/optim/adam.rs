@@ -106,7 +106,8 @@ impl Adam {
             let rate = factor * self.settings.rates.get(path).unwrap_or(&self.rate);
             let decay = self.settings.decays.get(path).unwrap_or(&self.weight_decay);
             let param = params.get_mut(path)?;
-            let moments = self.moments.entry(path.clone()).or_insert_with(|| std::array::from_fn(|_| zeros_like(param)));
+            let moments =
+                self.moments.entry(path.clone()).or_insert_with(|| std::array::from_fn(|_| zeros_like(param)));
             for_real!(param.dtype(), T => {
                 let rule = AdamRule::<T> {
                     clipped: self.settings.clip.for_norm(gradient_norm),

@@ -20,7 +20,8 @@ impl Clip {
     pub(super) fn check(self) -> Result<()> {
         match self {
             Self::Norm(limit) | Self::Value(limit) if limit.is_nan() || limit <= 0.0 => {
-                Err(Error::new(ErrorKind::Input, "gradients are clipped to a positive number").found(format!("{self:?}")))
+                Err(Error::new(ErrorKind::Input, "gradients are clipped to a positive number")
+                    .found(format!("{self:?}")))
             }
             _ => Ok(()),
         }

@@ -72,7 +72,8 @@ impl Ema {
     /// [`ErrorKind::Input`] when the file holds no averages; nothing is changed then.
     pub fn restore(&mut self, file: &TensorFile) -> Result<()> {
         self.steps = state::counter(file, "ema.step")?;
-        let saved = file.tensors.iter().filter_map(|(name, t)| Some((name.strip_prefix("ema.")?.to_owned(), t.clone())));
+        let saved =
+            file.tensors.iter().filter_map(|(name, t)| Some((name.strip_prefix("ema.")?.to_owned(), t.clone())));
         self.averages = saved.collect();
         Ok(())
     }

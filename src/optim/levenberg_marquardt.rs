@@ -177,7 +177,8 @@ impl LevenbergMarquardt {
                 let gain = (cost - new_cost) / qr.predicted(&step, damping);
                 if new_cost.is_finite() && cost > new_cost && gain > 0.0 {
                     let little = cost - new_cost <= self.value_tolerance * cost;
-                    damping *= (1.0f64 / 3.0).max(1.0 - (2.0 * gain - 1.0).powi(3));
+                    // never so little that rounding decides along undetermined directions
+                    damping = (damping * (1.0f64 / 3.0).max(1.0 - (2.0 * gain - 1.0).powi(3))).max(1e-16);
                     growth = 2.0;
                     (x, cost) = (trial, new_cost);
                     at = if next.columns.len() == n { next } else { model(&x, true)? };
@@ -277,7 +278,13 @@ impl Triangle {
         let (r, q) = triangle(n, 2 * n, |i, j| match (i < n, j < n) {
             (true, true) => self.r[i][j],
             (true, false) => -self.qr[i],
-            (false, true) => if i - n == j { root } else { 0.0 },
+            (false, true) => {
+                if i - n == j {
+                    root
+                } else {
+                    0.0
+                }
+            }
             (false, false) => 0.0,
         });
         let mut h = vec![0.0; n];
@@ -315,7 +322,11 @@ fn check(at: &Residuals, m: usize, n: usize, columns: bool) -> Result<()> {
         return Ok(());
     }
     Err(Error::new(ErrorKind::Shape, "the residuals or their Jacobian have another size")
-        .found(format!("{} residuals, columns of {:?}", at.values.len(), at.columns.iter().map(Vec::len).collect::<Vec<_>>()))
+        .found(format!(
+            "{} residuals, columns of {:?}",
+            at.values.len(),
+            at.columns.iter().map(Vec::len).collect::<Vec<_>>()
+        ))
         .wanted(format!("{m} residuals and {n} columns of {m}")))
 }
 

@@ -81,8 +81,12 @@ mod tests {
         assert_eq!(rates.get("net.out.weight"), Some(&2));
         assert_eq!(rates.get("net.out.bias"), Some(&3));
         assert_eq!(rates.get("network"), None);
-        let paths: BTreeMap<_, _> = ["net.a", "net.out-2", "net.out.bias", "net.out"].map(|p| (p.to_owned(), ())).into();
-        assert_eq!(under(&paths, "net.out").map(|(path, _)| path.as_str()).collect::<Vec<_>>(), ["net.out", "net.out.bias"]);
+        let paths: BTreeMap<_, _> =
+            ["net.a", "net.out-2", "net.out.bias", "net.out"].map(|p| (p.to_owned(), ())).into();
+        assert_eq!(
+            under(&paths, "net.out").map(|(path, _)| path.as_str()).collect::<Vec<_>>(),
+            ["net.out", "net.out.bias"]
+        );
         assert_eq!(under(&paths, "").count(), 4);
         rates.check("a rate", &paths).unwrap();
         rates.insert("net.o", 4);

@@ -51,7 +51,9 @@ impl Settings {
         self.clip.check()?;
         for number in self.rates.values().chain(self.decays.values()).chain([&rate]) {
             if !(number.is_finite() && *number >= 0.0) {
-                return Err(Error::new(ErrorKind::Input, "a rate or a weight decay is not a number from 0").found(number));
+                return Err(
+                    Error::new(ErrorKind::Input, "a rate or a weight decay is not a number from 0").found(number)
+                );
             }
         }
         let mut squares = 0.0;
@@ -177,7 +179,9 @@ pub(super) fn update<T: Real, const STATES: usize>(
     let jobs: Vec<_> = x
         .chunks_mut(CHUNK)
         .zip(g.chunks(CHUNK))
-        .map(|(x, g)| (x, g, parts.each_mut().map(|part| part.next().expect("a state has the length of its parameter"))))
+        .map(|(x, g)| {
+            (x, g, parts.each_mut().map(|part| part.next().expect("a state has the length of its parameter")))
+        })
         .collect();
     jobs.into_par_iter().for_each(|(x, g, states)| run(rule, x, g, states));
     Ok(())
@@ -193,7 +197,7 @@ fn run<T: Real, const STATES: usize>(rule: impl Rule<T, STATES>, x: &mut [T], g:
     ) {
         let len = x.len();
         let g = &g[..len];
-        let mut states = states.map(|state| &mut state[..len]);
+        let states = states.map(|state| &mut state[..len]);
         for i in 0..len {
             let mut old = [T::ZERO; STATES];
             for s in 0..STATES {

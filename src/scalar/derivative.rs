@@ -6,10 +6,15 @@
 //! At a kink the derivative is that of the branch taken; on a tie `min` and `max` take their first argument and
 //! `abs` takes 0. `floor`, `sign` and comparisons have derivative 0.
 
+use std::collections::HashMap;
+
+use super::frames::{Frames, compose_jvp, compose_vjp, svd_jvp, svd_vjp};
 use super::graph::{Id, Node};
 use super::handle::{Condition, Scalar};
 use super::instruction::{Binary, Unary};
 use super::program::Program;
+use super::slope::Slopes;
+use super::{Mat3, Vec3};
 
 impl Program {
     /// The reverse derivative (adjoint, vector-Jacobian product) with respect to every input.
@@ -72,15 +77,66 @@ impl Program {
         })
     }
 
+    /// Where the results of nodes that have several are.
+    fn parts(&self) -> HashMap<(Id, u8), Id> {
+        let nodes = self.nodes().iter().enumerate();
+        nodes
+            .filter_map(|(id, node)| if let Node::Part(of, n) = *node { Some(((of, n), id as Id)) } else { None })
+            .collect()
+    }
+
     /// The cotangent of every input.
     fn reverse(&self, inputs: &[Scalar], cotangents: &[Scalar]) -> Vec<Scalar> {
         let values = self.replay(inputs);
+        let mut slopes = Slopes::new(self.nodes(), &values);
+        let parts = self.parts();
+        let mut seen: HashMap<Id, Mat3> = HashMap::new();
         let mut adjoints: Vec<Option<Scalar>> = vec![None; values.len()];
         for (&id, &cotangent) in self.results().iter().zip(cotangents) {
             accumulate(&mut adjoints, id, cotangent);
         }
         let mut of_inputs = vec![Scalar::from(0.0); inputs.len()];
         for (id, &node) in self.nodes().iter().enumerate().rev() {
+            let gathered = |adjoints: &[Option<Scalar>], first: u8| -> Option<Mat3> {
+                let of = |n: u8| *adjoints.get(*parts.get(&(id as Id, n))? as usize)?;
+                let entries: Vec<Option<Scalar>> = (first..first + 9).map(of).collect();
+                entries.iter().any(Option::is_some).then(|| {
+                    let entries: Vec<Scalar> = entries.iter().map(|entry| entry.unwrap_or(0.0.into())).collect();
+                    Mat3::from_slice(&entries)
+                })
+            };
+            match node {
+                Node::Compose(form, operands) => {
+                    let Some(cotangent) = gathered(&adjoints, 0) else { continue };
+                    let [svd, d @ ..] = operands;
+                    let frames = Frames::of(values[svd as usize]);
+                    let (on_values, on_p) = compose_vjp(form, &frames, operands, &mut slopes, cotangent);
+                    (0..3).for_each(|k| accumulate(&mut adjoints, d[k], on_values[k]));
+                    let sum = seen.entry(svd).or_insert_with(Mat3::zero);
+                    *sum = *sum + on_p;
+                    continue;
+                }
+                Node::Svd(entries) => {
+                    let mut on_p = seen.remove(&(id as Id));
+                    let frames = Frames::of(values[id]);
+                    let mut add = |term: Mat3| on_p = Some(on_p.map_or(term, |sum| sum + term));
+                    let (on_u, on_v) = (gathered(&adjoints, 0), gathered(&adjoints, 12));
+                    if on_u.is_some() || on_v.is_some() {
+                        let [on_u, on_v] = [on_u, on_v].map(|frame| frame.unwrap_or_else(Mat3::zero));
+                        add(svd_vjp(&frames, on_u, on_v));
+                    }
+                    let of = |n: u8| adjoints[*parts.get(&(id as Id, n))? as usize];
+                    let on_sigma = [9, 10, 11].map(of);
+                    if on_sigma.iter().any(Option::is_some) {
+                        add(Mat3::diag(Vec3(on_sigma.map(|g| g.unwrap_or(0.0.into())))));
+                    }
+                    let Some(on_p) = on_p else { continue };
+                    let cotangent = frames.turned_back(on_p).to_vec();
+                    (0..9).for_each(|n| accumulate(&mut adjoints, entries[n], cotangent[n]));
+                    continue;
+                }
+                _ => {}
+            }
             let Some(g) = adjoints[id] else { continue };
             match rule(node, &values, values[id]) {
                 Rule::Leaf => {
@@ -105,10 +161,43 @@ impl Program {
     /// The tangent of every node; `None` where it is 0.
     fn forward(&self, inputs: &[Scalar], tangents: &[Scalar]) -> Vec<Option<Scalar>> {
         let values = self.replay(inputs);
+        let mut slopes = Slopes::new(self.nodes(), &values);
+        // The changes of decompositions, seen from their frames, and of the results of nodes that have several.
+        let mut seen: HashMap<Id, Mat3> = HashMap::new();
+        let mut results: HashMap<(Id, u8), Scalar> = HashMap::new();
         let mut of_nodes: Vec<Option<Scalar>> = Vec::with_capacity(values.len());
         for (id, &node) in self.nodes().iter().enumerate() {
+            let mut give = |first: u8, values: &[Scalar]| {
+                for (n, &value) in (first..).zip(values) {
+                    results.insert((id as Id, n), value);
+                }
+            };
+            let or_zero = |of: Option<Scalar>| of.unwrap_or(0.0.into());
+            match node {
+                Node::Svd(entries) if entries.iter().any(|&at| of_nodes[at as usize].is_some()) => {
+                    let change = entries.map(|at| or_zero(of_nodes[at as usize]));
+                    let frames = Frames::of(values[id]);
+                    let p = frames.seen(Mat3::from_slice(&change));
+                    let [on_u, on_v] = svd_jvp(&frames, p);
+                    give(0, &on_u.to_vec());
+                    give(9, &[0, 1, 2].map(|k| p.0[k][k]));
+                    give(12, &on_v.to_vec());
+                    seen.insert(id as Id, p);
+                }
+                Node::Compose(form, operands)
+                    if operands.iter().any(|at| of_nodes[*at as usize].is_some() || seen.contains_key(at)) =>
+                {
+                    let [svd, d @ ..] = operands;
+                    let change = Vec3(d.map(|at| or_zero(of_nodes[at as usize])));
+                    let p = seen.get(&svd).copied().unwrap_or_else(Mat3::zero);
+                    let frames = Frames::of(values[svd as usize]);
+                    give(0, &compose_jvp(form, &frames, operands, &mut slopes, change, p).to_vec());
+                }
+                _ => {}
+            }
             let tangent = match rule(node, &values, values[id]) {
                 Rule::Leaf => match node {
+                    Node::Part(of, n) => results.get(&(of, n)).copied(),
                     Node::Input(n) => Some(tangents[n as usize]),
                     _ => None,
                 },
@@ -129,8 +218,8 @@ impl Program {
 }
 
 /// How a change of a node's operands changes the node.
-enum Rule {
-    /// An input, a constant, or something flat.
+pub(super) enum Rule {
+    /// An input, a constant, something flat, or a node with several results, which `frames.rs` differentiates.
     Leaf,
     /// Operands with the partial derivative of the node to each.
     Product([Option<(Id, Scalar)>; 2]),
@@ -139,11 +228,11 @@ enum Rule {
 }
 
 /// The derivative rule of every instruction; `y` is the value of the node itself.
-fn rule(node: Node, values: &[Scalar], y: Scalar) -> Rule {
+pub(super) fn rule(node: Node, values: &[Scalar], y: Scalar) -> Rule {
     let at = |id: Id| values[id as usize];
     let one = Scalar::from(1.0);
     match node {
-        Node::Input(_) | Node::Const(_) => Rule::Leaf,
+        Node::Input(_) | Node::Const(_) | Node::Svd(_) | Node::Compose(..) | Node::Part(..) => Rule::Leaf,
         Node::Unary(op, a) => {
             let x = at(a);
             let factor = match op {

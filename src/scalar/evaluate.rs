@@ -157,7 +157,7 @@ fn run_blocks<T: Real>(
         // SAFETY: the path is available by this function's contract with `run_on`. Ports point at whole blocks of
         // scratch memory, at one line where they repeat, or at 256 lanes of an input, which no step writes, or of an
         // output.
-        unsafe { T::execute(path, &code.steps, ports, lanes) };
+        unsafe { T::execute(path, code, ports, lanes) };
         if partial {
             for (n, output) in outputs.iter_mut().enumerate() {
                 // SAFETY: as above; the steps have run.

@@ -18,6 +18,25 @@ pub(crate) enum Node {
     Binary(Binary, Id, Id),
     /// `Select(condition, a, b)`: `a` where the condition is not 0, else `b`.
     Select(Id, Id, Id),
+    /// The singular value decomposition of nine entries, row by row; its results are [`Node::Part`]s: `U` (9, row by
+    /// row), singular values (3), `V` (9).
+    Svd([Id; 9]),
+    /// `Compose(form, [svd, d₀, d₁, d₂])`: a matrix with given values in the frames of a decomposition; its results
+    /// are nine [`Node::Part`]s, row by row.
+    Compose(Form, [Id; 4]),
+    /// The n-th result of a node that has several.
+    Part(Id, u8),
+}
+
+/// How the frames of `F = U Σ Vᵀ` make a matrix of three values.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) enum Form {
+    /// `U diag(d) Vᵀ`
+    TwoPoint,
+    /// `U diag(d) Uᵀ`
+    Left,
+    /// `V diag(d) Vᵀ`
+    Right,
 }
 
 impl Node {
@@ -26,14 +45,17 @@ impl Node {
         Self::Const(value.to_bits())
     }
 
-    /// The operands, in order; absent ones are `None`.
-    pub fn operands(self) -> [Option<Id>; 3] {
-        match self {
-            Self::Input(_) | Self::Const(_) => [None; 3],
-            Self::Unary(_, a) => [Some(a), None, None],
-            Self::Binary(_, a, b) => [Some(a), Some(b), None],
-            Self::Select(c, a, b) => [Some(c), Some(a), Some(b)],
-        }
+    /// The operands, in order.
+    pub fn operands(self) -> impl Iterator<Item = Id> {
+        let (ids, count) = match self {
+            Self::Input(_) | Self::Const(_) => ([0; 9], 0),
+            Self::Unary(_, a) | Self::Part(a, _) => ([a, 0, 0, 0, 0, 0, 0, 0, 0], 1),
+            Self::Binary(_, a, b) => ([a, b, 0, 0, 0, 0, 0, 0, 0], 2),
+            Self::Select(c, a, b) => ([c, a, b, 0, 0, 0, 0, 0, 0], 3),
+            Self::Compose(_, [svd, a, b, c]) => ([svd, a, b, c, 0, 0, 0, 0, 0], 4),
+            Self::Svd(entries) => (entries, 9),
+        };
+        ids.into_iter().take(count)
     }
 
     /// The same node with every operand renamed.
@@ -43,6 +65,9 @@ impl Node {
             Self::Unary(op, a) => Self::Unary(op, to(a)),
             Self::Binary(op, a, b) => Self::Binary(op, to(a), to(b)),
             Self::Select(c, a, b) => Self::Select(to(c), to(a), to(b)),
+            Self::Svd(entries) => Self::Svd(entries.map(to)),
+            Self::Compose(form, operands) => Self::Compose(form, operands.map(to)),
+            Self::Part(of, n) => Self::Part(to(of), n),
         }
     }
 }
@@ -93,7 +118,7 @@ impl Graph {
         }
         for id in (0..self.nodes.len()).rev() {
             if live[id] {
-                for operand in self.nodes[id].operands().into_iter().flatten() {
+                for operand in self.nodes[id].operands() {
                     live[operand as usize] = true;
                 }
             }

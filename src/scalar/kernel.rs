@@ -1,7 +1,9 @@
 //! Which instruction set a block of lanes is run with.
 
+use std::sync::OnceLock;
+
 use super::lanes::{self, Lane, Port};
-use super::lower::Step;
+use super::lower::Code;
 
 /// The ways to run register code on this kind of processor, widest last.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,7 +34,8 @@ impl Path {
 
     /// The widest available path.
     pub fn best() -> Self {
-        Self::available().next_back().unwrap_or(Self::Portable)
+        static BEST: OnceLock<Path> = OnceLock::new();
+        *BEST.get_or_init(|| Self::available().next_back().unwrap_or(Self::Portable))
     }
 }
 
@@ -58,7 +61,7 @@ pub trait Kernel: Sized {
     /// # Safety
     /// The path must be available. Every slot that a step names must have a port; a port that does not repeat must be
     /// valid for `lanes` values rounded up to a multiple of 16, for writing too where a step writes it.
-    unsafe fn execute(path: Path, steps: &[Step], ports: &[Port<Self>], lanes: usize);
+    unsafe fn execute(path: Path, code: &Code, ports: &[Port<Self>], lanes: usize);
 
     /// Runs a job with the vectors of a path.
     ///
@@ -70,9 +73,9 @@ pub trait Kernel: Sized {
 macro_rules! kernel {
     ($float:ident, $portable:ty, $avx2:ty, $avx512:ty) => {
         impl Kernel for $float {
-            unsafe fn execute(path: Path, steps: &[Step], ports: &[Port<Self>], lanes: usize) {
+            unsafe fn execute(path: Path, code: &Code, ports: &[Port<Self>], lanes: usize) {
                 // SAFETY: the caller's promise.
-                unsafe { Self::dispatch(path, lanes::Execute { steps, ports, lanes }) }
+                unsafe { Self::dispatch(path, lanes::Execute { code, ports, lanes }) }
             }
 
             #[inline]

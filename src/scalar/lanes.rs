@@ -6,8 +6,9 @@
 
 use super::instruction::{Binary, Unary};
 use super::kernel::Job;
-use super::lower::{Op, Step};
+use super::lower::{Code, Op, SvdSlots, UNUSED};
 use super::real::Real;
+use super::svd::svd;
 
 /// Where the values of a slot are: consecutive lanes, or one vector's worth that stands for all lanes.
 #[derive(Debug, Clone, Copy)]
@@ -116,6 +117,18 @@ pub trait Lane: Copy {
         unsafe { self.exp() }
     }
 
+    /// Whether a condition holds in some lane.
+    unsafe fn any(self) -> bool;
+    /// `a < b ? self : other`
+    unsafe fn if_less(self, a: Self, b: Self, other: Self) -> Self;
+
+    /// `1/√x` for positive normal `x`, within two units in the last place.
+    #[inline(always)]
+    unsafe fn rsqrt(self) -> Self {
+        // SAFETY: as this method.
+        unsafe { self.sqrt().recip() }
+    }
+
     #[inline(always)]
     unsafe fn neg(self) -> Self {
         // SAFETY: as this method. −0 − x, so that 0 becomes −0.
@@ -186,7 +199,7 @@ pub(super) use elementwise;
 /// Runs register code over `lanes` lanes, rounded up to whole vectors; the contract is that of
 /// [`Kernel::execute`](super::kernel::Kernel::execute).
 pub(super) struct Execute<'a, T> {
-    pub(super) steps: &'a [Step],
+    pub(super) code: &'a Code,
     pub(super) ports: &'a [Port<T>],
     pub(super) lanes: usize,
 }
@@ -197,7 +210,32 @@ impl<T: Real> Job<T> for Execute<'_, T> {
     #[inline(always)]
     unsafe fn run<V: Lane<Element = T>>(self) {
         // SAFETY: the caller's promise.
-        unsafe { execute::<V>(self.steps, self.ports, self.lanes) }
+        unsafe { execute::<V>(self.code, self.ports, self.lanes) }
+    }
+}
+
+/// One singular value decomposition over `vectors` vectors. A result may lie where an operand was: a vector's operands
+/// are read before its results are written.
+///
+/// # Safety
+/// As [`execute`].
+#[inline(always)]
+unsafe fn decompose<V: Lane>(slots: &SvdSlots, ports: &[Port<V::Element>], vectors: usize) {
+    for i in 0..vectors {
+        // SAFETY: the caller promises that the ports are valid for so many vectors.
+        unsafe {
+            let mut entries = [V::splat(V::Element::ZERO); 9];
+            for n in 0..9 {
+                let port = ports[slots.inputs[n] as usize];
+                entries[n] = V::load(port.at.add(if port.repeats { 0 } else { i * V::WIDTH }));
+            }
+            let found = svd(entries);
+            for n in 0..21 {
+                if slots.outputs[n] != UNUSED {
+                    found[n].store(ports[slots.outputs[n] as usize].at.add(i * V::WIDTH));
+                }
+            }
+        }
     }
 }
 
@@ -206,16 +244,16 @@ impl<T: Real> Job<T> for Execute<'_, T> {
 /// # Safety
 /// As [`Kernel::execute`](super::kernel::Kernel::execute), with the instruction set of `V` enabled.
 #[inline(always)]
-unsafe fn execute<V: Lane>(steps: &[Step], ports: &[Port<V::Element>], lanes: usize) {
+unsafe fn execute<V: Lane>(code: &Code, ports: &[Port<V::Element>], lanes: usize) {
     let vectors = lanes.div_ceil(V::WIDTH);
-    for step in steps {
+    for step in &code.steps {
         macro_rules! port {
             ($slot:ident) => {{
                 let port = ports[step.$slot as usize];
                 (port.at, if port.repeats { 0 } else { V::WIDTH })
             }};
         }
-        let (dst, _) = port!(dst);
+        let dst = if let Op::Svd(_) = step.op { std::ptr::null_mut() } else { port!(dst).0 };
         macro_rules! each {
             ($a:ident => $value:expr) => {{
                 let (at_a, stride_a) = port!(a);
@@ -252,6 +290,10 @@ unsafe fn execute<V: Lane>(steps: &[Step], ports: &[Port<V::Element>], lanes: us
             }};
         }
         match step.op {
+            Op::Svd(n) => {
+                // SAFETY: the caller's promise covers the slots of every step.
+                unsafe { decompose::<V>(&code.svds[n as usize], ports, vectors) }
+            }
             Op::Copy => each!(a => a),
             Op::Select => each!(a, b, c => a.choose(b, c)),
             Op::MulAdd => each!(a, b, c => a.mul_add(b, c)),

@@ -21,6 +21,8 @@ pub enum Op {
     /// `c − a · b`
     NegMulAdd,
     Copy,
+    /// The n-th decomposition of [`Code::svds`]; it has no operands and no destination of its own.
+    Svd(u32),
 }
 
 /// One instruction over a block of lanes: `dst = op(a, b, c)`, slots of operands that `op` lacks being 0.
@@ -33,10 +35,23 @@ pub struct Step {
     pub c: u32,
 }
 
+/// The slots of a singular value decomposition.
+#[derive(Debug, Clone, Copy)]
+pub struct SvdSlots {
+    /// The matrix, row by row.
+    pub inputs: [u32; 9],
+    /// `U`, singular values, `V`; [`UNUSED`] where nobody reads.
+    pub outputs: [u32; 21],
+}
+
+/// Stands for the slot of a result that nobody reads.
+pub const UNUSED: u32 = u32::MAX;
+
 /// Register code of a program.
 #[derive(Debug)]
-pub(crate) struct Code {
+pub struct Code {
     pub steps: Vec<Step>,
+    pub svds: Vec<SvdSlots>,
     /// The values of the constant slots.
     pub constants: Vec<f64>,
     pub inputs: usize,
@@ -47,8 +62,8 @@ pub(crate) struct Code {
 
 impl Code {
     /// Lowers a graph whose nodes are in topological order.
-    pub fn lower(nodes: &[Node], results: &[Id], inputs: usize) -> Self {
-        let mut steps = fuse(nodes, results);
+    pub(crate) fn lower(nodes: &[Node], results: &[Id], inputs: usize) -> Self {
+        let (mut steps, mut svds) = fuse(nodes, results);
         let mut constants = Vec::new();
         let mut slot: HashMap<Id, u32> = HashMap::new();
         for (id, node) in nodes.iter().enumerate() {
@@ -69,9 +84,9 @@ impl Code {
             }
         }
         let first_temporary = first_output + results.len() as u32;
-        let temporaries = assign_temporaries(&mut steps, &mut slot, first_temporary);
+        let temporaries = assign_temporaries(&mut steps, &mut svds, &mut slot, first_temporary);
         steps.extend(copies.into_iter().map(|(id, dst)| Step { op: Op::Copy, dst, a: slot[&id], b: 0, c: 0 }));
-        Self { steps, constants, inputs, outputs: results.len(), temporaries }
+        Self { steps, svds, constants, inputs, outputs: results.len(), temporaries }
     }
 
     /// Number of slots of all kinds.
@@ -84,6 +99,7 @@ impl Op {
     /// Number of operands.
     fn arity(self) -> usize {
         match self {
+            Self::Svd(_) => 0,
             Self::Unary(_) | Self::Copy => 1,
             Self::Binary(_) => 2,
             Self::Select | Self::MulAdd | Self::MulSub | Self::NegMulAdd => 3,
@@ -92,17 +108,22 @@ impl Op {
 }
 
 impl Step {
-    fn operands(&mut self) -> impl Iterator<Item = &mut u32> {
+    /// The slots it reads.
+    fn operands<'a>(&'a mut self, svds: &'a mut [SvdSlots]) -> impl Iterator<Item = &'a mut u32> {
         let arity = self.op.arity();
-        [&mut self.a, &mut self.b, &mut self.c].into_iter().take(arity)
+        let entries: &mut [u32] = match self.op {
+            Op::Svd(n) => &mut svds[n as usize].inputs,
+            _ => &mut [],
+        };
+        [&mut self.a, &mut self.b, &mut self.c].into_iter().take(arity).chain(entries)
     }
 }
 
 /// Steps over node ids, with each product that has one use, in a sum or difference, merged into it.
-fn fuse(nodes: &[Node], results: &[Id]) -> Vec<Step> {
+fn fuse(nodes: &[Node], results: &[Id]) -> (Vec<Step>, Vec<SvdSlots>) {
     let mut uses = vec![0_u32; nodes.len()];
     results.iter().for_each(|&id| uses[id as usize] += 2);
-    for operand in nodes.iter().flat_map(|node| node.operands()).flatten() {
+    for operand in nodes.iter().flat_map(|node| node.operands()) {
         uses[operand as usize] += 1;
     }
     let product = |id: Id| match nodes[id as usize] {
@@ -111,9 +132,23 @@ fn fuse(nodes: &[Node], results: &[Id]) -> Vec<Step> {
     };
     let mut merged = vec![false; nodes.len()];
     let mut steps = Vec::new();
+    let mut svds = Vec::new();
     for (id, &node) in nodes.iter().enumerate() {
         let (op, [a, b, c]) = match node {
-            Node::Input(_) | Node::Const(_) => continue,
+            Node::Input(_) | Node::Const(_) | Node::Part(..) => continue,
+            Node::Compose(..) => unreachable!("composed matrices have been written out"),
+            Node::Svd(inputs) => {
+                let mut outputs = [UNUSED; 21];
+                for (at, node) in nodes.iter().enumerate() {
+                    if let Node::Part(of, n) = *node
+                        && of as usize == id
+                    {
+                        outputs[usize::from(n)] = at as Id;
+                    }
+                }
+                svds.push(SvdSlots { inputs, outputs });
+                (Op::Svd(svds.len() as u32 - 1), [0; 3])
+            }
             Node::Unary(op, a) => (Op::Unary(op), [a, 0, 0]),
             Node::Select(c, a, b) => (Op::Select, [c, a, b]),
             Node::Binary(op, x, y) => match (op, product(x), product(y)) {
@@ -139,21 +174,21 @@ fn fuse(nodes: &[Node], results: &[Id]) -> Vec<Step> {
         steps.push(Step { op, dst: id as u32, a, b, c });
     }
     steps.retain(|step| !merged[step.dst as usize]);
-    steps
+    (steps, svds)
 }
 
 /// Rewrites node ids to slots. A slot is free again from the step that reads its value last: that step may write its
 /// result over it.
-fn assign_temporaries(steps: &mut [Step], slot: &mut HashMap<Id, u32>, first: u32) -> usize {
+fn assign_temporaries(steps: &mut [Step], svds: &mut [SvdSlots], slot: &mut HashMap<Id, u32>, first: u32) -> usize {
     let mut last_read: HashMap<Id, usize> = HashMap::new();
     for (at, step) in steps.iter_mut().enumerate() {
-        step.operands().for_each(|id| _ = last_read.insert(*id, at));
+        step.operands(svds).for_each(|id| _ = last_read.insert(*id, at));
     }
     let mut free = Vec::new();
     let mut count = 0;
     for (at, step) in steps.iter_mut().enumerate() {
         let mut released = Vec::new();
-        for operand in step.operands() {
+        for operand in step.operands(svds) {
             let assigned = slot[operand];
             if last_read[operand] == at && assigned >= first && !released.contains(&assigned) {
                 released.push(assigned);
@@ -161,13 +196,18 @@ fn assign_temporaries(steps: &mut [Step], slot: &mut HashMap<Id, u32>, first: u3
             *operand = assigned;
         }
         free.append(&mut released);
-        let id = step.dst;
-        step.dst = *slot.entry(id).or_insert_with(|| {
-            free.pop().unwrap_or_else(|| {
-                count += 1;
-                first + count - 1
-            })
-        });
+        let mut assign = |id: &mut Id| {
+            *id = *slot.entry(*id).or_insert_with(|| {
+                free.pop().unwrap_or_else(|| {
+                    count += 1;
+                    first + count - 1
+                })
+            });
+        };
+        match step.op {
+            Op::Svd(n) => svds[n as usize].outputs.iter_mut().filter(|id| **id != UNUSED).for_each(assign),
+            _ => assign(&mut step.dst),
+        }
     }
     count as usize
 }

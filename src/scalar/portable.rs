@@ -67,6 +67,12 @@ macro_rules! portable {
                 le(b) |x| if x <= b { 1.0 } else { 0.0 };
                 is_nan() |x| if x.is_nan() { 1.0 } else { 0.0 };
                 choose(a, b) |x| if x != 0.0 { a } else { b };
+                if_less(a, b, other) |x| if a < b { x } else { other };
+            }
+
+            #[inline(always)]
+            unsafe fn any(self) -> bool {
+                self.0 != [0.0; 8]
             }
 
             $($functions)*

@@ -3,9 +3,10 @@
 use std::fmt;
 use std::sync::{Arc, OnceLock};
 
-use super::graph::{Id, Node};
+use super::graph::{Form, Id, Node};
 use super::handle::{Condition, Scalar};
 use super::lower::Code;
+use super::principal::write_out;
 use super::trace::{self, Trace};
 
 /// A pointwise function, recorded once, that can be differentiated, run over lanes and printed as WGSL.
@@ -36,6 +37,7 @@ struct Body {
     outputs: Vec<String>,
     nodes: Vec<Node>,
     results: Vec<Id>,
+    plain: OnceLock<(Vec<Node>, Vec<Id>)>,
     code: OnceLock<Code>,
 }
 
@@ -73,7 +75,7 @@ impl Program {
             outputs.len()
         );
         let (nodes, results) = trace.close(&values);
-        Self(Arc::new(Body { name, inputs, outputs, nodes, results, code: OnceLock::new() }))
+        Self(Arc::new(Body { name, inputs, outputs, nodes, results, plain: OnceLock::new(), code: OnceLock::new() }))
     }
 
     /// The name given to [`Program::trace`]; derivatives append `_vjp` or `_jvp`.
@@ -91,9 +93,9 @@ impl Program {
         &self.0.outputs
     }
 
-    /// The number of instructions: inputs and constants do not count.
+    /// The number of instructions: inputs and constants do not count, a singular value decomposition counts as one.
     pub fn len(&self) -> usize {
-        self.0.nodes.iter().filter(|node| !matches!(node, Node::Input(_) | Node::Const(_))).count()
+        self.plain().0.iter().filter(|node| !matches!(node, Node::Input(_) | Node::Const(_) | Node::Part(..))).count()
     }
 
     /// Whether every output is an input or a constant.
@@ -115,7 +117,7 @@ impl Program {
                 if self.0.nodes[id] == Node::Input(input as u32) {
                     return true;
                 }
-                self.0.nodes[id].operands().into_iter().flatten().for_each(|a| reached[a as usize] = true);
+                self.0.nodes[id].operands().for_each(|a| reached[a as usize] = true);
             }
         }
         false
@@ -149,6 +151,9 @@ impl Program {
                 Node::Unary(op, a) => trace::unary(op, at(a)),
                 Node::Binary(op, a, b) => trace::binary(op, at(a), at(b)),
                 Node::Select(c, a, b) => Condition::from_mask(at(c)).select(at(a), at(b)),
+                Node::Svd(entries) => trace::svd(entries.map(at)),
+                Node::Compose(form, [svd, a, b, c]) => trace::compose(form, at(svd), [a, b, c].map(at)),
+                Node::Part(of, n) => trace::part(at(of), n),
             });
         }
         values
@@ -162,9 +167,15 @@ impl Program {
         &self.0.results
     }
 
+    /// Nodes and results with the matrices composed in principal frames written out, made on first use.
+    pub(super) fn plain(&self) -> &(Vec<Node>, Vec<Id>) {
+        self.0.plain.get_or_init(|| write_out(&self.0.nodes, &self.0.results))
+    }
+
     /// The register code, made on first use.
     pub(super) fn code(&self) -> &Code {
-        self.0.code.get_or_init(|| Code::lower(&self.0.nodes, &self.0.results, self.0.inputs.len()))
+        let (nodes, results) = self.plain();
+        self.0.code.get_or_init(|| Code::lower(nodes, results, self.0.inputs.len()))
     }
 }
 
@@ -195,6 +206,17 @@ impl fmt::Display for Program {
                 Node::Unary(op, a) => writeln!(f, "  %{id} = {} %{a}", op.name()),
                 Node::Binary(op, a, b) => writeln!(f, "  %{id} = {} %{a} %{b}", op.name()),
                 Node::Select(c, a, b) => writeln!(f, "  %{id} = select %{c} %{a} %{b}"),
+                Node::Part(of, n) => writeln!(f, "  %{id} = part %{of} {n}"),
+                Node::Svd(_) | Node::Compose(..) => {
+                    let name = match *node {
+                        Node::Compose(Form::TwoPoint, _) => "compose_two_point",
+                        Node::Compose(Form::Left, _) => "compose_left",
+                        Node::Compose(Form::Right, _) => "compose_right",
+                        _ => "svd",
+                    };
+                    let operands: Vec<String> = node.operands().map(|operand| format!("%{operand}")).collect();
+                    writeln!(f, "  %{id} = {name} {}", operands.join(" "))
+                }
             }?;
         }
         for (name, id) in self.outputs().iter().zip(&self.0.results) {

@@ -2,7 +2,7 @@
 //!
 //! `x · 0` becomes 0 even though `x` could be infinite at run time: the adjoint of a branch that does not depend on an
 //! input has to vanish from the program. Differences `x − x` and quotients `x / x` are left alone, so that a NaN
-//! in `x` stays visible. Constants are folded in `f64`, and only where the result is finite.
+//! in `x` stays visible. `ln eˣ` becomes `x`, also where the exponential would overflow. Constants are folded in `f64`, and only where the result is finite.
 
 use super::graph::{Graph, Id, Node};
 use super::instruction::{Binary, Unary};
@@ -14,7 +14,7 @@ impl Graph {
             return Ok(self.intern(Node::constant(value)));
         }
         match node {
-            Node::Input(_) | Node::Const(_) => Err(node),
+            Node::Input(_) | Node::Const(_) | Node::Svd(_) | Node::Compose(..) | Node::Part(..) => Err(node),
             Node::Unary(op, a) => self.simplify_unary(op, a),
             Node::Binary(op, a, b) => self.simplify_binary(op, a, b),
             Node::Select(c, a, b) => match self.constant(c) {
@@ -47,6 +47,7 @@ impl Graph {
             (Unary::Neg, Node::Unary(Unary::Neg, x)) => Ok(x),
             (Unary::Neg, Node::Binary(Binary::Sub, x, y)) => Ok(self.push(Node::Binary(Binary::Sub, y, x))),
             (Unary::Abs, Node::Unary(Unary::Abs, _)) | (Unary::Floor, Node::Unary(Unary::Floor, _)) => Ok(a),
+            (Unary::Ln, Node::Unary(Unary::Exp, x)) => Ok(x),
             (Unary::Abs, Node::Unary(Unary::Neg, x)) => Ok(self.push(Node::Unary(Unary::Abs, x))),
             _ => Err(Node::Unary(op, a)),
         }

@@ -6,7 +6,7 @@
 use std::cell::RefCell;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::graph::{Graph, Id, Node};
+use super::graph::{Form, Graph, Id, Node};
 use super::handle::{Repr, Scalar};
 use super::instruction::{Binary, Unary};
 
@@ -110,6 +110,47 @@ pub(super) fn binary(op: Binary, a: Scalar, b: Scalar) -> Scalar {
         (Repr::Const(a), Repr::Const(b)) => Scalar::from(op.eval(a, b)),
         _ => push(Node::Binary(op, id_of(a), id_of(b))),
     }
+}
+
+/// Records the singular value decomposition of a matrix, row by row.
+#[track_caller]
+pub(super) fn svd(entries: [Scalar; 9]) -> Scalar {
+    push(Node::Svd(entries.map(id_of)))
+}
+
+/// Records the matrix of a form with the values `d` in the frames of `svd`.
+#[track_caller]
+pub(super) fn compose(form: Form, svd: Scalar, d: [Scalar; 3]) -> Scalar {
+    push(Node::Compose(form, [svd, d[0], d[1], d[2]].map(id_of)))
+}
+
+/// The n-th result of a node that has several.
+#[track_caller]
+pub(super) fn part(of: Scalar, n: u8) -> Scalar {
+    push(Node::Part(id_of(of), n))
+}
+
+/// If the nine entries are those of `U diag(d) Vᵀ`, in order: the decomposition, and `d`.
+#[track_caller]
+pub(super) fn two_point(entries: [Scalar; 9]) -> Option<(Scalar, [Scalar; 3])> {
+    let mut of = None;
+    for (n, entry) in entries.into_iter().enumerate() {
+        let Repr::Node { .. } = entry.0 else { return None };
+        let id = id_of(entry);
+        match with_innermost(|_, graph| graph.node(id)) {
+            Node::Part(composed, part) if usize::from(part) == n && of.is_none_or(|known| known == composed) => {
+                of = Some(composed);
+            }
+            _ => return None,
+        }
+    }
+    with_innermost(|trace, graph| match graph.node(of?) {
+        Node::Compose(Form::TwoPoint, operands) => {
+            let [svd, a, b, c] = operands.map(|id| Scalar(Repr::Node { trace, id }).known(graph));
+            Some((svd, [a, b, c]))
+        }
+        _ => None,
+    })
 }
 
 /// Records (or, for a known condition, makes) a choice.

@@ -1,6 +1,6 @@
 //! A program as a WGSL function in `f32`.
 //!
-//! Built-in functions of WGSL may be inaccurate (`log` near 1, `tanh` near 0) or drop NaN (`min`, `max`, on some
+//! Built-in functions of WGSL may be inaccurate (`log` near 1, `tanh` near 0, `sin` and `cos` near their zeros) or drop NaN (`min`, `max`, on some
 //! drivers `exp`); for these the text brings functions of its own, from `kernels/shared/`. A literal cannot be infinite
 //! or NaN: such constants are made from bits that are only known when the shader runs.
 
@@ -40,6 +40,10 @@ fragments! {
     SOFTPLUS = 10, "softplus.wgsl", needs &[LN_1P];
     POWF = 11, "powf.wgsl", needs &[LN];
     ERF = 12, "erf.wgsl", needs &[EXP];
+    SIN_COS = 13, "sin_cos.wgsl", needs &[];
+    SIN = 14, "sin.wgsl", needs &[SIN_COS];
+    COS = 15, "cos.wgsl", needs &[SIN_COS];
+    SVD = 16, "svd.wgsl", needs &[];
 }
 
 /// Built-in functions that emitted code calls, which a program's own name must not hide.
@@ -55,21 +59,21 @@ impl Program {
     /// ```
     /// use gradreel::scalar::Program;
     ///
-    /// let program = Program::trace("polar", &["r", "phi"], &["x", "y"], |v| {
-    ///     vec![v[0] * v[1].cos(), v[0] * v[1].sin()]
+    /// let program = Program::trace("mirror", &["x", "y"], &["u", "v"], |v| {
+    ///     vec![v[0] * v[1].abs(), v[0] * v[1].sqrt()]
     /// });
     /// assert_eq!(program.wgsl(), "\
-    /// struct polar_out {
-    ///     x: f32,
-    ///     y: f32,
+    /// struct mirror_out {
+    ///     u: f32,
+    ///     v: f32,
     /// }
     ///
-    /// fn polar(in_r: f32, in_phi: f32) -> polar_out {
-    ///     let v2 = cos(in_phi);
-    ///     let v3 = in_r * v2;
-    ///     let v4 = sin(in_phi);
-    ///     let v5 = in_r * v4;
-    ///     return polar_out(v3, v5);
+    /// fn mirror(in_x: f32, in_y: f32) -> mirror_out {
+    ///     let v2 = abs(in_y);
+    ///     let v3 = in_x * v2;
+    ///     let v4 = sqrt(in_y);
+    ///     let v5 = in_x * v4;
+    ///     return mirror_out(v3, v5);
     /// }
     /// ");
     /// ```
@@ -107,14 +111,16 @@ impl Program {
         };
         let parameters: Vec<String> = self.inputs().iter().map(|input| format!("in_{input}: f32")).collect();
         writeln!(text, "fn {name}({}){result} {{", parameters.join(", "))?;
-        if self.nodes().iter().any(|node| matches!(node, Node::Const(bits) if !single(*bits).is_finite())) {
+        if self.plain().0.iter().any(|node| matches!(node, Node::Const(bits) if !single(*bits).is_finite())) {
             writeln!(text, "    var infinite = 0x7f800000u;")?;
         }
-        let mut values: Vec<String> = Vec::with_capacity(self.nodes().len());
-        for (id, &node) in self.nodes().iter().enumerate() {
+        let (nodes, results) = self.plain();
+        let mut values: Vec<String> = Vec::with_capacity(nodes.len());
+        for (id, &node) in nodes.iter().enumerate() {
             let value = match node {
                 Node::Input(n) => format!("in_{}", self.inputs()[n as usize]),
                 Node::Const(bits) => constant(single(bits)),
+                Node::Part(of, n) => part(&values[of as usize], usize::from(n)),
                 _ => {
                     writeln!(text, "    let v{id} = {};", expression(node, &values))?;
                     format!("v{id}")
@@ -122,7 +128,7 @@ impl Program {
             };
             values.push(value);
         }
-        let results: Vec<&str> = self.results().iter().map(|&id| values[id as usize].as_str()).collect();
+        let results: Vec<&str> = results.iter().map(|&id| values[id as usize].as_str()).collect();
         match &results[..] {
             [] => {}
             [one] => writeln!(text, "    return {one};")?,
@@ -142,7 +148,7 @@ pub fn wgsl_module(programs: &[&Program]) -> String {
     for (i, program) in programs.iter().enumerate() {
         let name = program.wgsl_name();
         assert!(programs[..i].iter().all(|other| other.wgsl_name() != name), "two scalar programs are named {name}");
-        program.nodes().iter().filter_map(|&node| fragment(node)).for_each(|at| require(at, &mut needed));
+        program.plain().0.iter().filter_map(|&node| fragment(node)).for_each(|at| require(at, &mut needed));
     }
     let mut text = String::new();
     for at in needed {
@@ -189,6 +195,8 @@ fn fragment(node: Node) -> Option<usize> {
         Node::Unary(Unary::Erf, _) => Some(ERF),
         Node::Unary(Unary::Exp, _) => Some(EXP),
         Node::Unary(Unary::Sign, _) => Some(SIGN),
+        Node::Unary(Unary::Sin, _) => Some(SIN),
+        Node::Unary(Unary::Cos, _) => Some(COS),
         Node::Unary(Unary::Ln, _) => Some(LN),
         Node::Unary(Unary::Tanh, _) => Some(TANH),
         Node::Unary(Unary::Logistic, _) => Some(LOGISTIC),
@@ -198,18 +206,30 @@ fn fragment(node: Node) -> Option<usize> {
         Node::Binary(Binary::Min, ..) => Some(MIN),
         Node::Binary(Binary::Max, ..) => Some(MAX),
         Node::Binary(Binary::Powf, ..) => Some(POWF),
+        Node::Svd(_) => Some(SVD),
         _ => None,
+    }
+}
+
+/// A result of a decomposition; WGSL indexes matrices by column, then row.
+fn part(of: &str, n: usize) -> String {
+    match n {
+        0..9 => format!("{of}.u[{}][{}]", n % 3, n / 3),
+        9..12 => format!("{of}.sigma[{}]", n - 9),
+        _ => format!("{of}.v[{}][{}]", n % 3, n / 3 - 4),
     }
 }
 
 fn expression(node: Node, values: &[String]) -> String {
     let at = |id: u32| values[id as usize].as_str();
     match node {
-        Node::Input(_) | Node::Const(_) => unreachable!("inputs and constants are operands, not expressions"),
+        Node::Input(_) | Node::Const(_) | Node::Part(..) => unreachable!("operands are not expressions"),
+        Node::Compose(..) => unreachable!("composed matrices have been written out"),
+        Node::Svd(entries) => format!("scalar_svd({})", entries.map(at).join(", ")),
         Node::Select(c, a, b) => format!("select({}, {}, {} != 0f)", at(b), at(a), at(c)),
         Node::Unary(Unary::Neg, a) => format!("-{}", at(a)),
         Node::Unary(Unary::Recip, a) => format!("1f / {}", at(a)),
-        Node::Unary(op @ (Unary::Abs | Unary::Floor | Unary::Sqrt | Unary::Sin | Unary::Cos), a) => {
+        Node::Unary(op @ (Unary::Abs | Unary::Floor | Unary::Sqrt), a) => {
             format!("{}({})", op.name(), at(a))
         }
         Node::Unary(op, a) => format!("scalar_{}({})", op.name(), at(a)),

@@ -91,6 +91,15 @@ lane!(F32x8: f32 x 8 in 16,
         choose(a, b) |x| _mm256_blendv_ps(b, a, _mm256_cmp_ps::<_CMP_NEQ_UQ>(x, _mm256_setzero_ps()));
     }
     single_precision!();
+    methods! {
+        if_less(a, b, other) |x| _mm256_blendv_ps(other, x, _mm256_cmp_ps::<_CMP_LT_OQ>(a, b));
+    }
+
+    #[inline(always)]
+    unsafe fn any(self) -> bool {
+        // SAFETY: the contract of `Lane`.
+        unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_NEQ_UQ>(self.0, _mm256_setzero_ps())) != 0 }
+    }
 });
 
 lane!(F64x4: f64 x 4 in 16,
@@ -105,6 +114,15 @@ lane!(F64x4: f64 x 4 in 16,
         choose(a, b) |x| _mm256_blendv_pd(b, a, _mm256_cmp_pd::<_CMP_NEQ_UQ>(x, _mm256_setzero_pd()));
     }
     elementwise!(exp, ln, exp_m1, ln_1p, sin, cos, tanh, logistic, softplus, erf);
+    methods! {
+        if_less(a, b, other) |x| _mm256_blendv_pd(other, x, _mm256_cmp_pd::<_CMP_LT_OQ>(a, b));
+    }
+
+    #[inline(always)]
+    unsafe fn any(self) -> bool {
+        // SAFETY: the contract of `Lane`.
+        unsafe { _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_NEQ_UQ>(self.0, _mm256_setzero_pd())) != 0 }
+    }
 });
 
 lane!(F32x16: f32 x 16 in 32,
@@ -120,6 +138,22 @@ lane!(F32x16: f32 x 16 in 32,
             _mm512_mask_blend_ps(_mm512_cmp_ps_mask::<_CMP_NEQ_UQ>(x, _mm512_setzero_ps()), b, a);
     }
     single_precision!();
+    methods! {
+        if_less(a, b, other) |x| _mm512_mask_blend_ps(_mm512_cmp_ps_mask::<_CMP_LT_OQ>(a, b), other, x);
+        rsqrt() |x| {
+            // 14 bits, and one step of Newton's: r (3 − x r²)/2
+            let r = _mm512_rsqrt14_ps(x);
+            let half = _mm512_mul_ps(r, _mm512_set1_ps(0.5));
+            let rest = _mm512_fnmadd_ps(_mm512_mul_ps(x, r), r, _mm512_set1_ps(1.0));
+            _mm512_fmadd_ps(rest, half, r)
+        };
+    }
+
+    #[inline(always)]
+    unsafe fn any(self) -> bool {
+        // SAFETY: the contract of `Lane`.
+        unsafe { _mm512_cmp_ps_mask::<_CMP_NEQ_UQ>(self.0, _mm512_setzero_ps()) != 0 }
+    }
 });
 
 lane!(F64x8: f64 x 8 in 32,
@@ -135,6 +169,15 @@ lane!(F64x8: f64 x 8 in 32,
             _mm512_mask_blend_pd(_mm512_cmp_pd_mask::<_CMP_NEQ_UQ>(x, _mm512_setzero_pd()), b, a);
     }
     elementwise!(exp, ln, exp_m1, ln_1p, sin, cos, tanh, logistic, softplus, erf);
+    methods! {
+        if_less(a, b, other) |x| _mm512_mask_blend_pd(_mm512_cmp_pd_mask::<_CMP_LT_OQ>(a, b), other, x);
+    }
+
+    #[inline(always)]
+    unsafe fn any(self) -> bool {
+        // SAFETY: the contract of `Lane`.
+        unsafe { _mm512_cmp_pd_mask::<_CMP_NEQ_UQ>(self.0, _mm512_setzero_pd()) != 0 }
+    }
 });
 
 impl Lane32 for F32x8 {

@@ -1,7 +1,18 @@
 //! The backward pass: one loop over the tape from the result to the leaves.
 
-use crate::tape::{Applied, Backward, Kind, Tape, Var, anomaly};
-use crate::{Error, ErrorKind, Result, Tensor};
+use std::panic::Location;
+
+use rayon::prelude::*;
+use smallvec::SmallVec;
+
+use crate::backend::cpu::CHUNK;
+use crate::scalar::Real;
+use crate::tape::{Applied, Backward, Kind, Record, Tape, Var, anomaly};
+use crate::tensor::for_real;
+use crate::{Device, Error, ErrorKind, Result, Tensor};
+
+/// Cotangents with the nodes at which they arrive.
+type Arrived = SmallVec<[(usize, Var); 2]>;
 
 /// The gradients of a scalar with respect to the leaves of a tape. Does not keep the tape.
 pub struct Gradients {
@@ -91,7 +102,7 @@ impl Var {
             "backward starts at a single number, not at {:?}; reduce it with sum_all",
             self.spec()
         );
-        let seed = Tensor::full(1.0, self.shape(), self.dtype()).to_device(&self.device())?;
+        let seed = Tensor::full(1.0, self.shape(), self.dtype().of_cotangent()).to_device(&self.device())?;
         let cotangents = self.pull_back(self.tape().constant(seed), pass)?;
         let arrived = cotangents.into_iter().enumerate();
         let by_leaf = arrived.filter_map(|(node, gradient)| Some((node, gradient?.tensor().clone()))).collect();
@@ -109,7 +120,7 @@ impl Var {
     #[track_caller]
     pub fn gradients_of(&self, leaves: &[&Self]) -> Result<Vec<Self>> {
         assert_eq!(self.len(), 1, "gradients start at a single number, not at {:?}", self.spec());
-        let seed = Tensor::full(1.0, self.shape(), self.dtype()).to_device(&self.device())?;
+        let seed = Tensor::full(1.0, self.shape(), self.dtype().of_cotangent()).to_device(&self.device())?;
         let mut cotangents = self.pull_back(self.tape().constant(seed), Pass::Record)?;
         leaves
             .iter()
@@ -134,10 +145,10 @@ impl Var {
             tape.spend(last + 1..tape.len());
         }
         let mut cotangents: Vec<Option<Self>> = vec![None; last + 1];
-        tape.hold(&seed);
+        tape.hold(seed.tensor());
         cotangents[last] = Some(seed);
         let done = tape.walk(&mut cotangents, pass);
-        cotangents.iter().flatten().for_each(|waiting| tape.release(waiting));
+        cotangents.iter().flatten().for_each(|waiting| tape.release(waiting.tensor()));
         done.and_then(|()| tape.check())?;
         Ok(cotangents)
     }
@@ -154,66 +165,98 @@ impl Tape {
             if matches!(self.0.borrow().nodes[node].kind, Kind::Leaf) {
                 continue;
             }
-            if let Some(gradient) = cotangents[node].take() {
-                let arrived = self.vjp_of(node, &gradient, pass)?;
-                self.release(&gradient);
-                drop(gradient);
-                for (input, cotangent) in arrived {
-                    let sum = match cotangents[input].take() {
-                        None => cotangent,
-                        Some(before) => {
-                            self.release(&before);
-                            &before + &cotangent
-                        }
-                    };
-                    self.hold(&sum);
-                    cotangents[input] = Some(sum);
+            let Some(gradient) = cotangents[node].take() else {
+                if pass == Pass::Spend {
+                    self.spend(node..node + 1);
                 }
-            }
-            if pass == Pass::Spend {
-                self.spend(node..node + 1);
+                continue;
+            };
+            let arrived = self.vjp_of(node, &gradient, pass);
+            self.release(gradient.tensor());
+            drop(gradient);
+            for (input, cotangent) in arrived? {
+                let sum = match cotangents[input].take() {
+                    None => cotangent,
+                    Some(before) => {
+                        self.release(before.tensor());
+                        if pass == Pass::Record { &before + &cotangent } else { before.added(cotangent) }
+                    }
+                };
+                self.hold(sum.tensor());
+                cotangents[input] = Some(sum);
             }
         }
         Ok(())
     }
 
     /// The cotangents of one node's recorded operands.
-    fn vjp_of(&self, node: usize, gradient: &Var, pass: Pass) -> Result<Vec<(usize, Var)>> {
-        let live = pass == Pass::Record;
-        let var = |node: Option<usize>, value: &Tensor| Var::new(self.clone(), node.filter(|_| live), value.clone());
-        let record = self.0.borrow();
-        let Kind::Op(applied) = &record.nodes[node].kind else {
+    fn vjp_of(&self, node: usize, gradient: &Var, pass: Pass) -> Result<Arrived> {
+        let mut record = self.0.borrow_mut();
+        let (place, anomaly) = (record.nodes[node].place, record.anomaly);
+        let kind = &mut record.nodes[node].kind;
+        let applied = match (pass, &*kind) {
+            (Pass::Spend, Kind::Op(_)) => std::mem::replace(kind, Kind::Spent),
+            (_, Kind::Op(applied)) => Kind::Op(applied.clone()),
+            _ => Kind::Spent,
+        };
+        let Kind::Op(applied) = applied else {
             return Err(Error::new(ErrorKind::NoGradient, "this tape was used up by Var::into_gradients")
-                .at(record.nodes[node].place)
+                .at(place)
                 .fix("take the other gradients before it, with Var::backward"));
         };
-        let Applied { op, residual, .. } = applied;
-        let (op, residual) = (op.clone(), residual.clone());
-        let inputs: Vec<_> = applied.inputs.iter().map(|(node, value)| var(*node, value)).collect();
-        let targets: Vec<_> = applied.inputs.iter().map(|(node, _)| *node).collect();
-        let wanted: Vec<_> = targets.iter().map(Option::is_some).collect();
-        let output = var(Some(node), &applied.output);
-        let (place, anomaly) = (record.nodes[node].place, record.anomaly);
-        drop(record);
-        let cx =
-            Backward { gradient, inputs: &inputs, wanted: &wanted, output: &output, residual: residual.as_ref(), live };
         // a fault inside the derivative is reported for the op whose derivative it is, at the line that applied the op
-        self.0.borrow_mut().anomaly = false;
-        let cotangents = op.vjp(&cx);
-        self.0.borrow_mut().anomaly = anomaly;
-        let cotangents = cotangents?;
+        record.anomaly = false;
+        drop(record);
+        let arrived = self.derivative(&applied, node, gradient, pass, anomaly.then_some(place));
+        let mut record = self.0.borrow_mut();
+        record.anomaly = anomaly;
+        if pass == Pass::Spend {
+            record.let_go(&applied);
+        }
+        drop(record);
+        arrived
+    }
+
+    /// Calls the op's derivative and sorts what it returns; with a place, looks for what is not finite.
+    fn derivative(
+        &self,
+        applied: &Applied,
+        node: usize,
+        gradient: &Var,
+        pass: Pass,
+        checked: Option<&Location<'_>>,
+    ) -> Result<Arrived> {
+        let live = pass == Pass::Record;
+        let var = |node: Option<usize>, value: &Tensor| Var::new(self.clone(), node.filter(|_| live), value.clone());
+        let Applied { op, inputs, residual, .. } = applied;
+        let (mut operands, mut wanted) = (SmallVec::<[Var; 4]>::new(), SmallVec::<[bool; 8]>::new());
+        for (node, value) in inputs {
+            operands.push(var(*node, value));
+            wanted.push(node.is_some());
+        }
+        let output = var(Some(node), &applied.output);
+        let cx = Backward {
+            gradient,
+            inputs: &operands,
+            wanted: &wanted,
+            output: &output,
+            residual: residual.as_ref(),
+            live,
+        };
+        let cotangents = op.vjp(&cx)?;
         assert_eq!(cotangents.len(), inputs.len(), "{}: vjp must speak of every operand", op.name());
-        let mut arrived = Vec::with_capacity(inputs.len());
+        let mut arrived = Arrived::new();
         for (index, cotangent) in cotangents.into_iter().enumerate() {
-            let (Some(target), Some(cotangent)) = (targets[index], cotangent) else { continue };
-            assert_eq!(
-                cotangent.spec(),
-                inputs[index].spec(),
-                "{}: the cotangent of operand {index} has another shape than the operand",
-                op.name()
+            let (Some(target), Some(cotangent)) = (inputs[index].0, cotangent) else { continue };
+            assert!(
+                cotangent.shape() == inputs[index].1.shape()
+                    && cotangent.dtype() == inputs[index].1.dtype().of_cotangent(),
+                "{}: the cotangent {cotangent:?} does not fit operand {index}, {:?}",
+                op.name(),
+                inputs[index].1
             );
-            if anomaly {
-                anomaly::check_cotangent(&*op, index, gradient.tensor(), cotangent.tensor(), place)?;
+            if let Some(place) = checked {
+                anomaly::check_cotangent(&**op, index, gradient.tensor(), cotangent.tensor(), place)?;
             }
             arrived.push((target, cotangent));
         }
@@ -229,19 +272,55 @@ impl Tape {
                 continue;
             }
             let Kind::Op(applied) = std::mem::replace(kind, Kind::Spent) else { continue };
-            applied.tensors().for_each(|tensor| record.ledger.release(tensor));
-            record.ledger.subtract(applied.residual_bytes);
+            record.let_go(&applied);
             // whatever the op and its residual do when they go, they may ask the tape
             drop(record);
             drop(applied);
         }
     }
 
-    fn hold(&self, cotangent: &Var) {
-        self.0.borrow_mut().ledger.hold(cotangent.tensor());
+    fn hold(&self, cotangent: &Tensor) {
+        self.0.borrow_mut().ledger.hold(cotangent);
     }
 
-    fn release(&self, cotangent: &Var) {
-        self.0.borrow_mut().ledger.release(cotangent.tensor());
+    fn release(&self, cotangent: &Tensor) {
+        self.0.borrow_mut().ledger.release(cotangent);
     }
+}
+
+impl Record {
+    /// Takes what an op keeps out of the account.
+    fn let_go(&mut self, applied: &Applied) {
+        applied.tensors().for_each(|tensor| self.ledger.release(tensor));
+        self.ledger.subtract(applied.residual_bytes);
+    }
+}
+
+impl Var {
+    /// The sum of two cotangents that nobody differentiates again: in place where nobody else has one of them.
+    fn added(mut self, mut other: Self) -> Self {
+        if self.device() != Device::Cpu || !self.dtype().is_real() {
+            return &self + &other;
+        }
+        if !self.tensor_mut().is_unshared() {
+            std::mem::swap(&mut self, &mut other);
+        }
+        if !self.tensor_mut().is_unshared() {
+            return &self + &other;
+        }
+        for_real!(self.dtype(), T => {
+            let terms = other.tensor().slice::<T>();
+            let sums = self.tensor_mut().slice_mut::<T>();
+            if terms.len() <= CHUNK {
+                add::<T>(sums, terms);
+            } else {
+                sums.par_chunks_mut(CHUNK).zip(terms.par_chunks(CHUNK)).for_each(|(sums, terms)| add::<T>(sums, terms));
+            }
+        });
+        self
+    }
+}
+
+fn add<T: Real>(sums: &mut [T], terms: &[T]) {
+    sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += *term);
 }

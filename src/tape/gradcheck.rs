@@ -56,8 +56,8 @@ pub struct GradRow {
     pub entries: usize,
     /// Largest absolute difference.
     pub max_abs: f64,
-    /// Largest relative difference: to the larger of both numbers at the entry, and at least 1e-3 of the largest gradient
-    /// entry of the input (below that, rounding of the loss hides the derivative).
+    /// Largest relative difference beyond what rounding of the loss explains: to the larger of both numbers at the entry,
+    /// and at least 1e-3 of the largest gradient entry of the input.
     pub max_rel: f64,
     /// Where the largest relative difference is.
     pub at: Vec<usize>,
@@ -99,8 +99,11 @@ impl GradCheck {
         }
         let tape = Tape::new();
         let leaves: Vec<_> = inputs.iter().map(|(_, x)| tape.leaf(x.clone())).collect();
-        let loss = contract(&function(&tape, &leaves)?);
-        let gradients = loss.backward()?;
+        let result = function(&tape, &leaves)?;
+        let size: f64 = result.value()?.to_vec()?.iter().map(|y| y.abs()).sum();
+        // the loss is rounded by some ε of what it is a sum of, and the difference divides that by twice the step
+        let noise = f64::EPSILON * size / self.step;
+        let gradients = contract(&result).backward()?;
         let value = |values: &[Tensor]| -> Result<f64> {
             let tape = Tape::new();
             let inputs: Vec<_> = values.iter().map(|x| tape.constant(x.clone())).collect();
@@ -123,12 +126,20 @@ impl GradCheck {
                 differences.push((at(1.0)? - at(-1.0)?) / (2.0 * step));
             }
             values[i] = x.clone();
-            rows.push(self.row(input, x, &picked, &gradient, &differences));
+            rows.push(self.row(input, x, &picked, &gradient, &differences, noise));
         }
         Ok(GradReport { name: name.to_owned(), settings: self.clone(), rows })
     }
 
-    fn row(&self, input: &str, x: &Tensor, picked: &[usize], gradient: &[f64], differences: &[f64]) -> GradRow {
+    fn row(
+        &self,
+        input: &str,
+        x: &Tensor,
+        picked: &[usize],
+        gradient: &[f64],
+        differences: &[f64],
+        noise: f64,
+    ) -> GradRow {
         let scale = gradient.iter().chain(differences).fold(0.0f64, |m, g| m.max(g.abs()));
         let mut row = GradRow {
             input: input.to_owned(),
@@ -143,7 +154,8 @@ impl GradCheck {
         for (&entry, &difference) in picked.iter().zip(differences) {
             let tape = gradient[entry];
             let abs = (tape - difference).abs();
-            let rel = abs / tape.abs().max(difference.abs()).max(1e-3 * scale).max(1e-9);
+            let beyond = if abs <= noise { 0.0 } else { abs - noise };
+            let rel = beyond / tape.abs().max(difference.abs()).max(1e-3 * scale).max(1e-9);
             row.max_abs = row.max_abs.max(abs);
             if rel > row.max_rel || rel.is_nan() || row.at.is_empty() {
                 (row.max_rel, row.at, row.tape, row.difference) = (rel, x.shape().index(entry), tape, difference);

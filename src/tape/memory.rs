@@ -10,8 +10,8 @@ use crate::Tensor;
 ///
 /// Counted are the distinct tensors among the operands and results that some derivative will read, what forward passes
 /// declared with [`Forward::holding`](crate::Forward::holding), and, while a backward pass runs, the cotangents that wait
-/// for their turn. Not counted are tensors that only the program's own variables keep, and what one op needs while it
-/// runs.
+/// for their turn. Not counted are single numbers, tensors that only the program's own variables keep, and what one op needs
+/// while it runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Memory {
     /// Bytes held now.
@@ -24,7 +24,7 @@ pub struct Memory {
 #[derive(Default)]
 pub(super) struct Ledger {
     memory: Memory,
-    holds: HashMap<usize, u32, BuildHasherDefault<Mixer>>,
+    holds: AddressMap<usize, u32>,
 }
 
 impl Ledger {
@@ -63,9 +63,12 @@ impl Ledger {
     }
 }
 
-/// A hash of addresses by one multiplication: nobody chooses addresses to collide.
+/// A map whose keys are addresses.
+pub(crate) type AddressMap<K, V> = HashMap<K, V, BuildHasherDefault<Mixer>>;
+
+/// A hash of addresses by a multiplication each: nobody chooses addresses to collide.
 #[derive(Default)]
-struct Mixer(u64);
+pub(crate) struct Mixer(u64);
 
 impl Hasher for Mixer {
     fn finish(&self) -> u64 {
@@ -73,11 +76,11 @@ impl Hasher for Mixer {
     }
 
     fn write(&mut self, _bytes: &[u8]) {
-        unreachable!("addresses are hashed as one word");
+        unreachable!("addresses are hashed as words");
     }
 
     fn write_usize(&mut self, address: usize) {
-        // the high bits choose the bucket's tag, the low ones the bucket: both have to depend on all of the address
-        self.0 = (address as u64 >> 4).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(32);
+        // the upper half of a product depends on all of its factors; the map uses both ends of the hash
+        self.0 = (self.0 ^ address as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(32);
     }
 }

@@ -36,9 +36,11 @@ use std::rc::Rc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 pub use backward::Gradients;
+pub(crate) use memory::AddressMap;
 use memory::Ledger;
 pub use memory::Memory;
 pub use op::{Backward, Forward, Op, Reads};
+use smallvec::SmallVec;
 pub use var::Var;
 
 use crate::{Error, Result, Spec, Tensor};
@@ -72,9 +74,10 @@ enum Kind {
 }
 
 /// The op of a node with what its derivative will read; the rest is hollow.
+#[derive(Clone)]
 struct Applied {
     op: Rc<dyn Op>,
-    inputs: Vec<(Option<usize>, Tensor)>,
+    inputs: SmallVec<[(Option<usize>, Tensor); 2]>,
     output: Tensor,
     residual: Option<Rc<dyn std::any::Any>>,
     residual_bytes: usize,
@@ -170,7 +173,8 @@ impl Tape {
     #[track_caller]
     pub fn apply(&self, op: Rc<dyn Op>, inputs: &[&Var]) -> Result<Var> {
         let place = Location::caller();
-        let specs: Vec<_> = inputs.iter().map(|x| x.spec()).collect();
+        let mut specs = SmallVec::<[Spec; 3]>::new();
+        inputs.iter().for_each(|x| specs.push(x.spec()));
         let expected = op.infer(&specs).map_err(|e| e.at(format!("{} (called at {place})", op.name())))?;
         self.compute(op, inputs, &expected, place)
     }
@@ -182,7 +186,8 @@ impl Tape {
     #[track_caller]
     pub(crate) fn apply_or_keep_fault(&self, op: Rc<dyn Op>, inputs: &[&Var]) -> Var {
         let place = Location::caller();
-        let specs: Vec<_> = inputs.iter().map(|x| x.spec()).collect();
+        let mut specs = SmallVec::<[Spec; 3]>::new();
+        inputs.iter().for_each(|x| specs.push(x.spec()));
         let expected = match op.infer(&specs) {
             Ok(expected) => expected,
             Err(error) => panic!("{}", error.at(op.name())),
@@ -201,13 +206,18 @@ impl Tape {
         expected: &Spec,
         place: &'static Location<'static>,
     ) -> Result<Var> {
-        let values: Vec<_> = inputs.iter().map(|x| x.tensor().clone()).collect();
+        let mut values = SmallVec::<[Tensor; 3]>::new();
+        inputs.iter().for_each(|x| values.push(x.tensor().clone()));
         let Forward { output, residual, residual_bytes } = op.forward(&values)?;
-        assert_eq!(output.spec(), *expected, "{}: the result is not what its shape rule promised", op.name());
+        assert!(
+            *output.shape() == expected.shape && output.dtype() == expected.dtype,
+            "{}: the result {output:?} is not what its shape rule promised, {expected:?}",
+            op.name()
+        );
         if self.0.borrow().anomaly {
             anomaly::check_value(&*op, &values, &output, place)?;
         }
-        if inputs.iter().all(|x| x.node().is_none()) {
+        if inputs.iter().all(|x| !x.is_differentiable()) {
             return Ok(self.constant(output));
         }
         if let Some(stray) = inputs.iter().find(|x| x.is_differentiable() && !self.same(x.tape())) {
@@ -217,19 +227,15 @@ impl Tape {
                 op.name()
             );
         }
-        let wanted: Vec<_> = inputs.iter().map(|x| x.is_differentiable()).collect();
+        let mut wanted = SmallVec::<[bool; 8]>::new();
+        inputs.iter().for_each(|x| wanted.push(x.is_differentiable()));
         let reads = op.reads(&wanted);
         let only = |tensor: Tensor, read: bool| if read { tensor } else { tensor.hollow() };
-        let operand = |(i, value): (usize, Tensor)| (inputs[i].node(), only(value, reads.reads_input(i)));
-        let applied = Applied {
-            inputs: values.into_iter().enumerate().map(operand).collect(),
-            output: only(output.clone(), reads.reads_output()),
-            op,
-            residual,
-            residual_bytes,
-        };
-        applied.tensors().for_each(|tensor| self.0.borrow_mut().ledger.hold(tensor));
-        self.0.borrow_mut().ledger.add(residual_bytes);
+        let output_kept = only(output.clone(), reads.reads_output());
+        let mut applied = Applied { op, inputs: SmallVec::new(), output: output_kept, residual, residual_bytes };
+        for (i, value) in values.into_iter().enumerate() {
+            applied.inputs.push((inputs[i].node(), only(value, reads.reads_input(i))));
+        }
         let node = self.push(Node { kind: Kind::Op(applied), place });
         Ok(Var::new(self.clone(), Some(node), output))
     }
@@ -240,9 +246,13 @@ impl Tape {
     }
 
     fn push(&self, node: Node) -> usize {
-        let mut record = self.0.borrow_mut();
-        record.nodes.push(node);
-        record.nodes.len() - 1
+        let Record { nodes, ledger, .. } = &mut *self.0.borrow_mut();
+        if let Kind::Op(applied) = &node.kind {
+            applied.tensors().for_each(|tensor| ledger.hold(tensor));
+            ledger.add(applied.residual_bytes);
+        }
+        nodes.push(node);
+        nodes.len() - 1
     }
 
     fn same(&self, other: &Self) -> bool {

@@ -13,13 +13,13 @@ use crate::{DType, Device, Result, Shape, Spec, Tensor};
 #[derive(Clone)]
 pub struct Var {
     tape: Tape,
-    node: Option<usize>,
+    node: Option<u32>,
     value: Tensor,
 }
 
 impl Var {
     pub(super) fn new(tape: Tape, node: Option<usize>, value: Tensor) -> Self {
-        Self { tape, node, value }
+        Self { tape, node: node.map(|node| u32::try_from(node).expect("fewer than 2^32 nodes")), value }
     }
 
     /// The tape it lives on.
@@ -29,7 +29,7 @@ impl Var {
 
     /// Its place on the tape; `None` for a constant.
     pub(super) fn node(&self) -> Option<usize> {
-        self.node
+        self.node.map(|node| node as usize)
     }
 
     /// Whether a leaf is behind it.
@@ -49,6 +49,10 @@ impl Var {
     /// Its tensor, faults or not: for ops, which run before anybody has looked.
     pub(crate) fn tensor(&self) -> &Tensor {
         &self.value
+    }
+
+    pub(super) fn tensor_mut(&mut self) -> &mut Tensor {
+        &mut self.value
     }
 
     /// Its only number.

@@ -27,6 +27,14 @@ impl DType {
         }
     }
 
+    /// The type of gradients with respect to tensors of this type: `f32` for `f16`, whose range is too small for them.
+    pub fn of_cotangent(self) -> Self {
+        match self {
+            Self::F16 => Self::F32,
+            other => other,
+        }
+    }
+
     /// Whether ops compute in this type (`f32` and `f64`; `f16` is for storage only).
     pub fn is_real(self) -> bool {
         matches!(self, Self::F32 | Self::F64)

@@ -4,13 +4,15 @@
 //! it was made, so that a tape can keep its inputs without copying them. Reshaping is free; everything else makes a new one.
 //! The dtype is dynamic, so that the same model runs in `f32` in production and in `f64` under a gradient check.
 
+mod array;
+mod convert;
 mod device;
 mod dtype;
 mod shape;
 mod storage;
 
+pub use array::Tensor;
 pub use device::Device;
 pub(crate) use dtype::for_real;
 pub use dtype::{DType, Element};
 pub use shape::{Shape, Spec};
-pub use storage::Tensor;

@@ -1,6 +1,9 @@
 //! Shapes: sizes per axis, row-major, and the broadcasting rule.
 
 use std::fmt;
+use std::hash::{Hash, Hasher};
+
+use smallvec::SmallVec;
 
 use crate::tensor::DType;
 use crate::{Error, ErrorKind, Result};
@@ -15,8 +18,15 @@ use crate::{Error, ErrorKind, Result};
 /// assert_eq!(image.broadcast(&Shape::from([5, 1])).unwrap(), Shape::from([4, 5, 3]));
 /// assert!(image.broadcast(&Shape::from([2])).is_err());
 /// ```
-#[derive(Clone, PartialEq, Eq, Hash, Default)]
-pub struct Shape(Vec<usize>);
+#[derive(Clone)]
+pub struct Shape(Dims);
+
+/// The sizes of up to four axes lie in place: ops on small tensors must not pay for an allocation.
+#[derive(Clone)]
+enum Dims {
+    Few(u8, [usize; 4]),
+    Many(Box<[usize]>),
+}
 
 impl Shape {
     /// The shape of a scalar: no axes, one element.
@@ -26,17 +36,20 @@ impl Shape {
 
     /// Sizes per axis.
     pub fn dims(&self) -> &[usize] {
-        &self.0
+        match &self.0 {
+            Dims::Few(rank, sizes) => &sizes[..usize::from(*rank)],
+            Dims::Many(sizes) => sizes,
+        }
     }
 
     /// Number of axes.
     pub fn rank(&self) -> usize {
-        self.0.len()
+        self.dims().len()
     }
 
     /// Number of elements; 1 for a scalar, 0 when an axis is empty.
     pub fn len(&self) -> usize {
-        self.0.iter().product()
+        self.dims().iter().product()
     }
 
     /// Whether there are no elements.
@@ -48,7 +61,7 @@ impl Shape {
     pub fn strides(&self) -> Vec<usize> {
         let mut strides = vec![1; self.rank()];
         for axis in (1..self.rank()).rev() {
-            strides[axis - 1] = strides[axis] * self.0[axis];
+            strides[axis - 1] = strides[axis] * self.dims()[axis];
         }
         strides
     }
@@ -58,52 +71,85 @@ impl Shape {
     /// # Errors
     /// [`ErrorKind::Shape`] when two sizes differ and neither is 1.
     pub fn broadcast(&self, other: &Self) -> Result<Self> {
+        if self == other {
+            return Ok(self.clone());
+        }
         let rank = self.rank().max(other.rank());
-        let size = |shape: &Self, axis: usize| (axis + shape.rank()).checked_sub(rank).map_or(1, |a| shape.0[a]);
-        (0..rank)
-            .map(|axis| match (size(self, axis), size(other, axis)) {
-                (a, b) if a == b => Ok(a),
-                (1, b) => Ok(b),
-                (a, 1) => Ok(a),
-                (a, b) => Err(Error::new(ErrorKind::Shape, "shapes do not broadcast")
-                    .found(format!("{self} and {other}"))
-                    .wanted(format!("equal sizes or 1 on axis {axis}, not {a} and {b}"))),
-            })
-            .collect::<Result<Vec<_>>>()
-            .map(Self)
+        let size = |shape: &Self, axis: usize| (axis + shape.rank()).checked_sub(rank).map_or(1, |a| shape.dims()[a]);
+        let mut sizes = SmallVec::<[usize; 4]>::new();
+        for axis in 0..rank {
+            sizes.push(match (size(self, axis), size(other, axis)) {
+                (a, b) if a == b => a,
+                (1, b) => b,
+                (a, 1) => a,
+                (a, b) => {
+                    return Err(Error::new(ErrorKind::Shape, "shapes do not broadcast")
+                        .found(format!("{self} and {other}"))
+                        .wanted(format!("equal sizes or 1 on axis {axis}, not {a} and {b}")));
+                }
+            });
+        }
+        Ok(Self::from(&sizes[..]))
     }
 
     /// The flat offset of a multi-index.
     pub fn offset(&self, index: &[usize]) -> usize {
-        index.iter().zip(&self.0).fold(0, |offset, (i, size)| offset * size + i)
+        index.iter().zip(self.dims()).fold(0, |offset, (i, size)| offset * size + i)
     }
 
     /// The multi-index of a flat offset.
     pub fn index(&self, offset: usize) -> Vec<usize> {
         let mut rest = offset;
         let mut index = vec![0; self.rank()];
-        for (i, size) in index.iter_mut().zip(&self.0).rev() {
+        for (i, size) in index.iter_mut().zip(self.dims()).rev() {
             (*i, rest) = (rest % size, rest / size);
         }
         index
     }
 }
 
+impl PartialEq for Shape {
+    fn eq(&self, other: &Self) -> bool {
+        self.dims() == other.dims()
+    }
+}
+
+impl Eq for Shape {}
+
+impl Hash for Shape {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        self.dims().hash(state);
+    }
+}
+
+impl Default for Shape {
+    fn default() -> Self {
+        Self(Dims::Few(0, [0; 4]))
+    }
+}
+
 impl<const N: usize> From<[usize; N]> for Shape {
     fn from(dims: [usize; N]) -> Self {
-        Self(dims.to_vec())
+        Self::from(&dims[..])
     }
 }
 
 impl From<Vec<usize>> for Shape {
     fn from(dims: Vec<usize>) -> Self {
-        Self(dims)
+        Self::from(&dims[..])
     }
 }
 
 impl From<&[usize]> for Shape {
     fn from(dims: &[usize]) -> Self {
-        Self(dims.to_vec())
+        let mut few = [0; 4];
+        match few.get_mut(..dims.len()) {
+            Some(part) => {
+                part.copy_from_slice(dims);
+                Self(Dims::Few(dims.len() as u8, few))
+            }
+            None => Self(Dims::Many(dims.into())),
+        }
     }
 }
 
@@ -115,7 +161,7 @@ impl From<&Shape> for Shape {
 
 impl fmt::Display for Shape {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:?}", self.0)
+        write!(f, "{:?}", self.dims())
     }
 }
 

@@ -217,6 +217,7 @@ impl Config {
             let value = start.get(p.name).copied().unwrap_or(p.start);
             let (low, high) = match p.map {
                 Map::Log10 => (p.prior[0] / 100.0, p.prior[1] * 100.0),
+                Map::Linear => (100.0 * p.prior[0], 100.0 * p.prior[1]),
                 Map::Bounded { low, high } => (low, high),
             };
             if (low..=high).contains(&value) && p.map.raw(value).is_finite() {

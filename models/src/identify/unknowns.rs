@@ -12,7 +12,7 @@ const SPEED: f64 = 0.1;
 /// by a factor of about ten).
 fn unit(map: Map) -> f64 {
     match map {
-        Map::Log10 => 1.0,
+        Map::Log10 | Map::Linear => 1.0,
         Map::Bounded { .. } => 3.0,
     }
 }
@@ -153,6 +153,7 @@ impl Bound {
 fn constrained(map: Map, raw: &Var) -> Var {
     match map {
         Map::Log10 => (raw * std::f64::consts::LN_10).exp(),
+        Map::Linear => raw.clone(),
         Map::Bounded { low, high } => {
             let half = 0.5 * (high - low);
             &(&(raw / half).tanh() * half) + (low + half)

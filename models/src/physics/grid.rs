@@ -91,32 +91,44 @@ pub(crate) fn update<T: Number>(world: &World, lattice: &Lattice<T>, dt: f64, gr
 }
 
 /// The adjoint of [`update`]: `grid` becomes `[velocity, mass]` as there, and `cotangent` turns from that of the velocity
-/// into that of momentum and mass: `g_mom = g/m`, `g_mass = −g·mom/m²`.
-pub(crate) fn update_vjp<T: Number>(world: &World, lattice: &Lattice<T>, dt: f64, grid: &mut [T], cotangent: &mut [T]) {
+/// into that of momentum and mass: `g_mom = g/m`, `g_mass = −g·mom/m²`. Returns the cotangent of gravity.
+pub(crate) fn update_vjp<T: Number>(
+    world: &World,
+    lattice: &Lattice<T>,
+    dt: f64,
+    grid: &mut [T],
+    cotangent: &mut [T],
+) -> [f64; 3] {
     let least = T::from_f64(world.least_mass());
     let kick = world.gravity.map(|g| g * dt);
     let plane = lattice.stride[0].max(1);
     let both = grid.par_chunks_mut(plane).zip(cotangent.par_chunks_mut(plane)).enumerate();
-    both.for_each(|(x, (values, cotangents))| {
-        let _flush = Flush::start();
-        for (at, (value, g)) in values.chunks_exact_mut(4).zip(cotangents.chunks_exact_mut(4)).enumerate() {
-            if value[3] > least {
-                let node = [x, at / lattice.shape[2], at % lattice.shape[2]];
-                let free = free_velocity(value, kick);
-                let after = [g[0], g[1], g[2]].map(Element::to_f64);
-                let (v, before) = collide_vjp(&world.colliders, lattice.node(node), free, after);
-                let mass = value[3].to_f64();
-                let momentum: [f64; 3] = std::array::from_fn(|i| value[i].to_f64());
-                let on_mass = -(0..3).map(|i| before[i] * momentum[i]).sum::<f64>() / (mass * mass);
-                g[..3].copy_from_slice(&before.map(|g| T::from_f64(g / mass)));
-                g[3] = T::from_f64(on_mass);
-                value[..3].copy_from_slice(&v.map(T::from_f64));
-            } else {
-                value[..3].fill(T::ZERO);
-                g.fill(T::ZERO);
+    let planes: Vec<[f64; 3]> = both
+        .map(|(x, (values, cotangents))| {
+            let _flush = Flush::start();
+            let mut on_gravity = [0.0; 3];
+            for (at, (value, g)) in values.chunks_exact_mut(4).zip(cotangents.chunks_exact_mut(4)).enumerate() {
+                if value[3] > least {
+                    let node = [x, at / lattice.shape[2], at % lattice.shape[2]];
+                    let free = free_velocity(value, kick);
+                    let after = [g[0], g[1], g[2]].map(Element::to_f64);
+                    let (v, before) = collide_vjp(&world.colliders, lattice.node(node), free, after);
+                    (0..3).for_each(|axis| on_gravity[axis] += dt * before[axis]);
+                    let mass = value[3].to_f64();
+                    let momentum: [f64; 3] = std::array::from_fn(|i| value[i].to_f64());
+                    let on_mass = -(0..3).map(|i| before[i] * momentum[i]).sum::<f64>() / (mass * mass);
+                    g[..3].copy_from_slice(&before.map(|g| T::from_f64(g / mass)));
+                    g[3] = T::from_f64(on_mass);
+                    value[..3].copy_from_slice(&v.map(T::from_f64));
+                } else {
+                    value[..3].fill(T::ZERO);
+                    g.fill(T::ZERO);
+                }
             }
-        }
-    });
+            on_gravity
+        })
+        .collect();
+    std::array::from_fn(|axis| planes.iter().map(|plane| plane[axis]).sum())
 }
 
 /// `momentum/mass + dt g` \[m/s\]

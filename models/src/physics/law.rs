@@ -4,31 +4,36 @@ use std::sync::Arc;
 
 use gradreel::scalar::{Lanes, Mat3, Program, Scalar};
 
-use super::material::{Given, Material, Point};
+use super::material::{Given, History, Material, Point};
 use super::parameters::Parameter;
 use super::row::Number;
-use super::state::{BLOCK, F};
+use super::state::{BLOCK, F, HISTORY};
+use super::values::Values;
 
 /// Most parameters a material may have.
-pub(crate) const PARAMETER_LIMIT: usize = 16;
+pub(crate) const PARAMETER_LIMIT: usize = 128;
+
+/// Most history variables a material may have.
+pub(crate) const HISTORY_LIMIT: usize = 8;
 
 /// Inputs before the parameters: F 9, C 9, substep, stress scale, mass.
 const FIXED: usize = 21;
-/// Outputs: projected deformation gradient 9, affine matrix 9.
+/// Outputs before the history: projected deformation gradient 9, affine matrix 9.
 const OUTPUTS: usize = 18;
 /// Upper bound of what any of the programs takes or returns.
-const SLOTS: usize = FIXED + PARAMETER_LIMIT + OUTPUTS;
+const SLOTS: usize = FIXED + PARAMETER_LIMIT + OUTPUTS + 2 * HISTORY_LIMIT;
 
 /// A material together with its scalar programs.
 ///
-/// - `law`: `F, C, dt, parameters ↦ F′, τ`, for looking at a material by itself;
-/// - `forward`: `F, C, dt, s, m, parameters ↦ F′, A`, all that happens to one particle before the transfer:
-///   `F_trial = (I + dt C) F`, the return map, and `A = m C − s τ` with `s = dt V₀ 4/dx²`;
-/// - `reverse`: its vector-Jacobian product with respect to `F, C, m` and the parameters.
+/// - `law`: `F, C, dt, parameters, history ↦ F′, τ, history′`, for looking at a material by itself;
+/// - `forward`: `F, C, dt, s, m, parameters, history ↦ F′, A, history′`, all that happens to one particle before the
+///   transfer: `F_trial = (I + dt C) F`, the return map, and `A = m C − s τ` with `s = dt V₀ 4/dx²`;
+/// - `reverse`: its vector-Jacobian product with respect to `F, C, m`, the parameters and the history.
 #[derive(Debug, Clone)]
 pub struct Law {
     material: Arc<dyn Material>,
     parameters: Vec<Parameter>,
+    history: Vec<History>,
     law: Program,
     forward: Program,
     reverse: Program,
@@ -39,44 +44,47 @@ impl Law {
     ///
     /// # Panics
     ///
-    /// If it declares more than 16 parameters.
+    /// If it declares more than 128 parameters or 8 history variables, or evolves another number of them.
     #[track_caller]
     pub fn of(material: impl Material) -> Self {
-        let parameters = material.parameters();
-        let limit = PARAMETER_LIMIT;
-        assert!(
-            parameters.len() <= limit,
-            "{}: {} parameters, the limit is {limit}",
-            material.name(),
-            parameters.len()
-        );
+        let (parameters, history) = (material.parameters(), material.history());
+        for (what, count, limit) in
+            [("parameters", parameters.len(), PARAMETER_LIMIT), ("history variables", history.len(), HISTORY_LIMIT)]
+        {
+            assert!(count <= limit, "{}: {count} {what}, the limit is {limit}", material.name());
+        }
         let names: Vec<&str> = parameters.iter().map(|p| p.name).collect();
+        let remembered: Vec<&str> = history.iter().map(|variable| variable.name).collect();
         let matrix = |name: &str| (0..9).map(move |k| format!("{name}{}{}", k / 3, k % 3)).collect::<Vec<_>>();
         let trace = |name: &str, between: &[&str], second: &str, f: &dyn Fn(&[Scalar]) -> Vec<Scalar>| {
             let inputs = [matrix("f"), matrix("c")].concat();
-            let outputs = [matrix("f_new"), matrix(second)].concat();
-            let inputs: Vec<&str> =
-                inputs.iter().map(String::as_str).chain(between.iter().chain(&names).copied()).collect();
+            let inputs: Vec<&str> = inputs
+                .iter()
+                .map(String::as_str)
+                .chain(between.iter().chain(&names).chain(&remembered).copied())
+                .collect();
+            let evolved = remembered.iter().map(|name| format!("{name}_new"));
+            let outputs: Vec<String> = matrix("f_new").into_iter().chain(matrix(second)).chain(evolved).collect();
             let outputs: Vec<&str> = outputs.iter().map(String::as_str).collect();
             Program::trace(&format!("{}_{name}", material.name()), &inputs, &outputs, f)
         };
-        let given = |dt: Scalar, values: &[Scalar]| Given {
-            values: names.iter().copied().zip(values.iter().copied()).collect(),
-            dt,
+        let given = |dt: Scalar, values: &[Scalar]| {
+            let mut named = names.iter().chain(&remembered).copied().zip(values.iter().copied());
+            Given { values: named.by_ref().take(names.len()).collect(), history: named.collect(), dt }
         };
         let law = trace("law", &["dt"], "tau", &|x| {
-            let (f, tau) =
-                respond(&material, Mat3::from_slice(&x[..9]), Mat3::from_slice(&x[9..18]), &given(x[18], &x[19..]));
-            [f.to_vec(), tau.to_vec()].concat()
+            let (f, c) = (Mat3::from_slice(&x[..9]), Mat3::from_slice(&x[9..18]));
+            let Response { f, tau, history } = respond(&material, f, c, given(x[18], &x[19..]));
+            [f.to_vec(), tau.to_vec(), history].concat()
         });
         let forward = trace("forward", &["dt", "scale", "mass"], "a", &|x| {
-            let c = Mat3::from_slice(&x[9..18]);
-            let (f, tau) = respond(&material, Mat3::from_slice(&x[..9]), c, &given(x[18], &x[FIXED..]));
-            [f.to_vec(), (c * x[20] - tau * x[19]).to_vec()].concat()
+            let (f, c) = (Mat3::from_slice(&x[..9]), Mat3::from_slice(&x[9..18]));
+            let Response { f, tau, history } = respond(&material, f, c, given(x[18], &x[FIXED..]));
+            [f.to_vec(), (c * x[20] - tau * x[19]).to_vec(), history].concat()
         });
-        let wanted: Vec<usize> = (0..18).chain(20..FIXED + parameters.len()).collect();
+        let wanted: Vec<usize> = (0..18).chain(20..FIXED + parameters.len() + history.len()).collect();
         let reverse = forward.vjp_wrt(&wanted);
-        Self { material: Arc::new(material), parameters, law, forward, reverse }
+        Self { material: Arc::new(material), parameters, history, law, forward, reverse }
     }
 
     /// The material's name.
@@ -89,66 +97,98 @@ impl Law {
         &self.parameters
     }
 
+    /// What each particle remembers besides its deformation gradient, in order.
+    pub fn history(&self) -> &[History] {
+        &self.history
+    }
+
+    /// Whether inverted material has a finite stress; see [`Material::survives_inversion`].
+    pub fn survives_inversion(&self) -> bool {
+        self.material.survives_inversion()
+    }
+
     /// An upper estimate of the speed of sound \[m/s\]; see [`Material::wave_speed`].
     pub fn wave_speed(&self, values: &[f64], density: f64) -> f64 {
         self.material.wave_speed(values, density)
     }
 
-    /// `F (9), C (9), dt, parameters ↦ F′ (9), τ (9)`, row by row; `F′` is the projection of `(I + dt C) F`.
+    /// `F (9), C (9), dt, parameters, history ↦ F′ (9), τ (9), history′`, row by row; `F′` is the projection of
+    /// `(I + dt C) F`.
     pub fn program(&self) -> &Program {
         &self.law
     }
 
-    /// Runs the forward program over the first `len` particles of a block: reads `F, C` of `now`, writes `F` of `next` and
-    /// the affine matrices (9 arrays).
-    pub(crate) fn advance<T: Number>(&self, now: &[T], with: &Block<'_, T>, next: &mut [T], affine: &mut [T]) {
+    /// Runs the forward program over some particles of a block: reads `F, C` and history of `now`, writes `F` and history
+    /// of `next` and the affine matrices (9 arrays).
+    pub(crate) fn advance<T: Number>(&self, now: &[T], with: &Run<'_, T>, next: &mut [T], affine: &mut [T]) {
         let inputs = self.inputs(now, with);
-        let into = next[F * BLOCK..].chunks_exact_mut(BLOCK).take(9).chain(affine.chunks_exact_mut(BLOCK).take(9));
-        let mut outputs = cut(into, with.len);
-        self.forward.run(with.len, &inputs[..self.input_count()], &mut outputs[..OUTPUTS]);
+        let (f, history) = next[F * BLOCK..].split_at_mut(9 * BLOCK);
+        let into = arrays(f, 9).chain(arrays(affine, 9)).chain(arrays(history, self.history.len()));
+        let mut outputs = cut(into, with);
+        self.forward.run(with.len, &inputs[..self.input_count()], &mut outputs[..OUTPUTS + self.history.len()]);
     }
 
-    /// Runs the reverse program: cotangents of `F′` and `A` to those of `F`, `C`, mass and parameters, one array each.
-    pub(crate) fn pull_back<T: Number>(&self, now: &[T], with: &Block<'_, T>, f: &[T], affine: &[T], out: &mut [T]) {
+    /// Runs the reverse program: `cotangent` holds those of a whole state and `affine` that of `A`; those of `F`, `C`, mass,
+    /// parameters and history go to `out`, one array each.
+    pub(crate) fn pull_back<T: Number>(
+        &self,
+        now: &[T],
+        with: &Run<'_, T>,
+        cotangent: &[T],
+        affine: &[T],
+        out: &mut [T],
+    ) {
         let mut inputs = self.inputs(now, with);
-        let count = self.input_count();
-        let cotangents = f.chunks_exact(BLOCK).take(9).chain(affine.chunks_exact(BLOCK).take(9));
-        for (slot, cotangent) in inputs[count..].iter_mut().zip(cotangents) {
-            *slot = Lanes::Each(&cotangent[..with.len]);
+        let (count, outputs) = (self.input_count(), OUTPUTS + self.history.len());
+        let (f, history) = cotangent[F * BLOCK..].split_at(9 * BLOCK);
+        let rows = f.chunks_exact(BLOCK).chain(affine.chunks_exact(BLOCK).take(9)).chain(history.chunks_exact(BLOCK));
+        for (slot, row) in inputs[count..count + outputs].iter_mut().zip(rows) {
+            *slot = Lanes::Each(&row[with.first..][..with.len]);
         }
-        let arrays = self.cotangent_count();
-        let mut outputs = cut(out.chunks_exact_mut(BLOCK).take(arrays), with.len);
-        self.reverse.run(with.len, &inputs[..count + OUTPUTS], &mut outputs[..arrays]);
+        let count_out = self.cotangent_count();
+        let mut results = cut(arrays(out, count_out), with);
+        self.reverse.run(with.len, &inputs[..count + outputs], &mut results[..count_out]);
     }
 
     /// Arrays that [`Law::pull_back`] writes.
     pub(crate) fn cotangent_count(&self) -> usize {
-        19 + self.parameters.len()
+        19 + self.parameters.len() + self.history.len()
     }
 
     fn input_count(&self) -> usize {
-        FIXED + self.parameters.len()
+        FIXED + self.parameters.len() + self.history.len()
     }
 
-    fn inputs<'a, T: Number>(&self, now: &'a [T], with: &Block<'a, T>) -> [Lanes<'a, T>; SLOTS] {
+    fn inputs<'a, T: Number>(&self, now: &'a [T], with: &Run<'a, T>) -> [Lanes<'a, T>; SLOTS] {
         let mut inputs = [Lanes::Same(T::ZERO); SLOTS];
+        let array = |component: usize| Lanes::Each(&now[component * BLOCK + with.first..][..with.len]);
         for k in 0..9 {
-            let array = |component: usize| Lanes::Each(&now[component * BLOCK..][..with.len]);
             inputs[k] = array(F + k);
             inputs[9 + k] = array(super::state::C + k);
         }
         inputs[18] = Lanes::Same(with.dt);
         inputs[19] = Lanes::Same(with.stress_scale);
         inputs[20] = with.mass;
-        inputs[FIXED..][..self.parameters.len()].copy_from_slice(&with.parameters[..self.parameters.len()]);
+        let mut rest = FIXED;
+        for values in with.parameters {
+            inputs[rest] = values.run(with.particle, with.len);
+            rest += 1;
+        }
+        for k in 0..self.history.len() {
+            inputs[rest + k] = array(HISTORY + k);
+        }
         inputs
     }
 }
 
-/// What is constant for a block of particles during a rollout.
+/// Neighbouring particles of one material within a block, and what is constant for them during a rollout.
 #[derive(Clone, Copy)]
-pub(crate) struct Block<'a, T> {
-    /// Particles in it.
+pub(crate) struct Run<'a, T> {
+    /// The first of them, counted within the block.
+    pub first: usize,
+    /// The first of them, counted among all particles.
+    pub particle: usize,
+    /// How many.
     pub len: usize,
     /// Substep \[s\].
     pub dt: T,
@@ -157,17 +197,36 @@ pub(crate) struct Block<'a, T> {
     /// Particle masses \[kg\].
     pub mass: Lanes<'a, T>,
     /// Parameters in the material's order.
-    pub parameters: [Lanes<'a, T>; PARAMETER_LIMIT],
+    pub parameters: &'a [Values<T>],
 }
 
-/// Trial deformation, return map, stress.
-fn respond(material: &impl Material, previous: Mat3, c: Mat3, given: &Given) -> (Mat3, Mat3) {
+/// What a material makes of a particle.
+struct Response {
+    f: Mat3,
+    tau: Mat3,
+    history: Vec<Scalar>,
+}
+
+/// Trial deformation, return map, history, stress.
+#[track_caller]
+fn respond(material: &impl Material, previous: Mat3, c: Mat3, mut given: Given) -> Response {
     let trial = Point { f: (Mat3::eye() + c * given.dt) * previous, previous, c };
-    let f = material.return_map(&trial, given).unwrap_or(trial.f);
-    (f, material.stress(&Point { f, ..trial }, given))
+    let f = material.return_map(&trial, &given).unwrap_or(trial.f);
+    let history = material.evolve(&trial, &given);
+    let (found, wanted) = (history.len(), given.history.len());
+    assert!(found == wanted, "{}: {found} history variables evolve, {wanted} are declared", material.name());
+    for ((_, old), new) in given.history.iter_mut().zip(&history) {
+        *old = *new;
+    }
+    Response { f, tau: material.stress(&Point { f, ..trial }, &given), history }
 }
 
-/// The first `len` values of each array, in a fixed number of places.
-fn cut<'a, T: 'a>(mut arrays: impl Iterator<Item = &'a mut [T]>, len: usize) -> [&'a mut [T]; SLOTS] {
-    std::array::from_fn(|_| arrays.next().map_or(Default::default(), |array| &mut array[..len]))
+/// The first `count` arrays of a buffer.
+fn arrays<T>(buffer: &mut [T], count: usize) -> impl Iterator<Item = &mut [T]> {
+    buffer.chunks_exact_mut(BLOCK).take(count)
+}
+
+/// The lanes of a run in each array, in a fixed number of places.
+fn cut<'a, T: 'a>(mut arrays: impl Iterator<Item = &'a mut [T]>, with: &Run<'_, T>) -> [&'a mut [T]; SLOTS] {
+    std::array::from_fn(|_| arrays.next().map_or(Default::default(), |array| &mut array[with.first..][..with.len]))
 }

@@ -3,7 +3,7 @@
 use std::fmt::Debug;
 use std::ops::Index;
 
-use gradreel::scalar::{Mat3, Scalar};
+use gradreel::scalar::{Mat3, Program, Scalar};
 
 use super::parameters::Parameter;
 
@@ -54,9 +54,49 @@ pub trait Material: Debug + Send + Sync + 'static {
         None
     }
 
+    /// What a particle remembers besides its deformation gradient, such as hardening; nothing, unless said otherwise.
+    fn history(&self) -> Vec<History> {
+        Vec::new()
+    }
+
+    /// What replaces the history variables, in order, when the deformation gradient becomes the trial `point.f`; they
+    /// stay as they are, unless said otherwise. `given` holds them, by name, as they were before; in
+    /// [`Material::stress`] it holds the new ones.
+    fn evolve(&self, point: &Point, given: &Given) -> Vec<Scalar> {
+        let _ = point;
+        given.history.iter().map(|(_, value)| *value).collect()
+    }
+
     /// An upper estimate of the speed of sound \[m/s\] near rest, for the time step; `values` are in the order of
     /// [`Material::parameters`], `density` in kg/m³.
-    fn wave_speed(&self, values: &[f64], density: f64) -> f64;
+    ///
+    /// Unless said otherwise `√(∂τ₀₀/∂F₀₀ / ρ)` at rest, the speed of a pressure wave, from the derivative of the stress.
+    fn wave_speed(&self, values: &[f64], density: f64) -> f64 {
+        let stress = Program::trace("stress", &["stretch"], &["tau"], |x| {
+            let mut f = Mat3::eye();
+            f.0[0][0] = x[0];
+            let point = Point { f, previous: Mat3::eye(), c: Mat3::zero() };
+            vec![self.stress(&point, &Given::constant(self.parameters(), self.history(), values)).0[0][0]]
+        });
+        (stress.jvp().eval(&[1.0, 1.0])[0] / density).sqrt()
+    }
+
+    /// Whether the law has a finite stress for inverted material (`det F < 0`); if not, the stress must be NaN there,
+    /// which a rollout reports.
+    fn survives_inversion(&self) -> bool {
+        true
+    }
+}
+
+/// A history variable: something that each particle carries through the simulation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct History {
+    /// The name by which [`Given`] knows it.
+    pub name: &'static str,
+    /// The SI unit, `-` if it has none.
+    pub unit: &'static str,
+    /// Its value at rest.
+    pub start: f64,
 }
 
 /// The kinematic state of one particle, symbolically.
@@ -70,12 +110,24 @@ pub struct Point {
     pub c: Mat3,
 }
 
-/// The parameters of one particle, by name, and the length of the substep.
+/// The parameters and history variables of one particle, by name, and the length of the substep.
 #[derive(Debug, Clone)]
 pub struct Given {
     pub(crate) values: Vec<(&'static str, Scalar)>,
+    pub(crate) history: Vec<(&'static str, Scalar)>,
     /// Substep \[s\].
     pub dt: Scalar,
+}
+
+impl Given {
+    /// Known numbers: parameters, history at rest, a substep of no length.
+    fn constant(parameters: Vec<Parameter>, history: Vec<History>, values: &[f64]) -> Self {
+        Self {
+            values: parameters.iter().map(|p| p.name).zip(values.iter().map(|&value| value.into())).collect(),
+            history: history.iter().map(|variable| (variable.name, variable.start.into())).collect(),
+            dt: 0.0.into(),
+        }
+    }
 }
 
 impl Index<&str> for Given {
@@ -83,11 +135,12 @@ impl Index<&str> for Given {
 
     /// # Panics
     ///
-    /// If the material has declared no such parameter.
+    /// If the material has declared no such parameter or history variable.
     #[track_caller]
     fn index(&self, name: &str) -> &Scalar {
-        let found = self.values.iter().find(|(known, _)| *known == name);
-        let names = || self.values.iter().map(|(known, _)| *known).collect::<Vec<_>>();
+        let all = || self.values.iter().chain(&self.history);
+        let found = all().find(|(known, _)| *known == name);
+        let names = || all().map(|(known, _)| *known).collect::<Vec<_>>();
         match found {
             Some((_, value)) => value,
             None => panic!("the material has no parameter '{name}', only {:?}", names()),

@@ -5,8 +5,10 @@
 //! hand, the material by differentiating its scalar program.
 //!
 //! - [`World`]: grid spacing, gravity, [`Collider`]s, limits.
-//! - [`Material`]: one constitutive law, written for one particle; [`Law`]: the same, traced. [`materials`] lists them.
-//! - [`rollout`]: thousands of substeps as one node of the tape, with a [`Schedule`] and [`Remat`].
+//! - [`Material`]: one constitutive law, written for one particle; [`Law`]: the same, traced. [`materials`] lists them, and
+//!   [`check_material`] checks them.
+//! - [`rollout`]: thousands of substeps as one node of the tape, with a [`Schedule`] and [`Remat`]; [`simulate`]: the same
+//!   for several materials at once.
 //! - [`State`], [`Simulation`]: one substep at a time, forwards and backwards, on plain arrays.
 //!
 //! Units are SI throughout; world y is up; node (0, 0, 0) of the grid is the world's origin. Results do not depend on the
@@ -29,23 +31,27 @@ mod parameters;
 mod remat;
 mod rollout;
 mod row;
+mod scene;
 mod state;
 mod substep;
 mod timestep;
+mod totals;
 mod trajectory;
 mod transfer;
 mod values;
 mod world;
 
+pub use check::{MaterialCheck, MaterialReport, check_material};
 pub use collider::{Collider, Contact, Region};
 pub use law::Law;
-pub use material::{Given, Material, Point};
+pub use material::{Given, History, Material, Point};
 pub use parameters::{Map, Parameter, lame};
 pub use remat::Remat;
 pub use rollout::{Body, Rollout, rollout};
 pub use row::Number;
+pub use scene::{Scene, Substance, simulate};
 pub use state::State;
-pub use substep::Simulation;
+pub use substep::{Portion, Simulation};
 pub use timestep::{CFL, CFL_LIMIT, Schedule};
 pub use values::{ValueGradients, Values};
 pub use world::World;

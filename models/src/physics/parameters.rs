@@ -5,6 +5,8 @@
 pub enum Map {
     /// `value = 10^raw`: positive quantities known to an order of magnitude.
     Log10,
+    /// `value = raw`: quantities of any sign and of order 1.
+    Linear,
     /// `value = r/2 · tanh(2 raw/r) + low + r/2` with `r = high − low`: quantities between two limits.
     Bounded {
         /// Lower limit, never reached.
@@ -19,6 +21,7 @@ impl Map {
     pub fn value(self, raw: f64) -> f64 {
         match self {
             Self::Log10 => 10_f64.powf(raw),
+            Self::Linear => raw,
             Self::Bounded { low, high } => {
                 let half = (high - low) / 2.0;
                 half * (raw / half).tanh() + low + half
@@ -30,6 +33,7 @@ impl Map {
     pub fn raw(self, value: f64) -> f64 {
         match self {
             Self::Log10 => value.log10(),
+            Self::Linear => value,
             Self::Bounded { low, high } => {
                 let half = (high - low) / 2.0;
                 half * ((value - low - half) / half).atanh()
@@ -41,6 +45,7 @@ impl Map {
     pub fn derivative(self, raw: f64) -> f64 {
         match self {
             Self::Log10 => std::f64::consts::LN_10 * self.value(raw),
+            Self::Linear => 1.0,
             Self::Bounded { low, high } => 1.0 - (2.0 * raw / (high - low)).tanh().powi(2),
         }
     }
@@ -64,9 +69,22 @@ pub struct Parameter {
 }
 
 impl Parameter {
+    /// Young's modulus `young` \[Pa\] and Poisson's ratio `poisson`: the parameters of an isotropic elastic solid.
+    pub fn elastic() -> Vec<Self> {
+        vec![
+            Self::log10("young", "E", "Pa", [1e3, 1e7]),
+            Self::bounded("poisson", "ν", "-", [-0.45, 0.45], [0.0, 0.45]),
+        ]
+    }
+
     /// A positive parameter fitted as its decimal logarithm, starting in the logarithmic middle of `prior`.
     pub fn log10(name: &'static str, symbol: &'static str, unit: &'static str, prior: [f64; 2]) -> Self {
         Self { name, symbol, unit, map: Map::Log10, start: (prior[0] * prior[1]).sqrt(), prior }
+    }
+
+    /// A parameter of any sign that is fitted as it is.
+    pub fn linear(name: &'static str, symbol: &'static str, unit: &'static str, start: f64, prior: [f64; 2]) -> Self {
+        Self { name, symbol, unit, map: Map::Linear, start, prior }
     }
 
     /// A parameter that stays between `limits`, starting in the middle of `prior`.
@@ -102,6 +120,7 @@ mod tests {
     fn maps_invert_and_their_derivatives_are_right() {
         for (map, value) in [
             (Map::Log10, 3.2e5),
+            (Map::Linear, -0.7),
             (Map::Bounded { low: -0.45, high: 0.45 }, 0.31),
             (Map::Bounded { low: 1.0, high: 5.0 }, 4.9),
         ] {

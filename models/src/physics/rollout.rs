@@ -1,13 +1,16 @@
 //! A whole simulation as one op of the tape.
 
+use std::sync::Arc;
+
 use gradreel::{Backward, DType, Error, ErrorKind, Forward, Op, Reads, Result, Spec, Tensor, Var};
 
 use super::lattice::Lattice;
 use super::law::Law;
 use super::remat::Remat;
 use super::row::Number;
-use super::state::{State, V};
-use super::substep::Simulation;
+use super::scene::{Scene, Substance, simulate};
+use super::state::V;
+use super::substep::{Portion, Simulation};
 use super::timestep::Schedule;
 use super::trajectory::Trajectory;
 use super::values::{Values, check_values};
@@ -20,7 +23,8 @@ use super::world::World;
 /// | positions | `[n, 3]` | m |
 /// | velocity | `[3]` or `[n, 3]` | m/s |
 /// | density | `[1]` or `[n]` | kg/m³ |
-/// | each parameter of the material | `[1]` or `[n]` | its own |
+/// | gravity, if [`Rollout::gravity`] | `[3]` | m/s² |
+/// | each parameter of each material | `[1]` or `[n]` | its own |
 ///
 /// The output is `[frames, n, 3]` \[m\]; frame 0 is the input. All inputs have the same dtype, `f32` or `f64`, and live on
 /// the CPU.
@@ -28,15 +32,19 @@ use super::world::World;
 pub struct Rollout {
     /// Surroundings.
     pub world: World,
-    /// Material.
-    pub law: Law,
+    /// Materials.
+    pub laws: Vec<Law>,
+    /// The index in `laws` of each particle's material; `None` where there is only one.
+    pub material_of: Option<Arc<[u32]>>,
+    /// Whether gravity is an input, in place of that of `world`.
+    pub gravity: bool,
     /// Times.
     pub schedule: Schedule,
     /// What is kept for the backward pass; `None` keeps nothing, for a rollout that is not differentiated.
     pub remat: Option<Remat>,
 }
 
-/// The inputs of a [`rollout`]; see [`Rollout`] for shapes and units.
+/// The inputs of a [`rollout`] of one material; see [`Rollout`] for shapes and units.
 #[derive(Debug, Clone)]
 pub struct Body {
     /// Positions \[m\].
@@ -49,7 +57,7 @@ pub struct Body {
     pub parameters: Vec<Var>,
 }
 
-/// Simulates a body of one material; see [`Rollout`].
+/// Simulates a body of one material; see [`Rollout`], and [`simulate`](super::simulate) for several.
 ///
 /// ```
 /// use gradreel::{Tape, Tensor};
@@ -83,10 +91,10 @@ pub struct Body {
 /// [`ErrorKind::Physics`] when the simulation breaks down, naming particle, substep, time and position;
 /// [`ErrorKind::NonFinite`] for inputs that are not finite; [`ErrorKind::Shape`] for inputs that do not fit.
 pub fn rollout(world: &World, law: &Law, schedule: Schedule, remat: Remat, body: &Body) -> Result<Var> {
-    let others: Vec<&Var> = [&body.velocity, &body.density].into_iter().chain(&body.parameters).collect();
-    let differentiable = body.positions.is_differentiable() || others.iter().any(|var| var.is_differentiable());
-    let op = Rollout { world: world.clone(), law: law.clone(), schedule, remat: differentiable.then_some(remat) };
-    body.positions.apply(op, &others)
+    let Body { positions, velocity, density, parameters } = body.clone();
+    let materials = vec![Substance { law: law.clone(), parameters }];
+    let scene = Scene { positions, velocity, density, gravity: None, materials, material_of: None };
+    simulate(world, &scene, schedule, remat)
 }
 
 /// What the backward pass needs of the forward pass.
@@ -116,12 +124,14 @@ impl Op for Rollout {
             let dims = spec.shape.dims();
             let (fits, wanted) = match index {
                 1 => (dims == [3] || dims == [n, 3], format!("[3] or [{n}, 3]")),
+                3 if self.gravity => (dims == [3], "[3]".to_owned()),
                 _ => (dims == [1] || dims == [n], format!("[1] or [{n}]")),
             };
             if !fits {
                 return Err(fault(format!("'{name}' has the wrong shape")).found(&spec.shape).wanted(wanted));
             }
         }
+        self.check_materials(n)?;
         let dtype = inputs[0].dtype;
         if !dtype.is_real() || inputs.iter().any(|spec| spec.dtype != dtype) {
             let found: Vec<String> = inputs.iter().map(|spec| spec.dtype.to_string()).collect();
@@ -163,15 +173,22 @@ impl Rollout {
         let velocities: Vec<[T; 3]> = triples(&inputs[1]);
         finite("velocity", inputs[1].slice::<T>(), 3)?;
         let n = positions.len();
-        let order = grid_order(&positions, self.world.dx);
-        let (mut simulation, density, parameters) = self.simulation::<T>(inputs, n, &order)?;
-        self.schedule.check_waves(&self.world, &self.law, &density, &parameters)?;
+        let order = self.order(&positions);
+        let world = self.world_of::<T>(inputs)?;
+        world.check()?;
+        self.schedule.check()?;
+        let values = self.values::<T>(inputs, n)?;
+        for (index, (law, parameters)) in self.laws.iter().zip(&values.parameters).enumerate() {
+            let member = |particle: usize| self.material_of.as_ref().is_none_or(|of| of[particle] as usize == index);
+            self.schedule.check_waves(&world, law, &values.density, parameters, n, member)?;
+        }
+        let mut simulation = self.simulation(&world, &values, &order)?;
         let x: Vec<[T; 3]> = order.iter().map(|&p| positions[p as usize]).collect();
         let v: Vec<[T; 3]> = match velocities[..] {
             [one] if inputs[1].dims().len() == 1 => vec![one; n],
             _ => order.iter().map(|&p| velocities[p as usize]).collect(),
         };
-        let start = State::at_rest(&x, &v)?;
+        let start = simulation.at_rest(&x, &v)?;
         let mut output = vec![[T::ZERO; 3]; self.schedule.frames * n];
         let trajectory = rayon::scope(|_| {
             Trajectory::forward(&mut simulation, start, self.schedule, self.remat, |frame, state| {
@@ -188,7 +205,8 @@ impl Rollout {
         let Kept { trajectory, order } = cx.residual::<Kept<T>>();
         let inputs = cx.inputs().iter().map(|var| var.value().cloned()).collect::<Result<Vec<Tensor>>>()?;
         let n = order.len();
-        let (mut simulation, ..) = self.simulation::<T>(&inputs, n, order)?;
+        let world = self.world_of::<T>(&inputs)?;
+        let mut simulation = self.simulation(&world, &self.values::<T>(&inputs, n)?, order)?;
         let gradient = cx.gradient().value()?.clone();
         let frames: &[T] = gradient.slice();
         let start = rayon::scope(|_| {
@@ -200,19 +218,24 @@ impl Rollout {
             })
         })?;
         let values = simulation.value_gradients();
-        let per_particle = std::iter::once(values.density).chain(values.parameters);
-        let tape = cx.input(0).tape();
         let mut cotangents = Vec::with_capacity(inputs.len());
         for component in [0, V] {
             let triples: Vec<[T; 3]> = (0..n).map(|p| start.read(p, component)).collect();
             cotangents.push(triples.into_flattened());
         }
-        cotangents.extend(per_particle);
+        cotangents.push(values.density);
+        if self.gravity {
+            cotangents.push(values.gravity.map(T::from_f64).to_vec());
+        }
+        cotangents.extend(values.parameters);
+        let tape = cx.input(0).tape();
         let mut gradients = Vec::with_capacity(inputs.len());
         for (index, (cotangent, input)) in cotangents.into_iter().zip(&inputs).enumerate() {
             let name = format!("gradient of {}", self.input_names()[index]);
-            let width = if index < 2 { 3 } else { 1 };
-            let gradient = if input.len() == width {
+            let width = if index < 2 || (index == 3 && self.gravity) { 3 } else { 1 };
+            let gradient = if input.len() == cotangent.len() && input.len() <= width {
+                cotangent
+            } else if input.len() == width {
                 total(&cotangent, width)
             } else {
                 let mut back = vec![T::ZERO; cotangent.len()];
@@ -229,47 +252,104 @@ impl Rollout {
 
     /// What the inputs are called, in order.
     fn input_names(&self) -> Vec<&'static str> {
-        let parameters = self.law.parameters().iter().map(|parameter| parameter.name);
-        ["positions", "velocity", "density"].into_iter().chain(parameters).collect()
+        let parameters = self.laws.iter().flat_map(|law| law.parameters()).map(|parameter| parameter.name);
+        let gravity = self.gravity.then_some("gravity");
+        ["positions", "velocity", "density"].into_iter().chain(gravity).chain(parameters).collect()
     }
 
-    /// The simulation, with density and parameters in the caller's order beside it.
-    #[allow(clippy::type_complexity)] // three things, taken apart at once
-    fn simulation<T: Number>(
-        &self,
-        inputs: &[Tensor],
-        n: usize,
+    /// The world, with the gravity that is an input.
+    fn world_of<T: Number>(&self, inputs: &[Tensor]) -> Result<World> {
+        if !self.gravity {
+            return Ok(self.world.clone());
+        }
+        let gravity = inputs[3].slice::<T>();
+        finite("gravity", gravity, 3)?;
+        Ok(World { gravity: std::array::from_fn(|axis| gravity[axis].to_f64()), ..self.world.clone() })
+    }
+
+    /// Densities and parameters in the caller's order, checked.
+    fn values<T: Number>(&self, inputs: &[Tensor], n: usize) -> Result<Inputs<T>> {
+        let values = |input: &Tensor| match input.slice::<T>() {
+            &[one] if input.dims() == [1] => Values::Same(one),
+            each => Values::Each(each.to_vec()),
+        };
+        let density = values(&inputs[2]);
+        let mut rest = inputs[3 + usize::from(self.gravity)..].iter().map(values);
+        let parameters: Vec<Vec<Values<T>>> =
+            self.laws.iter().map(|law| rest.by_ref().take(law.parameters().len()).collect()).collect();
+        for (law, parameters) in self.laws.iter().zip(&parameters) {
+            check_values(law, &density, parameters, n)?;
+        }
+        Ok(Inputs { density, parameters })
+    }
+
+    /// The simulation of the particles in this order.
+    fn simulation<'a, T: Number>(
+        &'a self,
+        world: &'a World,
+        values: &Inputs<T>,
         order: &[u32],
-    ) -> Result<(Simulation<'_, T>, Values<T>, Vec<Values<T>>)> {
-        self.schedule.check()?;
-        let values: Vec<Values<T>> = inputs[2..]
-            .iter()
-            .map(|input| match input.slice::<T>() {
-                &[one] => Values::Same(one),
-                each => Values::Each(each.to_vec()),
-            })
-            .collect();
+    ) -> Result<Simulation<'a, T>> {
         let sorted = |values: &Values<T>| match values {
             Values::Same(value) => Values::Same(*value),
             Values::Each(each) => Values::Each(order.iter().map(|&p| each[p as usize]).collect()),
         };
-        let (density, parameters) = (&values[0], &values[1..]);
-        // In the caller's order, so that errors name the caller's particles.
-        check_values(&self.law, density, parameters, n)?;
-        let in_order = parameters.iter().map(sorted).collect();
-        let mut simulation =
-            Simulation::new(&self.world, &self.law, self.schedule.dt(), n, &sorted(density), in_order)?;
+        let mut portions: Vec<Portion<'a, T>> = Vec::with_capacity(self.laws.len());
+        for (index, (law, parameters)) in self.laws.iter().zip(&values.parameters).enumerate() {
+            let start = portions.last().map_or(0, |portion| portion.particles.end);
+            let count = match &self.material_of {
+                None => order.len(),
+                Some(of) => order[start..].iter().take_while(|&&p| of[p as usize] as usize == index).count(),
+            };
+            let parameters = parameters.iter().map(sorted).collect();
+            portions.push(Portion { law, particles: start..start + count, parameters });
+        }
+        let mut simulation = Simulation::of_portions(world, self.schedule.dt(), &sorted(&values.density), portions)?;
         simulation.label(order.to_vec());
-        Ok((simulation, density.clone(), parameters.to_vec()))
+        Ok(simulation)
+    }
+
+    /// Particles sorted by material, then by the cell of their stencil: neighbours in space are neighbours in memory.
+    fn order<T: Number>(&self, positions: &[[T; 3]]) -> Vec<u32> {
+        let lattice = Lattice::of_spacing(self.world.dx);
+        let material = |p: u32| self.material_of.as_ref().map_or(0, |of| of[p as usize]);
+        let mut order: Vec<u32> = (0..positions.len() as u32).collect();
+        order.sort_by_cached_key(|&p| (material(p), lattice.locate(positions[p as usize]).0));
+        order
+    }
+
+    /// Whether every particle has a material.
+    fn check_materials(&self, n: usize) -> Result<()> {
+        let fault = |what: &str, found: String, wanted: String| {
+            Err(Error::new(ErrorKind::Input, what).at("rollout").found(found).wanted(wanted))
+        };
+        let laws = self.laws.len();
+        match &self.material_of {
+            None if laws == 1 => Ok(()),
+            None => fault(
+                "it is not said which particle has which material",
+                format!("{laws} materials"),
+                "an index per particle in material_of".into(),
+            ),
+            Some(of) if of.len() != n => {
+                fault("the list of materials has the wrong length", format!("{} entries", of.len()), format!("{n}"))
+            }
+            Some(of) => match of.iter().position(|&index| index as usize >= laws) {
+                None => Ok(()),
+                Some(p) => fault(
+                    "a particle has no material",
+                    format!("index {} of particle {p}", of[p]),
+                    format!("less than {laws}"),
+                ),
+            },
+        }
     }
 }
 
-/// Particles sorted by the cell of their stencil, so that neighbours in space are neighbours in memory.
-fn grid_order<T: Number>(positions: &[[T; 3]], dx: f64) -> Vec<u32> {
-    let lattice = Lattice::of_spacing(dx);
-    let mut order: Vec<u32> = (0..positions.len() as u32).collect();
-    order.sort_by_cached_key(|&p| lattice.locate(positions[p as usize]).0);
-    order
+/// Densities and parameters, by material.
+struct Inputs<T> {
+    density: Values<T>,
+    parameters: Vec<Vec<Values<T>>>,
 }
 
 /// A tensor of triples.

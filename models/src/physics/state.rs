@@ -9,7 +9,7 @@ use gradreel::{Error, ErrorKind, Result};
 /// arrays and a block (24 KiB in `f32`) stays in the first-level cache.
 pub const BLOCK: usize = 256;
 
-/// Numbers per particle: position 3, velocity 3, affine velocity 9, deformation gradient 9.
+/// Numbers per particle before history variables: position 3, velocity 3, affine velocity 9, deformation gradient 9.
 pub(crate) const COMPONENTS: usize = 24;
 /// Where the velocity starts.
 pub(crate) const V: usize = 3;
@@ -17,6 +17,8 @@ pub(crate) const V: usize = 3;
 pub(crate) const C: usize = 6;
 /// Where the deformation gradient starts, row by row.
 pub(crate) const F: usize = 15;
+/// Where the history variables of materials start.
+pub(crate) const HISTORY: usize = COMPONENTS;
 
 /// The state of all particles between two substeps, or the cotangent of one.
 ///
@@ -26,6 +28,8 @@ pub(crate) const F: usize = 15;
 /// | `v` | `[n, 3]` | m/s | velocity |
 /// | `c` | `[n, 3, 3]` | 1/s | affine velocity, about the velocity gradient |
 /// | `f` | `[n, 3, 3]` | - | deformation gradient |
+///
+/// Particles of a material with history variables carry those, too; see [`State::with_history`].
 ///
 /// ```
 /// use gradreel_models::physics::State;
@@ -38,8 +42,9 @@ pub(crate) const F: usize = 15;
 /// ```
 #[derive(Debug, Clone)]
 pub struct State<T> {
-    /// Blocks of [`COMPONENTS`] arrays of [`BLOCK`] values.
+    /// Blocks of [`COMPONENTS`] arrays of [`BLOCK`] values, and one array more for each history variable.
     pub(crate) values: Vec<T>,
+    history: usize,
     /// Lowest and highest coordinate per axis \[m\].
     pub(crate) extent: [[T; 3]; 2],
     len: usize,
@@ -85,17 +90,83 @@ impl<T: Number> State<T> {
                 if !value.is_finite() {
                     return Err(non_finite(p, component, value));
                 }
-                state.values[Self::index(p, component)] = value;
+                let at = state.index(p, component);
+                state.values[at] = value;
             }
             state.extent = widen(state.extent, x[p]);
         }
         Ok(state)
     }
 
-    /// All zero: the start of a cotangent.
+    /// All zero, without history: the start of a cotangent.
     pub fn zeros(len: usize) -> Self {
-        let values = vec![T::ZERO; len.div_ceil(BLOCK) * COMPONENTS * BLOCK];
-        Self { values, extent: [[T::ZERO; 3]; 2], len }
+        Self::zeros_with_history(len, 0)
+    }
+
+    /// All zero, of the same size as another state and with as much history.
+    #[must_use]
+    pub fn zeros_like(&self) -> Self {
+        Self::zeros_with_history(self.len, self.history)
+    }
+
+    /// All zero, with `history` variables per particle.
+    pub(crate) fn zeros_with_history(len: usize, history: usize) -> Self {
+        let values = vec![T::ZERO; len.div_ceil(BLOCK) * (COMPONENTS + history) * BLOCK];
+        Self { values, history, extent: [[T::ZERO; 3]; 2], len }
+    }
+
+    /// The same state with history variables in place of those it had; each list has one value per particle.
+    ///
+    /// ```
+    /// use gradreel_models::physics::State;
+    ///
+    /// let state = State::at_rest(&[[0.0_f64; 3]; 2], &[[0.0; 3]; 2])?.with_history(&[vec![1.0, 0.9]]);
+    /// assert_eq!(state.history(0), [1.0, 0.9]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
+    /// # Panics
+    ///
+    /// If a list has another length.
+    #[must_use]
+    #[track_caller]
+    pub fn with_history(self, variables: &[Vec<T>]) -> Self {
+        let mut state = Self::zeros_with_history(self.len, variables.len());
+        state.extent = self.extent;
+        let blocks = self
+            .values
+            .chunks_exact(self.stride())
+            .zip(state.values.chunks_exact_mut(variables.len() * BLOCK + COMPONENTS * BLOCK));
+        blocks.for_each(|(from, to)| to[..COMPONENTS * BLOCK].copy_from_slice(&from[..COMPONENTS * BLOCK]));
+        for (k, values) in variables.iter().enumerate() {
+            assert!(values.len() == self.len, "history: {} values for {} particles", values.len(), self.len);
+            for (p, &value) in values.iter().enumerate() {
+                let at = state.index(p, HISTORY + k);
+                state.values[at] = value;
+            }
+        }
+        state
+    }
+
+    /// A history variable of all particles, in the order in which its material declares them.
+    ///
+    /// # Panics
+    ///
+    /// If the state has fewer.
+    #[track_caller]
+    pub fn history(&self, variable: usize) -> Vec<T> {
+        assert!(variable < self.history, "history: variable {variable} of {}", self.history);
+        (0..self.len).map(|p| self.values[self.index(p, HISTORY + variable)]).collect()
+    }
+
+    /// History variables per particle.
+    pub(crate) fn history_count(&self) -> usize {
+        self.history
+    }
+
+    /// Numbers per block of particles.
+    pub(crate) fn stride(&self) -> usize {
+        (COMPONENTS + self.history) * BLOCK
     }
 
     /// How many particles.
@@ -128,27 +199,27 @@ impl<T: Number> State<T> {
         (0..self.len).map(|p| std::array::from_fn(|row| self.read(p, F + 3 * row))).collect()
     }
 
-    /// Bytes of one such state.
-    pub(crate) fn bytes(len: usize) -> usize {
-        len.div_ceil(BLOCK) * COMPONENTS * BLOCK * size_of::<T>()
+    /// Bytes of its values.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(&self.values[..])
     }
 
     /// Adds to the positions; used for cotangents of a frame.
     pub(crate) fn add_to_position(&mut self, particle: usize, value: [T; 3]) {
         for (axis, value) in value.into_iter().enumerate() {
-            let at = &mut self.values[Self::index(particle, axis)];
-            *at += value;
+            let at = self.index(particle, axis);
+            self.values[at] += value;
         }
     }
 
     /// Three values starting at a component.
     pub(crate) fn read(&self, particle: usize, component: usize) -> [T; 3] {
-        std::array::from_fn(|i| self.values[Self::index(particle, component + i)])
+        std::array::from_fn(|i| self.values[self.index(particle, component + i)])
     }
 
     /// Where a component of a particle lies in `values`.
-    fn index(particle: usize, component: usize) -> usize {
-        (particle / BLOCK * COMPONENTS + component) * BLOCK + particle % BLOCK
+    fn index(&self, particle: usize, component: usize) -> usize {
+        (particle / BLOCK * (COMPONENTS + self.history) + component) * BLOCK + particle % BLOCK
     }
 }
 

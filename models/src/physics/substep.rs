@@ -4,6 +4,9 @@
 //! material, scatter again; scatter the cotangents of what was gathered; node adjoint; gather the cotangents of what was
 //! scattered; adjoint of the material. Buffers live as long as the simulation; a substep allocates nothing.
 
+use std::cell::RefCell;
+use std::ops::Range;
+
 use gradreel::scalar::Lanes;
 use gradreel::{Error, ErrorKind, Result};
 use rayon::prelude::*;
@@ -13,25 +16,36 @@ use super::failure::{Moment, failure};
 use super::grid::{Buckets, scatter_all, update, update_vjp};
 use super::kernel::{Limits, Motion, advance, collect};
 use super::lattice::Lattice;
-use super::law::{Block, Law, PARAMETER_LIMIT};
+use super::law::{Law, Run};
 use super::row::{Level, Number};
-use super::state::{BLOCK, C, COMPONENTS, F, State, V, widen};
+use super::state::{BLOCK, C, F, HISTORY, State, V, widen};
+use super::totals::{Sink, Totals};
 use super::transfer::{Record, record};
 use super::values::{ValueGradients, Values, check_values};
 use super::world::World;
 
-/// Numbers per block of particles.
-const STRIDE: usize = COMPONENTS * BLOCK;
+/// Neighbouring particles of one material.
+#[derive(Debug, Clone)]
+pub struct Portion<'a, T> {
+    /// Their material.
+    pub law: &'a Law,
+    /// Which they are.
+    pub particles: Range<usize>,
+    /// Parameters in the order of [`Law::parameters`]; a list has one entry per particle of the whole simulation, of which
+    /// those of the portion count.
+    pub parameters: Vec<Values<T>>,
+}
 
-/// A material in a world with a fixed substep: steps states forwards and cotangents backwards.
+/// Materials in a world with a fixed substep: steps states forwards and cotangents backwards.
 #[derive(Debug)]
 pub struct Simulation<'a, T: Number> {
     world: &'a World,
-    law: &'a Law,
     dt: f64,
     particles: usize,
+    /// History variables per particle, of the material with the most.
+    history: usize,
     mass: Values<T>,
-    parameters: Vec<Values<T>>,
+    portions: Vec<Portion<'a, T>>,
     labels: Vec<u32>,
     level: Level,
     /// Substeps taken forwards, for error messages.
@@ -44,8 +58,7 @@ pub struct Simulation<'a, T: Number> {
     buckets: Buckets,
     grid: Vec<T>,
     cotangent_grid: Vec<T>,
-    /// Per block: cotangents of mass and parameters, one array each.
-    value_cotangents: Vec<T>,
+    totals: Totals<T>,
 }
 
 impl<'a, T: Number> Simulation<'a, T> {
@@ -69,24 +82,47 @@ impl<'a, T: Number> Simulation<'a, T> {
         density: &Values<T>,
         parameters: Vec<Values<T>>,
     ) -> Result<Self> {
+        check_values(law, density, &parameters, particles)?;
+        Self::of_portions(world, dt, density, vec![Portion { law, particles: 0..particles, parameters }])
+    }
+
+    /// Prepares a simulation of several materials: the portions hold all particles, one after the other.
+    ///
+    /// # Errors
+    ///
+    /// As [`Simulation::new`].
+    ///
+    /// # Panics
+    ///
+    /// If a portion does not start where the one before it ends, or its parameters do not fit.
+    #[track_caller]
+    pub fn of_portions(world: &'a World, dt: f64, density: &Values<T>, portions: Vec<Portion<'a, T>>) -> Result<Self> {
         world.check()?;
         if !(dt.is_finite() && dt > 0.0) {
             return Err(Error::new(ErrorKind::Input, "the substep must be positive").found(format!("{dt} s")));
         }
-        let wanted = check_values(law, density, &parameters, particles)?;
+        let mut particles = 0;
+        for Portion { particles: range, .. } in &portions {
+            assert!(range.start == particles && range.end >= particles, "portions: {range:?} follows {particles}");
+            particles = range.end;
+        }
+        for Portion { law, parameters, .. } in &portions {
+            check_values(law, density, parameters, particles)?;
+        }
         let volume = T::from_f64(world.particle_volume);
         let mass = match density {
             Values::Same(density) => Values::Same(*density * volume),
             Values::Each(densities) => Values::Each(densities.iter().map(|&density| density * volume).collect()),
         };
         let blocks = particles.div_ceil(BLOCK);
+        let totals = Totals::new(std::iter::once(&mass).chain(portions.iter().flat_map(|p| &p.parameters)), blocks);
         Ok(Self {
             world,
-            law,
             dt,
             particles,
+            history: portions.iter().map(|portion| portion.law.history().len()).max().unwrap_or(0),
             mass,
-            parameters,
+            portions,
             labels: Vec::new(),
             level: Level::detect(),
             substep: 0,
@@ -97,8 +133,30 @@ impl<'a, T: Number> Simulation<'a, T> {
             buckets: Buckets::default(),
             grid: Vec::new(),
             cotangent_grid: Vec::new(),
-            value_cotangents: vec![T::ZERO; blocks * (1 + wanted) * BLOCK],
+            totals,
         })
+    }
+
+    /// Undeformed particles at these positions \[m\] with these velocities \[m/s\], with the history variables that their
+    /// materials have at rest.
+    ///
+    /// # Errors
+    ///
+    /// [`ErrorKind::NonFinite`] naming the first particle with a number that is not finite.
+    ///
+    /// # Panics
+    ///
+    /// If a list has another length than there are particles.
+    #[track_caller]
+    pub fn at_rest(&self, positions: &[[T; 3]], velocities: &[[T; 3]]) -> Result<State<T>> {
+        assert!(positions.len() == self.particles, "at_rest: {} positions, {} wanted", positions.len(), self.particles);
+        let mut history = vec![vec![T::ZERO; self.particles]; self.history];
+        for Portion { law, particles, .. } in &self.portions {
+            for (values, variable) in history.iter_mut().zip(law.history()) {
+                values[particles.clone()].fill(T::from_f64(variable.start));
+            }
+        }
+        Ok(State::at_rest(positions, velocities)?.with_history(&history))
     }
 
     /// Gives particles the numbers by which errors name them.
@@ -118,7 +176,7 @@ impl<'a, T: Number> Simulation<'a, T> {
     /// If a state has another number of particles.
     #[track_caller]
     pub fn substep(&mut self, now: &State<T>, next: &mut State<T>) -> Result<()> {
-        assert!(now.len() == self.particles && next.len() == self.particles, "substep: wrong number of particles");
+        self.check(&[now, next]);
         if now.is_empty() {
             return Ok(());
         }
@@ -131,9 +189,10 @@ impl<'a, T: Number> Simulation<'a, T> {
             bounds: bounds.map(|corner| corner.map(T::from_f64)),
         };
         let (level, grid, particles) = (self.level, &self.grid, self.particles);
+        let stride = now.stride();
         now.values
-            .par_chunks_exact(STRIDE)
-            .zip(next.values.par_chunks_exact_mut(STRIDE))
+            .par_chunks_exact(stride)
+            .zip(next.values.par_chunks_exact_mut(stride))
             .zip(self.motions.par_iter_mut())
             .enumerate()
             .for_each(|(block, ((now, next), motion))| {
@@ -170,75 +229,123 @@ impl<'a, T: Number> Simulation<'a, T> {
     /// If a state has another number of particles.
     #[track_caller]
     pub fn substep_vjp(&mut self, now: &State<T>, scratch: &mut State<T>, cotangent: &mut State<T>) -> Result<()> {
-        let lens = [now.len(), scratch.len(), cotangent.len()];
-        assert!(lens == [self.particles; 3], "substep_vjp: states of {lens:?} particles, not {}", self.particles);
+        self.check(&[now, scratch, cotangent]);
         if now.is_empty() {
             return Ok(());
         }
         let lattice = self.scatter(now, &mut scratch.values)?;
-        self.scatter_cotangents(&lattice, &cotangent.values);
-        update_vjp(self.world, &lattice, self.dt, &mut self.grid, &mut self.cotangent_grid);
-        let (level, law, particles) = (self.level, self.law, self.particles);
+        self.scatter_cotangents(&lattice, cotangent);
+        let on_gravity = update_vjp(self.world, &lattice, self.dt, &mut self.grid, &mut self.cotangent_grid);
+        (0..3).for_each(|axis| self.totals.gravity[axis] += on_gravity[axis]);
+        let (level, particles, stride) = (self.level, self.particles, now.stride());
         let (grid, cotangent_grid) = (&self.grid, &self.cotangent_grid);
-        let constants = Constants::of(self.world, self.dt, &self.mass, &self.parameters);
-        let arrays = 1 + self.parameters.len();
+        let constants = Constants::of(self.world, self.dt, &self.mass);
+        let (portions, places, widths) = (&self.portions, &self.totals.places, self.totals.widths);
         now.values
-            .par_chunks_exact(STRIDE)
-            .zip(cotangent.values.par_chunks_exact_mut(STRIDE))
-            .zip(self.value_cotangents.par_chunks_exact_mut(arrays * BLOCK))
+            .par_chunks_exact(stride)
+            .zip(cotangent.values.par_chunks_exact_mut(stride))
+            .zip(self.totals.sums.par_chunks_exact_mut(widths[0]).zip(self.totals.each.par_chunks_exact_mut(widths[1])))
             .zip(self.scattered.par_chunks(BLOCK).zip(self.gathered.par_chunks(BLOCK)))
             .enumerate()
-            .for_each(|(block, (((now, cotangent), values), (scattered, gathered)))| {
+            .for_each(|(block, (((now, cotangent), (sums, each)), (scattered, gathered)))| {
                 let _flush = Flush::start();
-                let with = constants.block(block, block_len(particles, block));
                 let mut affine = [T::ZERO; 9 * BLOCK];
-                let mut found = [T::ZERO; (19 + PARAMETER_LIMIT) * BLOCK];
-                let (on_mass, _) = values.split_at_mut(BLOCK);
+                let mut on_mass = [T::ZERO; BLOCK];
                 let grids = (cotangent_grid.as_slice(), grid.as_slice());
-                collect(level, &lattice, grids.0, grids.1, scattered, gathered, now, cotangent, &mut affine, on_mass);
-                law.pull_back(now, &with, &cotangent[F * BLOCK..], &affine, &mut found);
-                let (on_f, rest) = found.split_at(9 * BLOCK);
-                let (on_c, on_values) = rest.split_at(9 * BLOCK);
-                cotangent[F * BLOCK..].copy_from_slice(on_f);
-                cotangent[C * BLOCK..F * BLOCK].copy_from_slice(on_c);
-                for (sum, &term) in values.iter_mut().zip(on_values) {
-                    *sum += term;
+                collect(
+                    level,
+                    &lattice,
+                    grids.0,
+                    grids.1,
+                    scattered,
+                    gathered,
+                    now,
+                    cotangent,
+                    &mut affine,
+                    &mut on_mass,
+                );
+                let mut sink = Sink { sums, each };
+                let mut first_place = 1;
+                for portion in portions {
+                    let places = &places[first_place..first_place + portion.parameters.len()];
+                    first_place += places.len();
+                    let Some(with) = constants.run(portion, block, particles) else { continue };
+                    let lanes = with.first..with.first + with.len;
+                    with_scratch(portion.law.cotangent_count() * BLOCK, |found| {
+                        portion.law.pull_back(now, &with, cotangent, &affine, found);
+                        let array = |k: usize| &found[k * BLOCK..][lanes.clone()];
+                        let history = 19 + places.len()..portion.law.cotangent_count();
+                        let components = (F..F + 9).chain(C..C + 9).zip(0..18);
+                        for (component, k) in components.chain((HISTORY..).zip(history)) {
+                            cotangent[component * BLOCK..][lanes.clone()].copy_from_slice(array(k));
+                        }
+                        on_mass[lanes.clone()].iter_mut().zip(array(18)).for_each(|(sum, &g)| *sum += g);
+                        for (k, &place) in places.iter().enumerate() {
+                            sink.add(place, lanes.clone(), array(19 + k));
+                        }
+                    });
                 }
+                let lanes = 0..block_len(particles, block);
+                sink.add(places[0], lanes.clone(), &on_mass[lanes]);
             });
         Ok(())
     }
 
-    /// The cotangents of density and parameters that the backward substeps have added up.
+    /// The cotangents of density, parameters and gravity that the backward substeps have added up.
     pub fn value_gradients(&self) -> ValueGradients<T> {
-        let arrays = 1 + self.parameters.len();
+        let mut found = self.totals.places.iter().map(|&place| self.totals.of(place, self.particles));
         let volume = T::from_f64(self.world.particle_volume);
-        let array = |k: usize| -> Vec<T> {
-            let at = |p: usize| self.value_cotangents[(p / BLOCK * arrays + k) * BLOCK + p % BLOCK];
-            (0..self.particles).map(at).collect()
-        };
-        let density = array(0).into_iter().map(|g| g * volume).collect();
-        ValueGradients { density, parameters: (1..arrays).map(array).collect() }
+        let density = found.next().unwrap_or_default().into_iter().map(|g| g * volume).collect();
+        let parameters = found.collect();
+        ValueGradients { density, parameters, gravity: self.totals.gravity }
+    }
+
+    /// Momentum \[kg m/s\] and mass \[kg\] on the grid after the last forward substep.
+    pub(crate) fn grid_totals(&self) -> [f64; 4] {
+        let mut sum = [0.0; 4];
+        for node in self.grid.chunks_exact(4) {
+            let mass = node[3].to_f64();
+            (0..3).for_each(|axis| sum[axis] += mass * node[axis].to_f64());
+            sum[3] += mass;
+        }
+        sum
+    }
+
+    #[track_caller]
+    fn check(&self, states: &[&State<T>]) {
+        for state in states {
+            let (found, wanted) = ((state.len(), state.history_count()), (self.particles, self.history));
+            assert!(
+                found == wanted,
+                "substep: a state has (particles, history variables) {found:?}, not {wanted:?}; \
+                 Simulation::at_rest and State::zeros_like make states that fit"
+            );
+        }
     }
 
     /// Material and particle-to-grid: fills `scattered`, the buckets and the grid, and `F` of `next`.
     fn scatter(&mut self, now: &State<T>, next: &mut [T]) -> Result<Lattice<T>> {
         let lattice = Lattice::covering(now.extent, self.world.dx, self.world.node_limit)?;
-        let constants = Constants::of(self.world, self.dt, &self.mass, &self.parameters);
-        let law = self.law;
+        let constants = Constants::of(self.world, self.dt, &self.mass);
+        let (portions, particles, stride) = (&self.portions, self.particles, now.stride());
         now.values
-            .par_chunks_exact(STRIDE)
-            .zip(next.par_chunks_exact_mut(STRIDE))
+            .par_chunks_exact(stride)
+            .zip(next.par_chunks_exact_mut(stride))
             .zip(self.scattered.par_chunks_mut(BLOCK).zip(self.slab_of.par_chunks_mut(BLOCK)))
             .enumerate()
             .for_each(|(block, ((now, next), (records, slabs)))| {
                 let _flush = Flush::start();
-                let with = constants.block(block, records.len());
                 let mut affine = [T::ZERO; 9 * BLOCK];
-                law.advance(now, &with, next, &mut affine);
+                for portion in portions {
+                    if let Some(with) = constants.run(portion, block, particles) {
+                        portion.law.advance(now, &with, next, &mut affine);
+                    }
+                }
+                let masses = constants.mass.run(block * BLOCK, records.len());
                 for (i, (record_, slab)) in records.iter_mut().zip(slabs).enumerate() {
                     let at = |component: usize| now[component * BLOCK + i];
                     let x = [at(0), at(1), at(2)];
-                    let mass = match with.mass {
+                    let mass = match masses {
                         Lanes::Same(mass) => mass,
                         Lanes::Each(masses) => masses[i],
                     };
@@ -253,12 +360,13 @@ impl<'a, T: Number> Simulation<'a, T> {
     }
 
     /// The adjoint of grid-to-particle: a scatter of `gv + dt gx` and `4/dx² gc`.
-    fn scatter_cotangents(&mut self, lattice: &Lattice<T>, cotangent: &[T]) {
+    fn scatter_cotangents(&mut self, lattice: &Lattice<T>, cotangent: &State<T>) {
         self.gathered.resize(self.particles, [T::ZERO; 16]);
         let dt = T::from_f64(self.dt);
         let four = T::from_f64(4.0) * lattice.inverse_dx * lattice.inverse_dx;
         cotangent
-            .par_chunks_exact(STRIDE)
+            .values
+            .par_chunks_exact(cotangent.stride())
             .zip(self.gathered.par_chunks_mut(BLOCK))
             .zip(self.scattered.par_chunks(BLOCK))
             .for_each(|((cotangent, records), scattered)| {
@@ -274,30 +382,49 @@ impl<'a, T: Number> Simulation<'a, T> {
     }
 }
 
-/// What the material needs besides the state.
+/// What the materials need besides the state.
 struct Constants<'a, T> {
     dt: T,
     stress_scale: T,
     mass: &'a Values<T>,
-    parameters: &'a [Values<T>],
 }
 
 impl<'a, T: Number> Constants<'a, T> {
-    fn of(world: &World, dt: f64, mass: &'a Values<T>, parameters: &'a [Values<T>]) -> Self {
+    fn of(world: &World, dt: f64, mass: &'a Values<T>) -> Self {
         let stress_scale = T::from_f64(dt * world.particle_volume * 4.0 / (world.dx * world.dx));
-        Self { dt: T::from_f64(dt), stress_scale, mass, parameters }
+        Self { dt: T::from_f64(dt), stress_scale, mass }
     }
 
-    fn block(&self, block: usize, len: usize) -> Block<'a, T> {
-        let mut parameters = [Lanes::Same(T::ZERO); PARAMETER_LIMIT];
-        for (slot, values) in parameters.iter_mut().zip(self.parameters) {
-            *slot = values.block(block, len);
-        }
-        let mass = self.mass.block(block, len);
-        Block { len, dt: self.dt, stress_scale: self.stress_scale, mass, parameters }
+    /// The particles of a portion that lie in a block, if any do.
+    fn run(&self, portion: &'a Portion<'a, T>, block: usize, particles: usize) -> Option<Run<'a, T>> {
+        let start = block * BLOCK;
+        let particle = portion.particles.start.max(start);
+        let end = portion.particles.end.min(start + block_len(particles, block));
+        (particle < end).then(|| Run {
+            first: particle - start,
+            particle,
+            len: end - particle,
+            dt: self.dt,
+            stress_scale: self.stress_scale,
+            mass: self.mass.run(particle, end - particle),
+            parameters: &portion.parameters,
+        })
     }
 }
 
 fn block_len(particles: usize, block: usize) -> usize {
     (particles - block * BLOCK).min(BLOCK)
+}
+
+/// Lends a piece of memory that belongs to the thread; its contents are left over from before.
+fn with_scratch<T: Number>(len: usize, run: impl FnOnce(&mut [T])) {
+    thread_local! {
+        static SCRATCH: RefCell<Vec<f64>> = const { RefCell::new(Vec::new()) };
+    }
+    SCRATCH.with_borrow_mut(|scratch| {
+        if scratch.len() < len {
+            scratch.resize(len, 0.0);
+        }
+        run(&mut bytemuck::cast_slice_mut(scratch)[..len]);
+    });
 }

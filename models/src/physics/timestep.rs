@@ -78,7 +78,7 @@ impl Schedule {
             .wanted("at least one frame, one substep per frame, and a positive frame time"))
     }
 
-    /// Whether sound crosses less than a cell per substep, for every particle.
+    /// Whether sound crosses less than a cell per substep, for every one of `n` particles that is a `member`.
     ///
     /// # Errors
     ///
@@ -89,11 +89,12 @@ impl Schedule {
         law: &Law,
         density: &Values<T>,
         parameters: &[Values<T>],
+        n: usize,
+        member: impl Fn(usize) -> bool,
     ) -> Result<()> {
-        let all = std::iter::once(density).chain(parameters);
-        let particles = all.map(|values| if let Values::Each(v) = values { v.len() } else { 1 }).max().unwrap_or(1);
+        let each = std::iter::once(density).chain(parameters).any(|values| matches!(values, Values::Each(_)));
         let dt = self.dt();
-        for particle in 0..particles {
+        for particle in (0..n).filter(|&p| member(p)).take(if each { n } else { 1 }) {
             let values: Vec<f64> = parameters.iter().map(|values| values.get(particle).to_f64()).collect();
             let density = density.get(particle).to_f64();
             let sound = law.wave_speed(&values, density);

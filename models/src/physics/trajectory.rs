@@ -26,16 +26,16 @@ impl<T: Number> Trajectory<T> {
         mut frame: impl FnMut(usize, &State<T>),
     ) -> Result<Self> {
         let steps = schedule.steps();
-        let segment = remat.map_or(steps, |remat| remat.segment(steps, State::<T>::bytes(start.len()))).max(1);
+        let segment = remat.map_or(steps, |remat| remat.segment(steps, start.bytes())).max(1);
         let mut snapshots = Vec::new();
         frame(0, &start);
         let mut now = start;
-        let mut next = State::zeros(now.len());
+        let mut next = now.zeros_like();
         simulation.substep = 0;
         for step in 0..steps {
             simulation.substep(&now, &mut next)?;
             if remat.is_some() && step % segment == 0 {
-                snapshots.push(std::mem::replace(&mut now, State::zeros(next.len())));
+                snapshots.push(std::mem::replace(&mut now, next.zeros_like()));
             }
             std::mem::swap(&mut now, &mut next);
             if (step + 1) % schedule.substeps == 0 {
@@ -53,9 +53,9 @@ impl<T: Number> Trajectory<T> {
         particles: usize,
         add: impl Fn(usize, &mut State<T>),
     ) -> Result<State<T>> {
-        let mut cotangent = State::zeros(particles);
-        let mut scratch = State::zeros(particles);
-        let mut again = vec![State::zeros(particles); self.segment.min(self.schedule.steps()).saturating_sub(1)];
+        let mut cotangent = self.snapshots.first().map_or_else(|| State::zeros(particles), State::zeros_like);
+        let mut scratch = cotangent.clone();
+        let mut again = vec![cotangent.clone(); self.segment.min(self.schedule.steps()).saturating_sub(1)];
         for (index, snapshot) in self.snapshots.iter().enumerate().rev() {
             let first = index * self.segment;
             let last = (first + self.segment).min(self.schedule.steps());

@@ -5,7 +5,6 @@ use gradreel::{Error, ErrorKind, Result};
 
 use super::law::Law;
 use super::row::Number;
-use super::state::BLOCK;
 
 /// One value for all particles, or one each.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,11 +24,11 @@ impl<T: Number> Values<T> {
         }
     }
 
-    /// The values of a block.
-    pub(crate) fn block(&self, block: usize, len: usize) -> Lanes<'_, T> {
+    /// The values of `len` particles from `first` on.
+    pub(crate) fn run(&self, first: usize, len: usize) -> Lanes<'_, T> {
         match self {
             Self::Same(value) => Lanes::Same(*value),
-            Self::Each(values) => Lanes::Each(&values[block * BLOCK..][..len]),
+            Self::Each(values) => Lanes::Each(&values[first..][..len]),
         }
     }
 
@@ -51,13 +50,16 @@ impl<T: Number> Values<T> {
     }
 }
 
-/// Gradients with respect to density and parameters, per particle.
+/// Gradients with respect to density, parameters and gravity: one number where one value was given for all particles,
+/// one per particle where there was one each.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ValueGradients<T> {
     /// Per kg/m³.
     pub density: Vec<T>,
-    /// Per unit of each parameter, in the material's order.
+    /// Per unit of each parameter, in the material's order; of several materials, one after the other.
     pub parameters: Vec<Vec<T>>,
+    /// Per m/s².
+    pub gravity: [f64; 3],
 }
 
 /// Checks densities and parameters; returns the number of parameters.

@@ -103,7 +103,9 @@ fn a_gradient_that_is_not_finite_is_named() {
 fn a_rollout_that_kept_nothing_has_no_gradient() {
     let (drop, tape) = (Drop::new(3), Tape::new());
     let leaf = |values: Vec<f64>, shape: &[usize]| tape.leaf(Tensor::from_vec(values, shape));
-    let op = Rollout { world: drop.world, law: Law::of(NeoHookean), schedule: drop.schedule, remat: None };
+    let laws = vec![Law::of(NeoHookean)];
+    let op =
+        Rollout { world: drop.world, laws, material_of: None, gravity: false, schedule: drop.schedule, remat: None };
     let positions = leaf(drop.positions, &[27, 3]);
     let others = [drop.density, drop.young, drop.poisson].map(|values| leaf(values, &[1]));
     let velocity = leaf(drop.velocity, &[3]);

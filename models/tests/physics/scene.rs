@@ -32,6 +32,15 @@ impl Vectors {
         self.tensors.get(name).unwrap_or_else(|| panic!("no tensor {name}"))
     }
 
+    pub fn has(&self, name: &str) -> bool {
+        self.tensors.contains_key(name)
+    }
+
+    /// A number, kept as a tensor or among the metadata.
+    pub fn scalar(&self, name: &str) -> f64 {
+        self.tensors.get(name).map_or_else(|| self.number(name), |values| values[0])
+    }
+
     pub fn vectors<T: Number>(&self, name: &str) -> Vec<[T; 3]> {
         self.get(name).as_chunks::<3>().0.iter().map(|v| v.map(T::from_f64)).collect()
     }
@@ -125,6 +134,7 @@ pub fn close_norm<T: Number>(what: &str, found: &[T], wanted: &[f64], tolerance:
     assert_eq!(found.len(), wanted.len(), "{what}");
     let square: f64 = found.iter().zip(wanted).map(|(a, b)| (a.to_f64() - b).powi(2)).sum();
     let norm = wanted.iter().map(|b| b * b).sum::<f64>().sqrt();
-    let relative = square.sqrt() / norm;
+    // what is zero up to rounding is compared as it is
+    let relative = square.sqrt() / norm.max(1e-14);
     assert!(relative <= tolerance, "{what}: relative l2 difference {relative:.3e}, allowed {tolerance:.1e}");
 }

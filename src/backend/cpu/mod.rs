@@ -1,9 +1,14 @@
 //! The CPU backend: fixed work chunks over rayon's threads, so that results do not depend on the thread count.
 
 pub(crate) mod attention;
+pub(crate) mod convolution;
 pub(crate) mod depth_attention;
+pub(crate) mod gemm;
+pub(crate) mod grid;
 pub(crate) mod normalise;
+mod partition;
 pub mod pool;
+pub(crate) mod rays;
 pub(crate) mod reduce;
 pub(crate) mod rows;
 pub(crate) mod scan;
@@ -14,8 +19,11 @@ mod widest;
 use bytemuck::Pod;
 use rayon::prelude::*;
 
-use crate::scalar::{Job, Path, Real};
+pub(crate) use partition::{Bins, partition};
+pub(crate) use strided::Places;
 pub(crate) use widest::{Work, widest};
+
+use crate::scalar::{Job, Path, Real};
 
 /// Elements per work item of a pointwise loop: large enough to hide scheduling, small enough to stay in cache.
 pub(crate) const CHUNK: usize = 1 << 14;

@@ -61,9 +61,9 @@ impl<T: Real> Normalise<'_, T> {
         if y.is_empty() {
             return (y, statistics);
         }
-        y.par_chunks_mut(len).zip(statistics.par_chunks_mut(3)).enumerate().for_each(|(group, (y, statistics))| {
-            statistics.copy_from_slice(&vectorised(Forward { of: self, group, y }));
-        });
+        let runs = (BLOCK / len).max(1);
+        let items = y.par_chunks_mut(runs * len).zip(statistics.par_chunks_mut(3 * runs)).enumerate();
+        items.for_each(|(item, (y, statistics))| vectorised(Forward { of: self, first: item * runs, y, statistics }));
         (y, statistics)
     }
 
@@ -109,37 +109,40 @@ impl<T: Real> Normalise<'_, T> {
     }
 }
 
+/// Some runs, one after the other.
 struct Forward<'a, T> {
     of: Normalise<'a, T>,
-    group: usize,
+    first: usize,
     y: &'a mut [T],
+    statistics: &'a mut [T],
 }
 
 impl<T: Real> Job<T> for Forward<'_, T> {
-    type Output = Statistics<T>;
+    type Output = ();
 
     #[inline(always)]
-    unsafe fn run<V: Lane<Element = T>>(self) -> Statistics<T> {
+    unsafe fn run<V: Lane<Element = T>>(self) {
         let Layout { len, inner, .. } = self.of.layout;
-        let x = &self.of.x[self.group * len..][..len];
-        let first = self.of.first_parameter(self.group);
-        // SAFETY: rows lie within the run.
-        unsafe {
-            let statistics = statistics::<V>(x, self.of.epsilon);
-            let mut row = 0;
-            let rows = if inner == 1 { 1 } else { len / inner };
-            let width = len / rows;
-            while row < rows {
-                let line = Line { x: x.as_ptr().add(row * width), width, statistics };
-                let affine = RowAffine::new(self.of.affine, first + row, inner == 1);
-                let y = self.y.as_mut_ptr().add(row * width);
-                match self.of.silu {
-                    true => line.write::<V, true>(affine, y),
-                    false => line.write::<V, false>(affine, y),
+        let rows = if inner == 1 { 1 } else { len / inner };
+        let width = len / rows;
+        for number in 0..self.y.len() / len {
+            let group = self.first + number;
+            let x = &self.of.x[group * len..][..len];
+            let first = self.of.first_parameter(group);
+            // SAFETY: rows lie within the run.
+            unsafe {
+                let statistics = statistics::<V>(x, self.of.epsilon);
+                self.statistics[3 * number..][..3].copy_from_slice(&statistics);
+                for row in 0..rows {
+                    let line = Line { x: x.as_ptr().add(row * width), width, statistics };
+                    let affine = RowAffine::new(self.of.affine, first + row, inner == 1);
+                    let y = self.y.as_mut_ptr().add(number * len + row * width);
+                    match self.of.silu {
+                        true => line.write::<V, true>(affine, y),
+                        false => line.write::<V, false>(affine, y),
+                    }
                 }
-                row += 1;
             }
-            statistics
         }
     }
 }
@@ -191,10 +194,8 @@ unsafe fn sums<V: Lane>(x: &[V::Element], from: V::Element) -> [f64; 2] {
                 seconds[0] = d.mul_add(d, seconds[0]);
                 i += count;
             }
-            for k in 0..GROUP {
-                totals[0] += firsts[k].total().to_f64();
-                totals[1] += seconds[k].total().to_f64();
-            }
+            totals[0] += firsts[0].add(firsts[1]).add(firsts[2].add(firsts[3])).total().to_f64();
+            totals[1] += seconds[0].add(seconds[1]).add(seconds[2].add(seconds[3])).total().to_f64();
             block += BLOCK;
         }
     }

@@ -96,6 +96,17 @@ impl<T> Places<T> {
         // SAFETY: the caller's promise.
         unsafe { self.0.add(at).write(value) }
     }
+
+    /// Some neighbouring places.
+    ///
+    /// # Safety
+    /// They lie within the slice, which is in use for as long as they are, and no other thread reads or writes them
+    /// meanwhile.
+    #[inline(always)]
+    pub(crate) unsafe fn part<'a>(self, start: usize, len: usize) -> &'a mut [T] {
+        // SAFETY: the caller's promise.
+        unsafe { std::slice::from_raw_parts_mut(self.0.add(start), len) }
+    }
 }
 
 /// Goes along the axis whose neighbours are side by side in the source and along the last one, whose neighbours are side

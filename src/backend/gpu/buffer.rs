@@ -1,7 +1,7 @@
 //! A storage buffer on a GPU.
 
 use std::num::NonZeroU64;
-use std::sync::{OnceLock, mpsc};
+use std::sync::{Arc, OnceLock, mpsc};
 
 use crate::backend::gpu::Gpu;
 use crate::{Error, ErrorKind, Result};
@@ -11,7 +11,10 @@ use crate::{Error, ErrorKind, Result};
 pub struct GpuBuffer {
     gpu: Gpu,
     raw: wgpu::Buffer,
+    offset: usize,
     bytes: usize,
+    /// For a part: the buffer whose bytes these are, so that it does not go back to the pool before.
+    _whole: Option<Arc<GpuBuffer>>,
     /// Whether it goes back to the pool. Uploaded ones do not: the CPU writes them, and few results have their size.
     pooled: bool,
     indices: OnceLock<Vec<u32>>,
@@ -23,7 +26,29 @@ impl GpuBuffer {
         wgpu::BufferUsages::STORAGE.union(wgpu::BufferUsages::COPY_SRC).union(wgpu::BufferUsages::COPY_DST);
 
     pub(super) fn new(gpu: Gpu, raw: wgpu::Buffer, bytes: usize, pooled: bool) -> Self {
-        Self { gpu, raw, bytes, pooled, indices: OnceLock::new() }
+        Self { gpu, raw, offset: 0, bytes, _whole: None, pooled, indices: OnceLock::new() }
+    }
+
+    /// Some of the bytes of a buffer; `offset` is a multiple of [`GpuBuffer::ALIGNMENT`].
+    pub(crate) fn part(whole: &Arc<Self>, offset: usize, bytes: usize) -> Self {
+        assert!(offset.is_multiple_of(Self::ALIGNMENT) && offset + bytes <= whole.bytes, "{offset} + {bytes}");
+        Self {
+            gpu: whole.gpu.clone(),
+            raw: whole.raw.clone(),
+            offset: whole.offset + offset,
+            bytes,
+            _whole: Some(whole.clone()),
+            pooled: false,
+            indices: OnceLock::new(),
+        }
+    }
+
+    /// Parts begin at multiples of so many bytes on every device.
+    pub(crate) const ALIGNMENT: usize = 256;
+
+    /// Number of bytes.
+    pub fn bytes(&self) -> usize {
+        self.bytes
     }
 
     /// The GPU it lives on.
@@ -33,7 +58,11 @@ impl GpuBuffer {
 
     /// The part of the wgpu buffer that holds the bytes.
     pub(super) fn binding(&self) -> wgpu::BufferBinding<'_> {
-        wgpu::BufferBinding { buffer: &self.raw, offset: 0, size: NonZeroU64::new(self.bytes.max(4) as u64) }
+        wgpu::BufferBinding {
+            buffer: &self.raw,
+            offset: self.offset as u64,
+            size: NonZeroU64::new(self.bytes.max(4) as u64),
+        }
     }
 
     /// The same numbers as a list on the CPU: indices have to be checked against what they point into. Read back at the
@@ -70,7 +99,7 @@ impl GpuBuffer {
         });
         self.gpu.submit();
         let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        encoder.copy_buffer_to_buffer(&self.raw, 0, &staging, 0, self.bytes as u64);
+        encoder.copy_buffer_to_buffer(&self.raw, self.offset as u64, &staging, 0, self.bytes as u64);
         self.gpu.queue().submit([encoder.finish()]);
         let (send, receive) = mpsc::channel();
         staging.slice(..).map_async(wgpu::MapMode::Read, move |outcome| {

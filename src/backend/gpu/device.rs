@@ -6,10 +6,10 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use wgpu::util::DeviceExt;
 
-use crate::backend::gpu::GpuBuffer;
 use crate::backend::gpu::launch::Pipeline;
 use crate::backend::gpu::pool::{self, Pool};
 use crate::backend::gpu::recorder::Recorder;
+use crate::backend::gpu::{GpuBuffer, GpuLimits};
 use crate::{Error, ErrorKind, Result};
 
 /// Compiled kernels by entry point and text.
@@ -24,6 +24,7 @@ struct Inner {
     device: wgpu::Device,
     queue: wgpu::Queue,
     name: String,
+    limits: GpuLimits,
     fault: Arc<OnceLock<Fault>>,
     recorder: Mutex<Recorder>,
     pipelines: Mutex<Pipelines>,
@@ -44,6 +45,15 @@ impl Gpu {
     /// # Errors
     /// [`ErrorKind::Device`] when there is no adapter or it refuses WebGPU's guaranteed limits.
     pub fn open() -> Result<Self> {
+        Self::open_within(GpuLimits::NONE)
+    }
+
+    /// As [`Gpu::open`], but takes no more at once than these limits: to leave memory to others, or to meet on a small
+    /// tensor what otherwise happens to a large one.
+    ///
+    /// # Errors
+    /// As [`Gpu::open`].
+    pub fn open_within(limits: GpuLimits) -> Result<Self> {
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
         let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions {
             power_preference: wgpu::PowerPreference::HighPerformance,
@@ -56,14 +66,16 @@ impl Gpu {
                 .fix("install a driver; on Debian `apt-get install mesa-vulkan-drivers` brings a software one")
         })?;
         let info = adapter.get_info();
-        let limits = wgpu::Limits {
-            max_buffer_size: adapter.limits().max_buffer_size,
-            max_storage_buffer_binding_size: adapter.limits().max_storage_buffer_binding_size,
+        let offered = adapter.limits();
+        let required_limits = wgpu::Limits {
+            max_buffer_size: offered.max_buffer_size,
+            max_storage_buffer_binding_size: offered.max_storage_buffer_binding_size,
+            max_compute_workgroups_per_dimension: offered.max_compute_workgroups_per_dimension,
             ..wgpu::Limits::default()
         };
         let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("gradreel"),
-            required_limits: limits,
+            required_limits,
             ..Default::default()
         }))
         .map_err(|e| {
@@ -79,13 +91,19 @@ impl Gpu {
             note.get_or_init(|| Fault::Refused(error.to_string()));
         }));
         let name = format!("{}, {:?}", info.name, info.backend);
+        let limits = limits.within(&device.limits());
         let (recorder, pipelines, pool) = Default::default();
-        Ok(Self(Arc::new(Inner { device, queue, name, fault, recorder, pipelines, pool })))
+        Ok(Self(Arc::new(Inner { device, queue, name, limits, fault, recorder, pipelines, pool })))
     }
 
     /// The adapter's name and the API it is reached through.
     pub fn name(&self) -> &str {
         &self.0.name
+    }
+
+    /// How much it takes at once: what the device granted, within what it was opened with.
+    pub fn limits(&self) -> GpuLimits {
+        self.0.limits
     }
 
     /// Whether two handles belong to the same opened device.
@@ -135,11 +153,12 @@ impl Gpu {
     pub(crate) fn upload(&self, bytes: &[u8]) -> Result<GpuBuffer> {
         self.check_size(bytes.len())?;
         let contents = if bytes.is_empty() { &[0; 4] } else { bytes };
+        let words = bytes.len().next_multiple_of(4);
         let raw = self.created(|| {
             let usage = GpuBuffer::USAGE;
             self.device().create_buffer_init(&wgpu::util::BufferInitDescriptor { label: None, contents, usage })
         })?;
-        Ok(GpuBuffer::new(self.clone(), raw, bytes.len(), false))
+        Ok(GpuBuffer::new(self.clone(), raw, words, false))
     }
 
     /// A buffer of `bytes` bytes of undefined contents, from the pool if it has one.
@@ -149,7 +168,7 @@ impl Gpu {
     pub(crate) fn allocate(&self, bytes: usize) -> Result<GpuBuffer> {
         self.check_size(bytes)?;
         let class = pool::class(bytes);
-        let size = if class <= self.device().limits().max_buffer_size { class } else { bytes as u64 };
+        let size = if class <= self.limits().buffer_bytes { class } else { bytes as u64 };
         let pooled = self.pool().take(size);
         let raw = match pooled {
             Some(raw) => raw,
@@ -186,11 +205,11 @@ impl Gpu {
 
     fn check_size(&self, bytes: usize) -> Result<()> {
         self.check()?;
-        let most = self.device().limits().max_storage_buffer_binding_size;
+        let most = self.limits().buffer_bytes;
         if bytes as u64 <= most {
             return Ok(());
         }
-        Err(Error::new(ErrorKind::Device, "the tensor does not fit one binding of this GPU")
+        Err(Error::new(ErrorKind::Device, "the tensor does not fit one buffer of this GPU")
             .at(self.name())
             .found(format!("{bytes} bytes"))
             .wanted(format!("at most {most} bytes"))
@@ -200,7 +219,12 @@ impl Gpu {
 
 impl fmt::Debug for Gpu {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Gpu({})", self.name())
+        let GpuLimits { buffer_bytes, binding_bytes, groups_per_axis } = self.limits();
+        write!(
+            f,
+            "Gpu({}; at most {buffer_bytes} bytes a buffer, {binding_bytes} a binding, {groups_per_axis} groups an axis)",
+            self.name()
+        )
     }
 }
 

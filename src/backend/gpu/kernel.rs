@@ -55,6 +55,13 @@ pub struct Binding {
     pub written: bool,
 }
 
+impl Binding {
+    /// Whether it takes `f16` tensors, two numbers to a word: the shader says so by a name that ends in `_f16`.
+    pub fn holds_halves(&self) -> bool {
+        self.element == DType::U32 && self.name.ends_with("_f16")
+    }
+}
+
 /// What the validated module says about a kernel.
 #[derive(Debug)]
 pub struct Reflection {

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::backend::gpu::{Gpu, Kernel};
+use crate::backend::gpu::{Gpu, GpuBuffer, Kernel};
 use crate::{DType, Error, ErrorKind, Result, Spec, Tensor};
 
 /// How much there is to do for a kernel.
@@ -20,20 +20,22 @@ pub(super) struct Pipeline {
     layout: wgpu::BindGroupLayout,
 }
 
-/// Workgroups along two axes, of at most `most` each, that number at least `groups`.
-fn spread(groups: usize, most: u32) -> Option<[u32; 2]> {
+/// Workgroups along three axes, of at most `most` each, that number at least `groups`.
+fn spread(groups: usize, most: u32) -> Option<[u32; 3]> {
     let across = groups.min(most as usize).max(1);
-    let down = u32::try_from(groups.div_ceil(across)).ok().filter(|down| *down <= most)?;
-    Some([across as u32, down])
+    let rows = groups.div_ceil(across);
+    let down = rows.min(most as usize).max(1);
+    let deep = u32::try_from(rows.div_ceil(down)).ok().filter(|deep| *deep <= most)?;
+    Some([across as u32, down as u32, deep.max(1)])
 }
 
 impl Gpu {
     /// Runs a kernel that writes one new tensor (its first buffer) from others (those after it).
     ///
     /// `parameters` are the words of its uniform struct; the padding at its end may be left out. Nothing is launched
-    /// where there is no work. A dispatch of more workgroups than an axis may have is spread over two axes: kernels
-    /// number their workgroups as `workgroup_id.y * num_workgroups.x + workgroup_id.x` and skip numbers beyond the
-    /// work.
+    /// where there is no work. A dispatch of more workgroups than an axis may have is spread over three axes: kernels
+    /// number their workgroups as `(id.z * num.y + id.y) * num.x + id.x` (with `workgroup_id` and `num_workgroups`) and
+    /// skip numbers beyond the work.
     ///
     /// # Errors
     /// As [`Gpu::dispatch`]; [`ErrorKind::Device`] when the result does not fit.
@@ -51,17 +53,55 @@ impl Gpu {
         Ok(y)
     }
 
+    /// As [`Gpu::launch`], for a kernel that makes each element of its result by itself: part by part, where the result
+    /// is larger than one binding. Operands with as many elements as the result are taken by the same parts; others are
+    /// bound whole. `parameters` are those for the elements from a first one on, so many.
+    ///
+    /// # Errors
+    /// As [`Gpu::launch`].
+    #[track_caller]
+    pub(crate) fn launch_each(
+        &self,
+        kernel: &Kernel,
+        operands: &[&Tensor],
+        parameters: impl Fn(usize, usize) -> Vec<u32>,
+        result: Spec,
+    ) -> Result<Tensor> {
+        let y = self.empty(result)?;
+        let (len, most) = (y.len(), self.part_len());
+        for start in (0..len).step_by(most) {
+            let count = most.min(len - start);
+            if count == len {
+                let buffers: Vec<_> = std::iter::once(&y).chain(operands.iter().copied()).collect();
+                self.dispatch(kernel, &buffers, &parameters(0, len), Work::Invocations(len))?;
+                continue;
+            }
+            let part = |x: &Tensor| if x.len() == len { x.gpu_part(start, [count]) } else { x.clone() };
+            let parts: Vec<Tensor> = std::iter::once(part(&y)).chain(operands.iter().map(|x| part(x))).collect();
+            let parts: Vec<&Tensor> = parts.iter().collect();
+            self.dispatch(kernel, &parts, &parameters(start, count), Work::Invocations(count))?;
+        }
+        Ok(y)
+    }
+
+    /// Elements of the largest part that begins and ends where parts may, of any type.
+    pub(crate) fn part_len(&self) -> usize {
+        let words = usize::try_from(self.limits().binding_bytes / 4).unwrap_or(usize::MAX);
+        (words - words % GpuBuffer::ALIGNMENT).max(GpuBuffer::ALIGNMENT)
+    }
+
     /// A tensor of undefined contents, for a kernel to write all of.
     ///
     /// # Errors
     /// [`ErrorKind::Device`] when it does not fit; [`ErrorKind::Unsupported`] for a dtype the device does not hold.
     pub fn empty(&self, spec: Spec) -> Result<Tensor> {
-        if spec.dtype.size() != 4 {
-            return Err(
-                Error::new(ErrorKind::Unsupported, "the GPU backend holds f32 and u32 tensors").found(spec.dtype)
-            );
+        if spec.dtype == DType::F64 {
+            return Err(Error::new(ErrorKind::Unsupported, "the GPU backend holds f32, f16 and u32 tensors")
+                .found(spec.dtype)
+                .fix("cast to f32"));
         }
-        Ok(Tensor::from_gpu(self.allocate(spec.shape.len() * spec.dtype.size())?, spec))
+        let bytes = (spec.shape.len() * spec.dtype.size()).next_multiple_of(4);
+        Ok(Tensor::from_gpu(self.allocate(bytes)?, spec))
     }
 
     /// Runs a kernel on tensors given in the order of its buffers, the written one first.
@@ -90,9 +130,25 @@ impl Gpu {
             .wanted(format!("at most {}", limits.max_storage_buffers_per_shader_stage))
             .fix("compose it of functions of fewer operands, or move them to the CPU with to_device(&Device::Cpu)"));
         }
+        let most = self.limits().binding_bytes;
         for (tensor, binding) in tensors.iter().zip(buffers) {
+            if tensor.gpu_buffer().bytes() as u64 > most {
+                return Err(Error::new(
+                    ErrorKind::Device,
+                    format!("{} needs a tensor whole that does not fit one binding of this GPU", kernel.name()),
+                )
+                .at(format!("{}, {:?}", binding.name, tensor.spec()))
+                .found(format!("{} bytes", tensor.gpu_buffer().bytes()))
+                .wanted(format!("at most {most} bytes on {}", self.name()))
+                .fix("split the tensor, or move it to the CPU with to_device(&Device::Cpu)"));
+            }
             assert!(tensor.gpu_buffer().gpu().same(self), "{}: {tensor:?} is not on {self:?}", kernel.name());
-            if binding.element == DType::F32 && tensor.dtype() != DType::F32 {
+            let fits = match tensor.dtype() {
+                DType::F32 => true,
+                DType::F16 => binding.holds_halves(),
+                _ => binding.element == DType::U32,
+            };
+            if !fits {
                 return Err(Error::new(ErrorKind::Unsupported, format!("{} computes in f32", kernel.name()))
                     .at(&binding.name)
                     .found(format!("{tensor:?}"))
@@ -106,7 +162,7 @@ impl Gpu {
         if groups == 0 {
             return Ok(());
         }
-        let spread = spread(groups, limits.max_compute_workgroups_per_dimension).ok_or_else(|| {
+        let spread = spread(groups, self.limits().groups_per_axis).ok_or_else(|| {
             Error::new(ErrorKind::Device, format!("{} has too much work for one dispatch", kernel.name()))
                 .found(format!("{groups} workgroups"))
                 .fix("split the tensor")
@@ -173,11 +229,12 @@ mod tests {
     use super::spread;
 
     #[test]
-    fn groups_are_spread_over_two_axes() {
-        assert_eq!(spread(1, 65535), Some([1, 1]));
-        assert_eq!(spread(65535, 65535), Some([65535, 1]));
-        assert_eq!(spread(65536, 65535), Some([65535, 2]));
-        assert_eq!(spread(7, 3), Some([3, 3]));
-        assert_eq!(spread(10, 3), None);
+    fn groups_are_spread_over_three_axes() {
+        assert_eq!(spread(1, 65535), Some([1, 1, 1]));
+        assert_eq!(spread(65535, 65535), Some([65535, 1, 1]));
+        assert_eq!(spread(65536, 65535), Some([65535, 2, 1]));
+        assert_eq!(spread(7, 3), Some([3, 3, 1]));
+        assert_eq!(spread(10, 3), Some([3, 3, 2]));
+        assert_eq!(spread(28, 3), None);
     }
 }

@@ -7,16 +7,22 @@
 //! results return to a pool when their last tensor is dropped.
 
 mod buffer;
+mod cast;
 mod device;
 mod kernel;
 mod launch;
+mod limits;
 mod pool;
 mod recorder;
+mod sort;
 mod source;
 mod strides;
 
 pub use buffer::GpuBuffer;
+pub(crate) use cast::{NARROW, WIDEN};
 pub use device::Gpu;
 pub use kernel::{Binding, Kernel, Reflection};
 pub use launch::Work;
+pub use limits::GpuLimits;
+pub(crate) use sort::{SORT_BLOCKS, SORT_STEPS, SORT_TAILS, sorted_pairs};
 pub(crate) use strides::{STRIDED, Strides, words};

@@ -30,7 +30,7 @@ impl Recorder {
         queue: &wgpu::Queue,
         pipeline: &wgpu::ComputePipeline,
         bindings: &wgpu::BindGroup,
-        groups: [u32; 2],
+        groups: [u32; 3],
     ) {
         let open = self.open.get_or_insert_with(|| {
             let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
@@ -39,7 +39,7 @@ impl Recorder {
         });
         open.pass.set_pipeline(pipeline);
         open.pass.set_bind_group(0, bindings, &[]);
-        open.pass.dispatch_workgroups(groups[0], groups[1], 1);
+        open.pass.dispatch_workgroups(groups[0], groups[1], groups[2]);
         open.dispatches += 1;
         if open.dispatches >= BATCH {
             self.submit(queue);

@@ -1,6 +1,6 @@
 //! Axes as kernels walk them: sizes and steps, with neighbours merged.
 
-use crate::backend::gpu::{Gpu, Kernel, Work};
+use crate::backend::gpu::{Gpu, GpuBuffer, Kernel, Work};
 use crate::{Error, ErrorKind, Result, Spec, Tensor};
 
 /// The kernel of every op that copies elements from places at regular steps.
@@ -37,7 +37,9 @@ impl Strides {
 
     /// The distance to the place with this number, in row-major order.
     pub(crate) fn place(&self, number: usize) -> usize {
-        let step = |(at, rest): (usize, usize), (size, step): &(usize, usize)| (at + rest % size * step, rest / size);
+        let step = |(at, rest): (usize, usize), (size, step): &(usize, usize)| {
+            (at.wrapping_add((rest % size).wrapping_mul(*step)), rest / size)
+        };
         self.0.iter().rev().fold((0, number), step).0
     }
 
@@ -67,11 +69,58 @@ impl Strides {
     }
 
     /// Copies the elements at `start` plus these steps into a new tensor.
+    ///
+    /// Where the result does not fit one binding, by parts; where `x` does not, from the part of it that each of those
+    /// reads, if that is small enough.
     pub(crate) fn gather(&self, gpu: &Gpu, op: &str, x: &Tensor, start: usize, result: Spec) -> Result<Tensor> {
-        let len = result.shape.len();
-        let mut parameters = words([len, start, self.rank(), 0]).to_vec();
-        parameters.extend(self.words(op)?);
-        gpu.launch(&STRIDED, &[x], &parameters, result, Work::Invocations(len))
+        let axes = self.words(op)?;
+        let (y, len) = (gpu.empty(result)?, self.len());
+        let most = gpu.part_len();
+        let mut step = len.min(most).max(1);
+        if x.len() > most {
+            let span = |first: usize, step: usize| {
+                let (low, high) = self.bounds(start, first, step.min(len - first));
+                high + 1 - low / GpuBuffer::ALIGNMENT * GpuBuffer::ALIGNMENT
+            };
+            while step > GpuBuffer::ALIGNMENT && (0..len).step_by(step).any(|first| span(first, step) > most) {
+                step = (step / 2).next_multiple_of(GpuBuffer::ALIGNMENT);
+            }
+        }
+        for first in (0..len).step_by(step) {
+            let count = step.min(len - first);
+            let (from, begin) = if x.len() <= most {
+                (x.clone(), start)
+            } else {
+                let (low, high) = self.bounds(start, first, count);
+                let begin = low / GpuBuffer::ALIGNMENT * GpuBuffer::ALIGNMENT;
+                (x.gpu_part(begin, [high + 1 - begin]), start.wrapping_sub(begin))
+            };
+            let to = if count == len { y.clone() } else { y.gpu_part(first, [count]) };
+            let mut parameters = words([count, begin, self.rank(), first]).to_vec();
+            parameters.extend_from_slice(&axes);
+            gpu.dispatch(&STRIDED, &[&to, &from], &parameters, Work::Invocations(count))?;
+        }
+        Ok(y)
+    }
+
+    /// The least and the largest place among `count` of them from the number `first` on; `start` is where number 0 is.
+    fn bounds(&self, start: usize, first: usize, count: usize) -> (usize, usize) {
+        let (mut low, mut high) = (start as isize, start as isize);
+        let (mut first, mut last) = (first, first + count.max(1) - 1);
+        let (mut inner, mut bounds) = (self.len(), Vec::with_capacity(self.rank()));
+        // an axis runs over all of its indices once one further out takes two
+        let mut whole = false;
+        for (size, step) in &self.0 {
+            inner /= size.max(&1);
+            let (a, b) = if whole { (0, size - 1) } else { (first / inner.max(1), last / inner.max(1)) };
+            whole |= a != b;
+            (first, last) = (first % inner.max(1), last % inner.max(1));
+            bounds.push((a as isize * *step as isize, b as isize * *step as isize));
+        }
+        for (a, b) in bounds {
+            (low, high) = (low + a.min(b), high + a.max(b));
+        }
+        (low as usize, high as usize)
     }
 }
 
@@ -85,6 +134,29 @@ pub(crate) fn words<const N: usize>(sizes: [usize; N]) -> [u32; N] {
 #[cfg(test)]
 mod tests {
     use super::Strides;
+
+    #[test]
+    fn bounds_hold_every_place() {
+        let walks = [
+            Strides(vec![(3, 40), (4, 1)]),
+            Strides(vec![(4, 1), (3, 40)]),
+            Strides(vec![(5, 0), (6, 1)]),
+            Strides(vec![(5, 1usize.wrapping_neg())]),
+            Strides(vec![(2, 7), (3, 50), (4, 1usize.wrapping_neg())]),
+            Strides(vec![]),
+        ];
+        for walk in walks {
+            let places: Vec<usize> = (0..walk.len()).map(|n| 1000usize.wrapping_add(walk.place(n))).collect();
+            for first in 0..walk.len() {
+                for count in 1..=walk.len() - first {
+                    let within = &places[first..first + count];
+                    let (low, high) = walk.bounds(1000, first, count);
+                    assert!(within.iter().all(|place| (low..=high).contains(place)), "{walk:?} {first} {count}");
+                    assert!(places.contains(&low) && places.contains(&high), "{walk:?} {first} {count}");
+                }
+            }
+        }
+    }
 
     #[test]
     fn contiguous_axes_merge() {

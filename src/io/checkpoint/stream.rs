@@ -7,8 +7,8 @@ use std::collections::HashMap;
 use std::ops::Range;
 
 use super::machine::run;
-use super::value::{Graph, Storage, Value};
 use super::tree;
+use super::value::{Graph, Storage, Value};
 use crate::io::archive::Contents;
 use crate::{Error, ErrorKind, Result};
 
@@ -67,7 +67,8 @@ fn places<'a>(
     graph: &Graph<'a>,
     order: &Graph<'a>,
 ) -> Result<HashMap<&'a str, Range<usize>>> {
-    let damaged = |found: String| Error::new(ErrorKind::Input, "the storages of the checkpoint are damaged").found(found);
+    let damaged =
+        |found: String| Error::new(ErrorKind::Input, "the storages of the checkpoint are damaged").found(found);
     let Value::List(keys) = top(order) else {
         return Err(damaged("no list of storages".to_owned()));
     };

@@ -4,6 +4,7 @@ mod accuracy;
 mod derivatives;
 mod neo_hookean;
 mod paths;
+mod principal;
 mod structure;
 mod wgsl;
 

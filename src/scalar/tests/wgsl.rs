@@ -1,6 +1,6 @@
 //! Emitted WGSL parses and validates.
 
-use super::super::{Program, wgsl_module};
+use super::super::{Mat3, Program, wgsl_module};
 use super::{every_instruction, everything};
 
 #[track_caller]
@@ -68,4 +68,17 @@ fn a_module_of_several_programs_brings_each_function_once() {
 fn literal_nans_never_occur() {
     let program = Program::trace("f", &["x"], &["y"], |x| vec![x[0] * f64::NAN]);
     assert!(program.wgsl().contains("bitcast<f32>(infinite | 0x400000u)"), "{}", program.wgsl());
+}
+
+#[test]
+fn decompositions_and_isotropic_functions_validate() {
+    let names = ["a", "b", "c", "d", "e", "f", "g", "h", "i"];
+    let program = Program::trace("hencky", &names, &["u", "v", "t"], |x| {
+        let principal = Mat3::from_slice(x).principal();
+        let stress = principal.left(principal.stretches().map(|s| s.ln()));
+        vec![principal.u().0[0][1], principal.v().0[2][0], stress.trace() + stress.0[0][1]]
+    });
+    let text = wgsl_module(&[&program, &program.vjp(), &program.jvp()]);
+    validate(&text);
+    assert_eq!(text.matches("fn scalar_svd(").count(), 1);
 }

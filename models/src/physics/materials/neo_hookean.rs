@@ -20,10 +20,7 @@ impl Material for NeoHookean {
     }
 
     fn parameters(&self) -> Vec<Parameter> {
-        vec![
-            Parameter::log10("young", "E", "Pa", [1e3, 1e7]),
-            Parameter::bounded("poisson", "ν", "-", [-0.45, 0.45], [0.0, 0.45]),
-        ]
+        Parameter::elastic()
     }
 
     fn stress(&self, point: &Point, given: &Given) -> Mat3 {
@@ -36,5 +33,9 @@ impl Material for NeoHookean {
     fn wave_speed(&self, values: &[f64], density: f64) -> f64 {
         let (mu, lambda) = lame(values[0], values[1]);
         ((lambda + 2.0 * mu) / density).sqrt()
+    }
+
+    fn survives_inversion(&self) -> bool {
+        false
     }
 }

@@ -6,8 +6,8 @@
 use rayon::prelude::*;
 
 use super::product::{Left, Product, Start};
-use super::{Heads, KEYS, QUERIES, transpose};
-use crate::backend::cpu::{buffer, vectorised};
+use super::{Heads, KEYS, Panel, QUERIES, transpose};
+use crate::backend::cpu::{buffer, pool, vectorised};
 use crate::scalar::{Job, Lane, Real};
 
 /// Work items to aim at: enough for many threads, few enough that their partial sums are small beside the work.
@@ -65,6 +65,7 @@ pub(crate) fn backward<T: Real>(
         sum_shares(shares, share, 0, channels, k);
         sum_shares(shares, share, keys * padded(channels), values, v);
     });
+    pool::give(shares);
     Cotangents { q, k, v, scores }
 }
 
@@ -108,21 +109,21 @@ struct Item<'a, T> {
 /// Panels of one block of queries.
 struct Scratch<T> {
     /// Columns are queries.
-    queries: Vec<T>,
-    g: Vec<T>,
-    weights: Vec<T>,
-    slopes: Vec<T>,
-    q: Vec<T>,
+    queries: Panel<T>,
+    g: Panel<T>,
+    weights: Panel<T>,
+    slopes: Panel<T>,
+    q: Panel<T>,
     /// Rows are queries, padded to whole vectors.
-    query_rows: Vec<T>,
-    g_rows: Vec<T>,
+    query_rows: Panel<T>,
+    g_rows: Panel<T>,
     log_sums: [T; QUERIES],
     means: [T; QUERIES],
 }
 
 impl<T: Real> Scratch<T> {
     fn new(heads: &Heads<'_, T>) -> Self {
-        let panel = |rows: usize| vec![T::ZERO; rows * QUERIES];
+        let panel = |rows: usize| Panel::new(rows * QUERIES);
         Self {
             queries: panel(heads.channels),
             g: panel(heads.values),

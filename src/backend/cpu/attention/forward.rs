@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::product::{Left, Product, Start};
-use super::{Heads, KEYS, QUERIES, transpose};
+use super::{Heads, KEYS, Panel, QUERIES, transpose};
 use crate::backend::cpu::{buffer, vectorised};
 use crate::scalar::{Job, Lane, Real};
 
@@ -32,9 +32,9 @@ pub(crate) fn forward<T: Real>(heads: &Heads<'_, T>) -> (Vec<T>, Vec<T>) {
 
 /// Panels of one block of queries; columns are queries.
 struct Scratch<T> {
-    queries: Vec<T>,
-    scores: Vec<T>,
-    results: Vec<T>,
+    queries: Panel<T>,
+    scores: Panel<T>,
+    results: Panel<T>,
     largest: [T; QUERIES],
     sums: [T; QUERIES],
     factors: [T; QUERIES],
@@ -43,9 +43,9 @@ struct Scratch<T> {
 impl<T: Real> Scratch<T> {
     fn new(heads: &Heads<'_, T>) -> Self {
         Self {
-            queries: vec![T::ZERO; heads.channels * QUERIES],
-            scores: vec![T::ZERO; KEYS * QUERIES],
-            results: vec![T::ZERO; heads.values * QUERIES],
+            queries: Panel::new(heads.channels * QUERIES),
+            scores: Panel::new(KEYS * QUERIES),
+            results: Panel::new(heads.values * QUERIES),
             largest: [T::ZERO; QUERIES],
             sums: [T::ZERO; QUERIES],
             factors: [T::ZERO; QUERIES],

@@ -14,12 +14,43 @@ mod product;
 pub(crate) use backward::backward;
 pub(crate) use forward::forward;
 
+use std::ops::{Deref, DerefMut};
+
 use crate::scalar::Real;
 
 /// Queries of a block.
 const QUERIES: usize = 64;
 /// Keys of a block: a multiple of the six rows of a tile.
 const KEYS: usize = 96;
+
+/// Numbers that begin at a cache line, so that no vector lies across two.
+struct Panel<T> {
+    values: Vec<T>,
+    start: usize,
+}
+
+impl<T: Real> Panel<T> {
+    /// Zeros.
+    fn new(len: usize) -> Self {
+        let values = vec![T::ZERO; len + 64 / size_of::<T>()];
+        let start = values.as_ptr().align_offset(64);
+        Self { values, start }
+    }
+}
+
+impl<T> Deref for Panel<T> {
+    type Target = [T];
+
+    fn deref(&self) -> &[T] {
+        &self.values[self.start..]
+    }
+}
+
+impl<T> DerefMut for Panel<T> {
+    fn deref_mut(&mut self) -> &mut [T] {
+        &mut self.values[self.start..]
+    }
+}
 
 /// The operands: `heads` independent problems, one after the other.
 pub(crate) struct Heads<'a, T> {

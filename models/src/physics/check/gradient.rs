@@ -4,14 +4,15 @@ use gradreel::ops::{Map, uniform};
 use gradreel::scalar::{Program, Scalar};
 use gradreel::{GradCheck, GradReport, Result, Tensor, Var};
 
-use super::law::Law;
+use crate::physics::law::Law;
 
-/// States checked: random ones around rest, and rest itself, where all principal stretches coincide.
+/// States checked: random ones around rest, and a pure compression, in which all principal stretches coincide.
 const STATES: usize = 12;
 
 impl Law {
     /// Checks the derivative of projected deformation and stress with respect to deformation gradient, velocity gradient and
-    /// every parameter; the last state is exactly at rest.
+    /// every parameter; in the last state all principal stretches coincide. For more, see
+    /// [`check_material`](crate::physics::check_material).
     ///
     /// ```
     /// use gradreel_models::physics::materials;
@@ -28,12 +29,14 @@ impl Law {
         let program = self.program();
         let names: Vec<&str> = program.inputs().iter().map(String::as_str).collect();
         let fixed = names.iter().position(|name| *name == "dt").unwrap_or(names.len());
-        // stresses are of the order of the stiffest parameter; F is of order 1
-        let stiffness = self.parameters().iter().filter(|p| p.unit == "Pa").map(|p| p.start).fold(1.0, f64::max);
+        // stresses are of the order of the modulus of a pressure wave, ρ c²; F is of order 1
+        let values: Vec<f64> = self.parameters().iter().map(|p| p.start).collect();
+        let stiffness = self.wave_speed(&values, 1.0).powi(2);
+        let starts: Vec<f64> = values.into_iter().chain(self.history().iter().map(|variable| variable.start)).collect();
         let whole = Program::trace(&format!("{}_contracted", self.name()), &names, &["y"], |x| {
             let outputs = program.apply(x);
             let sum = outputs.iter().enumerate().fold(Scalar::from(0.0), |sum, (i, y)| {
-                let scale = if i < 9 { 1.0 } else { 1.0 / stiffness };
+                let scale = if (9..18).contains(&i) { 1.0 / stiffness } else { 1.0 };
                 sum + *y * (scale * (0.6 + 0.1 * i as f64))
             });
             vec![sum]
@@ -42,15 +45,12 @@ impl Law {
         for (i, name) in names.iter().enumerate() {
             let values = match i {
                 0..9 => {
-                    let rest = f64::from(u8::from(i % 4 == 0));
-                    perturbed(i, rest, 0.15)
+                    let compressed = if i % 4 == 0 { 0.97 } else { 0.0 };
+                    perturbed(i, compressed, 0.15)
                 }
                 9..18 => perturbed(i, 0.0, 2.0),
                 _ if i == fixed => vec![1e-3; STATES],
-                _ => {
-                    let p = &self.parameters()[i - fixed - 1];
-                    vec![p.start; STATES]
-                }
+                _ => vec![starts[i - fixed - 1]; STATES],
             };
             inputs.push((name, Tensor::from_vec(values, [STATES])));
         }

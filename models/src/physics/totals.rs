@@ -1,0 +1,85 @@
+//! Sums of the cotangents of densities and parameters over the substeps of a backward pass.
+//!
+//! A value that all particles share has one sum per block of particles, in `f64`; one with an entry per particle has an
+//! array. Every sum is taken in one fixed order, whatever the number of threads.
+
+use std::ops::Range;
+
+use super::row::Number;
+use super::state::BLOCK;
+use super::values::Values;
+
+/// Where a value's cotangents are summed.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Place {
+    /// The n-th number of a block.
+    Shared(usize),
+    /// The n-th array of a block.
+    Array(usize),
+}
+
+/// The sums of all values, block by block.
+#[derive(Debug)]
+pub(crate) struct Totals<T> {
+    /// Where each value is summed, in order.
+    pub places: Vec<Place>,
+    /// Numbers per block in `sums` and in `each`; never 0.
+    pub widths: [usize; 2],
+    /// Per block, a number for each shared value.
+    pub sums: Vec<f64>,
+    /// Per block, an array for each other value.
+    pub each: Vec<T>,
+    /// The cotangent of gravity.
+    pub gravity: [f64; 3],
+}
+
+impl<T: Number> Totals<T> {
+    /// Zero, for these values and this many blocks.
+    pub fn new<'a>(values: impl Iterator<Item = &'a Values<T>>, blocks: usize) -> Self {
+        let (mut shared, mut arrays) = (0, 0);
+        let place = |values: &Values<T>| match values {
+            Values::Same(_) => {
+                shared += 1;
+                Place::Shared(shared - 1)
+            }
+            Values::Each(_) => {
+                arrays += 1;
+                Place::Array(arrays - 1)
+            }
+        };
+        let places = values.map(place).collect();
+        let widths = [shared.max(1), arrays.max(1) * BLOCK];
+        let (sums, each) = (vec![0.0; blocks * widths[0]], vec![T::ZERO; blocks * widths[1]]);
+        Self { places, widths, sums, each, gravity: [0.0; 3] }
+    }
+
+    /// The sums of a value: one number, or one per particle.
+    pub fn of(&self, place: Place, particles: usize) -> Vec<T> {
+        let [sums, each] = self.widths;
+        match place {
+            Place::Shared(n) => vec![T::from_f64(self.sums.iter().skip(n).step_by(sums).sum())],
+            Place::Array(n) => (0..particles).map(|p| self.each[p / BLOCK * each + n * BLOCK + p % BLOCK]).collect(),
+        }
+    }
+}
+
+/// The sums of one block.
+pub(crate) struct Sink<'a, T> {
+    /// Its numbers.
+    pub sums: &'a mut [f64],
+    /// Its arrays.
+    pub each: &'a mut [T],
+}
+
+impl<T: Number> Sink<'_, T> {
+    /// Adds the cotangents that some particles of the block have of a value.
+    pub fn add(&mut self, place: Place, lanes: Range<usize>, cotangents: &[T]) {
+        match place {
+            Place::Shared(n) => self.sums[n] += cotangents.iter().map(|&g| g.to_f64()).sum::<f64>(),
+            Place::Array(n) => {
+                let array = &mut self.each[n * BLOCK..][lanes];
+                array.iter_mut().zip(cotangents).for_each(|(sum, &g)| *sum += g);
+            }
+        }
+    }
+}

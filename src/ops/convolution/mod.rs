@@ -1,0 +1,230 @@
+//! Convolutions in one, two and three dimensions: settings, and the methods that apply them.
+//!
+//! A family of three ops that is closed under differentiation: [`convolution`](forward) makes a result of image and weight,
+//! [`transposed_convolution`](transposed) an image of result and weight (the gradient in the image), and
+//! [`convolution_weights`](weights) a weight of image and result (the gradient in the weight). All three are linear in both
+//! operands, and the derivatives of each are the other two.
+
+pub(super) mod forward;
+mod geometry;
+pub(super) mod transposed;
+pub(super) mod weights;
+
+use std::rc::Rc;
+
+pub(crate) use geometry::{Geometry, Links, Phase};
+
+use crate::backend::gpu::Kernel;
+use crate::ops::{Case, PerAxis};
+use crate::{Error, ErrorKind, Var};
+use forward::Convolution;
+use transposed::TransposedConvolution;
+
+const TEXT: &str = include_str!("../../../kernels/convolution.wgsl");
+pub(super) static FORWARD: Kernel = Kernel::new("convolution", "forward", TEXT, &["y", "x", "w", "bias"]);
+pub(super) static TRANSPOSED: Kernel = Kernel::new("convolution", "transposed", TEXT, &["y", "x", "w", "bias"]);
+pub(super) static WEIGHTS: Kernel = Kernel::new("convolution", "weights", TEXT, &["y", "x", "w"]);
+
+/// The settings of a convolution; [`Conv::new`] has stride 1, no padding, dilation 1 and one group. What takes a
+/// [`PerAxis`] takes one number for all axes, or an array with one for each.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Conv {
+    stride: PerAxis,
+    padding: PerAxis,
+    dilation: PerAxis,
+    output_padding: PerAxis,
+    groups: usize,
+}
+
+impl Default for Conv {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Conv {
+    /// Stride 1, no padding, dilation 1, one group.
+    pub fn new() -> Self {
+        Self { stride: 1.into(), padding: 0.into(), dilation: 1.into(), output_padding: 0.into(), groups: 1 }
+    }
+
+    /// Distance in the image between neighbours of the result.
+    #[must_use]
+    pub fn stride(mut self, stride: impl Into<PerAxis>) -> Self {
+        self.stride = stride.into();
+        self
+    }
+
+    /// Zeros around the image, so many on each side.
+    #[must_use]
+    pub fn padding(mut self, padding: impl Into<PerAxis>) -> Self {
+        self.padding = padding.into();
+        self
+    }
+
+    /// Distance in the image between neighbours of the kernel.
+    #[must_use]
+    pub fn dilation(mut self, dilation: impl Into<PerAxis>) -> Self {
+        self.dilation = dilation.into();
+        self
+    }
+
+    /// For transposed convolutions: places added at the end of each axis of the result, less than the larger of stride and
+    /// dilation. With a stride, images of several sizes give a result of the same size; this says which is meant.
+    #[must_use]
+    pub fn output_padding(mut self, padding: impl Into<PerAxis>) -> Self {
+        self.output_padding = padding.into();
+        self
+    }
+
+    /// Splits the channels into so many groups that do not see each other; as many as channels make it depth-wise.
+    #[must_use]
+    pub fn groups(mut self, groups: usize) -> Self {
+        self.groups = groups;
+        self
+    }
+
+    /// The links of `rank` spatial axes, or `None` when a setting is for another number of axes.
+    fn links(&self, rank: usize) -> Option<Links> {
+        Some(Links {
+            rank,
+            groups: self.groups,
+            stride: self.stride.three(rank, 1)?,
+            padding: self.padding.three(rank, 0)?,
+            dilation: self.dilation.three(rank, 1)?,
+        })
+    }
+
+    /// The size of a transposed convolution's result.
+    fn transposed_size(&self, links: &Links, y: &[usize], kernel: &[usize]) -> Option<Vec<usize>> {
+        let extra = self.output_padding.resolve(links.rank)?;
+        let first = 3 - links.rank;
+        (0..links.rank)
+            .map(|axis| {
+                let (stride, dilation) = (links.stride[first + axis], links.dilation[first + axis]);
+                let reach = y[axis].checked_sub(1)? * stride + dilation * kernel[axis].checked_sub(1)? + 1;
+                let fits = extra[axis] < stride.max(dilation);
+                (reach + extra[axis]).checked_sub(2 * links.padding[first + axis]).filter(|&size| size > 0 && fits)
+            })
+            .collect()
+    }
+}
+
+/// A wrong setting is the programmer's mistake.
+#[track_caller]
+fn refuse(op: &str, settings: &Conv, image: &Var, weight: &Var) -> ! {
+    let error = Error::new(ErrorKind::Shape, format!("{op}: the settings do not fit"))
+        .found(format!("image {:?}, weight {:?}, {settings:?}", image.spec(), weight.spec()))
+        .wanted("batch, channels and one to three spatial axes, settings for as many, output padding below stride or dilation");
+    panic!("{error}");
+}
+
+impl Var {
+    /// The convolution of images `[batch, channels, (d,) (h,) w]` with a weight `[out, channels / groups, (d,) (h,) w]`, plus
+    /// a bias `[out]`, in as many dimensions as the weight has:
+    ///
+    /// ```text
+    /// y[n, o, p] = bias[o] + Σ_c Σ_k weight[o, c, k] · x[n, c, p · stride + k · dilation − padding]
+    /// ```
+    ///
+    /// with zeros outside the image. The result is `[batch, out, …]` with
+    /// `⌊(size + 2 padding − dilation (kernel − 1) − 1) / stride⌋ + 1` places along each axis. Differentiable in image,
+    /// weight and bias, any number of times.
+    ///
+    /// ```
+    /// use gradreel::{DType, Tape, Tensor, ops::Conv};
+    ///
+    /// let tape = Tape::new();
+    /// let image = tape.leaf(Tensor::full(1.0, [1, 2, 5, 5], DType::F32));
+    /// let (weight, bias) = (Tensor::full(0.5, [3, 2, 3, 3], DType::F32), Tensor::zeros([3], DType::F32));
+    /// let y = image.conv(&tape.leaf(weight), Some(&tape.leaf(bias)), &Conv::new().padding(1).stride(2));
+    /// assert_eq!(y.dims(), [1, 3, 3, 3]);
+    /// assert_eq!(y.value()?.view::<f32>()[[0, 0, 1, 1]], 9.0); // all 18 taps are inside
+    /// assert_eq!(y.value()?.view::<f32>()[[0, 0, 0, 0]], 4.0); // 8 of them are
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
+    /// # Panics
+    /// When shapes, dtypes or settings do not fit.
+    #[track_caller]
+    #[must_use]
+    pub fn conv(&self, weight: &Self, bias: Option<&Self>, settings: &Conv) -> Self {
+        let rank = weight.dims().len().saturating_sub(2);
+        let links = settings.links(rank).filter(|_| (1..=3).contains(&rank) && self.dims().len() == rank + 2);
+        let Some(links) = links else { refuse("convolution", settings, self, weight) };
+        let size = links.places(&self.dims()[2..], &weight.dims()[2..]);
+        let operands = [self, weight].into_iter().chain(bias).collect::<Vec<_>>();
+        Self::run(Rc::new(Convolution { links, size }), &operands)
+    }
+
+    /// The transposed convolution of images `[batch, channels, (d,) (h,) w]` with a weight `[channels, out / groups, (d,) (h,)
+    /// w]`, plus a bias `[out]`: the gradient of [`Var::conv`] in its image, as a layer that enlarges images. The result is
+    /// `[batch, out, …]` with `(size − 1) stride − 2 padding + dilation (kernel − 1) + output_padding + 1` places along each
+    /// axis. Differentiable in image, weight and bias, any number of times.
+    ///
+    /// ```
+    /// use gradreel::{DType, Tape, Tensor, ops::Conv};
+    ///
+    /// let tape = Tape::new();
+    /// let image = tape.leaf(Tensor::full(1.0, [1, 4, 8, 8, 8], DType::F32));
+    /// let weight = tape.leaf(Tensor::full(0.1, [4, 2, 3, 3, 3], DType::F32));
+    /// let doubled = Conv::new().stride(2).padding(1).output_padding(1);
+    /// assert_eq!(image.conv_transpose(&weight, None, &doubled).dims(), [1, 2, 16, 16, 16]);
+    /// ```
+    ///
+    /// # Panics
+    /// When shapes, dtypes or settings do not fit.
+    #[track_caller]
+    #[must_use]
+    pub fn conv_transpose(&self, weight: &Self, bias: Option<&Self>, settings: &Conv) -> Self {
+        let rank = weight.dims().len().saturating_sub(2);
+        let links = settings.links(rank).filter(|_| (1..=3).contains(&rank) && self.dims().len() == rank + 2);
+        let sized = links
+            .and_then(|links| Some((links, settings.transposed_size(&links, &self.dims()[2..], &weight.dims()[2..])?)));
+        let Some((links, size)) = sized else { refuse("transposed_convolution", settings, self, weight) };
+        let operands = [self, weight].into_iter().chain(bias).collect::<Vec<_>>();
+        Self::run(Rc::new(TransposedConvolution { links, size }), &operands)
+    }
+}
+
+/// Refuses a bias that is not one number for each channel of the result.
+fn check_bias(op: &str, bias: Option<&crate::Spec>, result: &crate::Spec) -> crate::Result<()> {
+    match bias {
+        Some(bias) if bias.shape.dims() != &result.shape.dims()[1..2] || bias.dtype != result.dtype => {
+            Err(Error::new(ErrorKind::Shape, format!("{op}: the bias does not fit"))
+                .found(format!("{bias:?} for {result:?}"))
+                .wanted(format!("{}[{}]", result.dtype, result.shape.dims()[1])))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The gradient in a bias: sums over everything but the channels.
+fn channel_sums(g: &Var) -> Var {
+    g.sum(&(0..g.dims().len()).filter(|&axis| axis != 1).collect::<Vec<_>>())
+}
+
+/// The cases of all three ops: every rank, odd sizes, strides, dilations, groups, images that the kernel does not fill.
+fn cases(case: impl Fn(Links, [Vec<usize>; 3], bool) -> Case) -> Vec<Case> {
+    let make = |settings: Conv, x: &[usize], weight: &[usize], bias: bool| {
+        let links = settings.links(weight.len() - 2).expect("settings for these axes");
+        let mut y = vec![x[0], weight[0]];
+        y.extend(links.places(&x[2..], &weight[2..]));
+        case(links, [x.to_vec(), weight.to_vec(), y], bias)
+    };
+    vec![
+        make(Conv::new().padding(1), &[2, 3, 5], &[2, 3, 3], true),
+        make(Conv::new().padding(1), &[1, 2, 5, 4], &[3, 2, 3, 3], true),
+        make(Conv::new(), &[2, 3, 3, 2], &[4, 3, 1, 1], false),
+        make(Conv::new().stride(2).padding([1, 0]), &[1, 2, 6, 5], &[3, 2, 3, 2], false),
+        make(Conv::new().dilation([2, 1]).padding([2, 1]), &[1, 2, 4, 5], &[2, 2, 3, 3], true),
+        make(Conv::new().stride([2, 3]).dilation(2).padding(3), &[1, 1, 5, 7], &[2, 1, 2, 3], false),
+        make(Conv::new().groups(2).padding(1), &[1, 4, 3, 3], &[6, 2, 3, 3], true),
+        make(Conv::new().groups(3).stride(2).padding(1), &[2, 3, 5, 4], &[3, 1, 3, 3], false),
+        make(Conv::new().padding(1), &[1, 2, 3, 4, 3], &[2, 2, 3, 3, 3], false),
+        make(Conv::new().stride(2).padding([1, 1, 0]), &[1, 2, 4, 3, 5], &[2, 2, 3, 2, 3], true),
+        make(Conv::new().stride([1, 2, 2]).groups(2), &[1, 2, 2, 3, 3], &[2, 1, 2, 3, 2], false),
+        make(Conv::new().padding(1), &[0, 2, 3, 3], &[3, 2, 3, 3], true),
+        make(Conv::new().padding(1), &[1, 17, 3, 6], &[18, 17, 3, 3], true),
+    ]
+}

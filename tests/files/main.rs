@@ -1,0 +1,8 @@
+//! Files of tensors: what was written elsewhere is read bit for bit, and what is hostile is refused.
+
+mod build;
+mod checkpoint;
+mod hostile;
+mod mutations;
+mod npy;
+mod safetensors;
