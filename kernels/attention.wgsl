@@ -5,7 +5,8 @@
 // block. Weights are recomputed from the kept logarithms of the sums of exponentials. Maxima start at the lowest finite
 // number, so that a query whose keys are all masked has no weights.
 #import "shared/linear.wgsl"
-#import "shared/exp_or_nan.wgsl"
+#import "shared/is_nan.wgsl"
+#import "shared/exp.wgsl"
 #import "shared/ln.wgsl"
 #import "shared/sum_of_group.wgsl"
 
@@ -64,7 +65,7 @@ fn weight(query: u32, key: u32) -> f32 {
     if kept == LOWEST {
         return 0.0;
     }
-    return exp_or_nan(score(query, key) - kept);
+    return scalar_exp(score(query, key) - kept);
 }
 
 // The cotangent of the score.
@@ -92,7 +93,7 @@ fn sums(
     for (var j = local; j < sizes.keys; j += WORKGROUP) {
         let s = score(query, first + j);
         let higher = max(largest, s);
-        part = part * exp_or_nan(largest - higher) + exp_or_nan(s - higher);
+        part = part * scalar_exp(largest - higher) + scalar_exp(s - higher);
         largest = higher;
     }
     weights[local] = largest;
@@ -104,7 +105,7 @@ fn sums(
     }
     workgroupBarrier();
     let highest = weights[0];
-    let sum = sum_of_group(local, part * exp_or_nan(largest - highest));
+    let sum = sum_of_group(local, part * scalar_exp(largest - highest));
     if local == 0u {
         y[query] = select(highest + scalar_ln(sum), LOWEST, sum == 0.0);
     }

@@ -1,7 +1,8 @@
 // Attention over the depth samples of each pixel, and what its adjoint is made of. Pixels are neighbours in memory and
 // among invocations.
 #import "shared/linear.wgsl"
-#import "shared/exp_or_nan.wgsl"
+#import "shared/is_nan.wgsl"
+#import "shared/exp.wgsl"
 
 // Twin of DepthAttention::words.
 struct Sizes {
@@ -56,7 +57,7 @@ fn softmax(
     }
     var sum = 0.0;
     for (var at = start; at < end; at += sizes.pixels) {
-        let weight = exp_or_nan(y[at] - largest);
+        let weight = scalar_exp(y[at] - largest);
         y[at] = weight;
         sum += weight;
     }

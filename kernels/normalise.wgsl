@@ -4,6 +4,8 @@
 // cotangent c of z = scale n + shift and means over the run, the adjoint is
 // (scale c - mean(scale c) - n mean(scale c n)) / deviation.
 #import "shared/linear.wgsl"
+#import "shared/is_nan.wgsl"
+#import "shared/exp.wgsl"
 #import "shared/logistic.wgsl"
 #import "shared/sum_of_group.wgsl"
 

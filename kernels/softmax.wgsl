@@ -4,7 +4,8 @@
 // elements are neighbours. Maxima start at the lowest finite number, so that a row of nothing but -inf has exponentials of
 // 0, and a NaN that a maximum has passed over comes back in the sum.
 #import "shared/linear.wgsl"
-#import "shared/exp_or_nan.wgsl"
+#import "shared/is_nan.wgsl"
+#import "shared/exp.wgsl"
 #import "shared/ln.wgsl"
 #import "shared/sum_of_group.wgsl"
 
@@ -35,7 +36,7 @@ fn finished(value: f32, largest: f32, sum: f32) -> f32 {
     if sizes.log != 0u {
         return value - largest - select(scalar_ln(sum), 0.0, sum == 0.0);
     }
-    return exp_or_nan(value - largest) * select(1.0 / sum, 0.0, sum == 0.0);
+    return scalar_exp(value - largest) * select(1.0 / sum, 0.0, sum == 0.0);
 }
 
 @compute @workgroup_size(WORKGROUP)
@@ -55,7 +56,7 @@ fn lines(
     }
     var sum = 0.0;
     for (var i = 0u; i < sizes.len; i++) {
-        sum += exp_or_nan(x[start + i * sizes.inner] - largest);
+        sum += scalar_exp(x[start + i * sizes.inner] - largest);
     }
     for (var i = 0u; i < sizes.len; i++) {
         y[start + i * sizes.inner] = finished(x[start + i * sizes.inner], largest, sum);
@@ -113,7 +114,7 @@ fn groups(
     let largest = largest_of_group(local, part);
     part = 0.0;
     for (var i = local; i < sizes.len; i += WORKGROUP) {
-        part += exp_or_nan(x[start + i * sizes.inner] - largest);
+        part += scalar_exp(x[start + i * sizes.inner] - largest);
     }
     let sum = sum_of_group(local, part);
     for (var i = local; i < sizes.len; i += WORKGROUP) {

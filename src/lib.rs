@@ -12,6 +12,7 @@ pub mod tensor;
 
 pub use error::{Error, ErrorKind, Result};
 pub use random::Key;
+pub use tape::devicecheck::{DeviceReport, DeviceRow, devicecheck};
 pub use tape::gradcheck::{GradCheck, GradReport, gradcheck};
 pub use tape::{Backward, Forward, Gradients, Memory, Op, Reads, Tape, Var};
 pub use tensor::{DType, Device, Element, Shape, Spec, Tensor};

@@ -28,7 +28,8 @@ fn gpu() -> Option<Device> {
 fn tolerance(op: &str) -> (f64, f64) {
     match op {
         // copies
-        "broadcast_to" | "concat" | "flip" | "index_select" | "pad" | "permute" | "reshape" | "slice" => (1e-6, 1e-6),
+        "broadcast_to" | "concat" | "flip" | "index_select" | "pad" | "permute" | "put" | "reshape" | "slice"
+        | "take" => (1e-6, 1e-6),
         // drivers compute exp with a few units in the last place
         "exp" | "exp_m1" | "ln" | "ln_1p" | "logistic" | "softplus" | "tanh" => (2e-6, 5e-6),
         "erf" | "elu" | "gelu" | "gelu_sigmoid" | "gelu_tanh" | "silu" => (2e-6, 5e-6),
@@ -139,7 +140,7 @@ fn nan_and_infinity_go_the_same_way_on_both() {
                     continue;
                 }
                 for poison in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-                    if entry.name == "powf" && poison < 0.0 {
+                    if matches!(entry.name, "pow" | "powf") && poison < 0.0 {
                         continue; // the power of a negative number is not defined
                     }
                     inputs[poisoned] = Tensor::full(poison, case.inputs[poisoned].shape(), DType::F32);
@@ -278,7 +279,14 @@ fn attention_over_more_than_one_block_of_partners() {
             let found = loss.backward().unwrap();
             vars.iter().map(|x| found.wrt(x).unwrap().to_device(&Device::Cpu).unwrap()).collect::<Vec<_>>()
         };
-        slopes(&gpu).iter().zip(slopes(&Device::Cpu)).for_each(|(a, b)| assert_close("attention", a, &b));
+        // sums of hundreds of terms of both signs: compared with the largest element
+        for (found, expected) in slopes(&gpu).iter().zip(slopes(&Device::Cpu)) {
+            let (found, expected) = (found.to_vec().unwrap(), expected.to_vec().unwrap());
+            let scale = expected.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+            for (a, b) in found.iter().zip(&expected) {
+                assert!((a - b).abs() <= 5e-5 * scale, "{queries}x{keys}: {a} on the GPU and {b} on the CPU");
+            }
+        }
     }
     // masks that leave a query some keys, or none
     let inf = f32::INFINITY;

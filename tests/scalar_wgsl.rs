@@ -2,7 +2,7 @@
 //!
 //! Needs an adapter, real or software; says so and passes where there is none.
 
-use gradreel::scalar::{Program, Scalar};
+use gradreel::scalar::{Mat3, Program, Scalar};
 use wgpu::util::DeviceExt;
 
 struct Gpu {
@@ -79,9 +79,15 @@ impl Gpu {
 
 type Function = fn(Scalar) -> Scalar;
 
+/// A matrix that grows with `x`, regular and singular by turns.
+fn sheared(x: Scalar) -> Mat3 {
+    let number = |value: f64| Scalar::from(value);
+    Mat3([[number(1.0), x, number(0.0)], [0.3 * x, number(1.0), 0.2 * x], [number(0.0), number(0.1), 1.0 - x]])
+}
+
 /// Functions with the relative error they may have; differences below 1e-37 do not count, since devices may flush
 /// subnormal numbers.
-const FUNCTIONS: [(&str, f64, Function); 22] = [
+const FUNCTIONS: [(&str, f64, Function); 24] = [
     ("abs", 0.0, |x| x.abs()),
     ("sign", 0.0, |x| x.sign()),
     ("floor", 0.0, |x| x.floor()),
@@ -103,6 +109,14 @@ const FUNCTIONS: [(&str, f64, Function); 22] = [
     ("minus_infinity", 0.0, |x| x.max(f64::NEG_INFINITY)),
     ("nan", 0.0, |x| x + f64::NAN),
     ("choice", 0.0, |x| x.lt(0.5).select(x, 2.0 * x)),
+    ("stretches", 5e-6, |x| {
+        let s = sheared(x).principal().stretches();
+        s[0].abs() + s[1].abs() + s[2].abs()
+    }),
+    ("squares", 2e-5, |x| {
+        let principal = sheared(x.tanh()).principal();
+        principal.left(principal.stretches().map(|s| s.square())).trace()
+    }),
     ("adjoint", 2e-5, |x| {
         Program::trace("f", &["x"], &["y"], |x| vec![x[0].softplus().max(0.25) * x[0].logistic()])
             .vjp()

@@ -226,3 +226,44 @@ fn a_remat_refuses_to_lose_the_gradient_of_what_it_captures() {
     let (x, captured) = (tape.leaf(list(&[1.0])), tape.leaf(list(&[2.0])));
     let _ = tape.remat(&[&x], move |_, v| Ok(&v[0] * &captured));
 }
+
+#[test]
+fn anomaly_mode_looks_into_remat() {
+    // forward: the op inside the segment is named, at its own line
+    let tape = Tape::with_anomaly_mode();
+    let x = tape.leaf(list(&[1.0, -4.0]));
+    let error = tape.remat(&[&x], |_, v| Ok(&v[0].ln() * 2.0)).unwrap_err();
+    assert_eq!(error.kind(), ErrorKind::NonFinite);
+    assert!(error.to_string().contains("ln made a non-finite value"), "{error}");
+    // backward: a finite value whose derivative is infinite
+    let tape = Tape::with_anomaly_mode();
+    let x = tape.leaf(list(&[0.0, 4.0]));
+    let y = tape.remat(&[&x], |_, v| Ok(v[0].sqrt())).unwrap();
+    let error = y.sum_all().backward().err().unwrap();
+    assert_eq!(error.kind(), ErrorKind::NonFinite);
+    let text = error.to_string();
+    for part in
+        ["the derivative of sqrt", "operand 0", "f64[2]", "1 of 2 non-finite", "cotangent of the result", "tape.rs"]
+    {
+        assert!(text.contains(part), "{part} is not in: {text}");
+    }
+}
+
+#[test]
+fn a_hundred_thousand_nodes_are_spent_and_dropped_without_a_deep_stack() {
+    // on a thread with a small stack: forward, backward, drop
+    let thread = std::thread::Builder::new().stack_size(128 << 10).spawn(|| {
+        let tape = Tape::new();
+        let x = tape.leaf(list(&[1.0, 2.0]));
+        let mut y = x.clone();
+        for step in 0..100_000 {
+            y = if step % 3 == 0 { y.square().sqrt() } else { &y * 1.0 };
+        }
+        let gradients = y.sum_all().into_gradients().unwrap();
+        drop(tape);
+        gradients.wrt(&x).unwrap().slice::<f64>().to_vec()
+    });
+    for slope in thread.unwrap().join().unwrap() {
+        assert!((slope - 1.0).abs() < 1e-9, "{slope}");
+    }
+}

@@ -3,9 +3,11 @@
 
 use std::rc::Rc;
 
-use crate::backend::cpu::{CHUNK, filled};
-use crate::backend::gpu::{Gpu, Kernel, Work, words};
-use crate::ops::one_hot::OneHot;
+use crate::backend::cpu::{self, CHUNK, filled, widest};
+use crate::backend::gpu::{Gpu, Kernel, Strides, Work, words};
+use crate::ops::max::Largest;
+use crate::ops::min::Smallest;
+use crate::ops::put::Put;
 use crate::ops::reduction::Axes;
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
@@ -48,27 +50,110 @@ struct ArgExtremum {
 }
 
 impl ArgExtremum {
+    /// The extrema first, in vectors; then where they are.
     fn run<T: Real>(&self, x: &Tensor) -> Vec<u32> {
+        let best = if self.largest { self.axes.on_cpu::<T, Largest>(x) } else { self.axes.on_cpu::<T, Smallest>(x) };
         let (kept, dropped) = (self.axes.walk(x.shape(), false), self.axes.walk(x.shape(), true));
-        let values = x.slice::<T>();
-        filled(kept.len(), (CHUNK / dropped.len().max(1)).max(1), |start, out: &mut [u32]| {
-            for (i, out) in out.iter_mut().enumerate() {
-                let base = kept.place(start + i);
-                let (mut best, mut at, mut number) = (values[base], 0, 0);
-                let (run, step) = dropped.axes().last().copied().unwrap_or((1, 0));
-                while number < dropped.len() && !best.is_nan() {
-                    let row = base + dropped.place(number);
-                    for place in 0..run {
-                        let x = values[row + place * step];
-                        if (if self.largest { x > best } else { x < best }) || (x.is_nan() && !best.is_nan()) {
-                            (best, at) = (x, number + place);
-                        }
-                    }
-                    number += run;
+        let (x, best) = (x.slice::<T>(), best.slice::<T>());
+        let columns = kept.axes().last().is_some_and(|(_, step)| *step == 1);
+        filled(
+            kept.len(),
+            (CHUNK / dropped.len().max(1)).max(if columns { 64 } else { 1 }),
+            |start, out: &mut [u32]| {
+                let best = &best[start..start + out.len()];
+                if columns {
+                    widest(Columns { x, best, kept: &kept, dropped: &dropped, start, out });
+                    return;
                 }
-                *out = u32::try_from(at).expect("infer has checked the number of elements");
+                let (run, _) = dropped.axes().last().copied().unwrap_or((1, 1));
+                for (i, (out, &best)) in out.iter_mut().zip(best).enumerate() {
+                    let base = kept.place(start + i);
+                    let within = |number: usize| {
+                        let at = base + dropped.place(number);
+                        widest(Find { x: &x[at..at + run], best }).map(|place| number + place)
+                    };
+                    let found = (0..dropped.len()).step_by(run).find_map(within);
+                    *out = u32::try_from(found.unwrap_or(0)).expect("infer has checked the number of elements");
+                }
+            },
+        )
+    }
+}
+
+/// The first element equal to the best, or the first NaN if that is the best.
+struct Find<'a, T> {
+    x: &'a [T],
+    best: T,
+}
+
+/// Elements looked at before the search asks whether it is done.
+const STRETCH: usize = 64;
+
+impl<T: Real> cpu::Work for Find<'_, T> {
+    type Output = Option<usize>;
+
+    #[inline(always)]
+    fn run(self) -> Option<usize> {
+        let Self { x, best } = self;
+        let nan = best.is_nan();
+        let mut start = 0;
+        while start < x.len() {
+            let part = &x[start..x.len().min(start + STRETCH)];
+            let (mut any, mut i) = (false, 0);
+            while i < part.len() {
+                any |= part[i] == best || (nan && part[i].is_nan());
+                i += 1;
             }
-        })
+            if any {
+                i = 0;
+                while !(part[i] == best || (nan && part[i].is_nan())) {
+                    i += 1;
+                }
+                return Some(start + i);
+            }
+            start += STRETCH;
+        }
+        None
+    }
+}
+
+/// Neighbouring results, whose elements are neighbours as well: one row of elements after the other, from the last.
+struct Columns<'a, T> {
+    x: &'a [T],
+    best: &'a [T],
+    kept: &'a Strides,
+    dropped: &'a Strides,
+    start: usize,
+    out: &'a mut [u32],
+}
+
+impl<T: Real> cpu::Work for Columns<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    #[allow(clippy::cast_possible_truncation)]
+    fn run(self) {
+        let Self { x, best, kept, dropped, start, out } = self;
+        let (width, _) = kept.axes()[kept.rank() - 1];
+        let mut done = 0;
+        while done < out.len() {
+            let len = (width - (start + done) % width).min(out.len() - done);
+            let base = kept.place(start + done);
+            let (out, best) = (&mut out[done..done + len], &best[done..done + len]);
+            let mut number = dropped.len();
+            while number > 0 {
+                number -= 1;
+                let at = base + dropped.place(number);
+                let row = &x[at..at + len];
+                let mut i = 0;
+                while i < len {
+                    let found = row[i] == best[i] || (row[i].is_nan() && best[i].is_nan());
+                    out[i] = if found { number as u32 } else { out[i] };
+                    i += 1;
+                }
+            }
+            done += len;
+        }
     }
 }
 
@@ -135,7 +220,6 @@ impl Var {
     /// This cotangent of an extremum, put where the extremum of `x` is, among zeros.
     pub(super) fn to_extremum(&self, x: &Self, axes: &Axes, largest: bool) -> Self {
         let place = Self::run(Rc::new(ArgExtremum { axes: axes.clone(), largest }), &[&x.detach()]);
-        let hot = OneHot::new(x.shape(), axes.clone(), x.dtype()).of(&place);
-        hot.choose(&self.reshape(axes.with_ones(x.shape())), &self.number(0.0))
+        Self::run(Rc::new(Put::new(x.shape(), axes.clone())), &[self, &place])
     }
 }

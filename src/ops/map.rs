@@ -198,22 +198,26 @@ impl Map {
             })
             .collect();
         let program = &self.program;
+        let part = operands.iter().filter_map(Operand::part).min().unwrap_or(CHUNK);
         filled(shape.len(), CHUNK, |start, out: &mut [T]| {
-            let len = out.len();
-            let spread: Vec<Vec<T>> = operands.iter().map(|x| x.spread(start, len)).collect();
-            let lanes: Vec<Lanes<'_, T>> = operands
-                .iter()
-                .zip(&spread)
-                .map(|(x, spread)| match x {
-                    Operand::Same(one) => Lanes::Same(*one),
-                    Operand::Each(many) => Lanes::Each(&many[start..start + len]),
-                    Operand::Stretched(..) => Lanes::Each(spread),
-                })
-                .collect();
-            program.run(len, &lanes, &mut [out]);
+            let mut spread: Vec<Vec<T>> = operands.iter().map(|x| x.room(part.min(out.len()))).collect();
+            let mut done = 0;
+            while done < out.len() {
+                let start = start + done;
+                let len = (part - start % part).min(out.len() - done);
+                let lanes: Vec<Lanes<'_, T>> =
+                    operands.iter().zip(&mut spread).map(|(x, room)| x.lanes(start, len, room)).collect();
+                program.run(len, &lanes, &mut [&mut out[done..done + len]]);
+                done += len;
+            }
         })
     }
 }
+
+/// Equal neighbours from which on a stretched operand is not spread out.
+const SAME: usize = 256;
+/// Elements of a stretched operand spread out at a time.
+const SPREAD: usize = 4096;
 
 /// An operand of a map on the CPU.
 enum Operand<'a, T> {
@@ -226,12 +230,32 @@ enum Operand<'a, T> {
 }
 
 impl<T: Real> Operand<'_, T> {
-    /// The elements for a chunk of the result, where they do not lie ready.
-    fn spread(&self, start: usize, len: usize) -> Vec<T> {
-        let Self::Stretched(values, axes) = self else { return Vec::new() };
-        let mut part = vec![T::ZERO; len];
-        read(values, 0, axes.axes(), start, &mut part);
-        part
+    /// Elements of the result that are computed at a time: as long as the operand stays the same, or as many as stay in
+    /// the first-level cache once they are spread out.
+    fn part(&self) -> Option<usize> {
+        let Self::Stretched(_, axes) = self else { return None };
+        let (run, step) = axes.axes().last()?;
+        Some(if *step == 0 && *run >= SAME { *run } else { SPREAD })
+    }
+
+    /// Room for as many elements, where they do not lie ready.
+    fn room(&self, len: usize) -> Vec<T> {
+        if matches!(self, Self::Stretched(..)) { vec![T::ZERO; len] } else { Vec::new() }
+    }
+
+    /// The elements from `start` on.
+    fn lanes<'b>(&'b self, start: usize, len: usize, room: &'b mut [T]) -> Lanes<'b, T> {
+        match self {
+            Self::Same(one) => Lanes::Same(*one),
+            Self::Each(many) => Lanes::Each(&many[start..start + len]),
+            Self::Stretched(values, axes) => match axes.axes().last() {
+                Some((run, 0)) if start % run + len <= *run => Lanes::Same(values[axes.place(start)]),
+                _ => {
+                    read(values, 0, axes.axes(), start, &mut room[..len]);
+                    Lanes::Each(&room[..len])
+                }
+            },
+        }
     }
 }
 

@@ -33,7 +33,7 @@ struct Max {
     axes: Axes,
 }
 
-struct Largest;
+pub(super) struct Largest;
 
 impl<T: Real> Fold<T> for Largest {
     type State = T;

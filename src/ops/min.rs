@@ -33,7 +33,7 @@ struct Min {
     axes: Axes,
 }
 
-struct Smallest;
+pub(super) struct Smallest;
 
 impl<T: Real> Fold<T> for Smallest {
     type State = T;

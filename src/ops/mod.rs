@@ -61,7 +61,6 @@ mod mul;
 mod ne;
 mod neg;
 mod normalise;
-mod one_hot;
 mod operators;
 mod pad;
 mod per_axis;
@@ -70,6 +69,7 @@ mod pool;
 mod pow;
 mod powf;
 mod prod;
+mod put;
 mod ray_transmittance;
 mod ray_weights;
 mod recip;
@@ -93,6 +93,7 @@ mod sqrt;
 mod square;
 mod sub;
 mod sum;
+mod take;
 mod tanh;
 
 use std::rc::Rc;
@@ -107,7 +108,7 @@ pub use resize::Resampling;
 pub use segments::segment_offsets;
 
 use crate::backend::gpu::{Kernel, NARROW, SORT_BLOCKS, SORT_STEPS, SORT_TAILS, STRIDED, WIDEN};
-use crate::{Key, Op, Shape, Tensor, random};
+use crate::{DType, GradCheck, GradReport, Key, Op, Result, Shape, Tape, Tensor, Var, random};
 
 /// An op of the crate with the cases its tests feed it.
 pub struct Entry {
@@ -144,6 +145,47 @@ impl Case {
     #[must_use]
     pub fn condition(self) -> Self {
         Self { condition: true, ..self }
+    }
+}
+
+impl Case {
+    /// Compares the op's derivative with central differences in `f64`; `None` where nothing has a derivative.
+    ///
+    /// # Errors
+    /// What the op and its derivative return.
+    pub fn gradcheck(&self, name: &str) -> Result<Option<GradReport>> {
+        self.checked(name, |inputs, op| GradCheck::default().function(name, inputs, op))
+    }
+
+    /// As [`Case::gradcheck`] for the derivative of the derivative.
+    ///
+    /// # Errors
+    /// As [`Case::gradcheck`]; [`ErrorKind::Unsupported`](crate::ErrorKind::Unsupported) when the derivative is a kernel
+    /// of its own, which says so.
+    pub fn gradcheck_twice(&self, name: &str) -> Result<Option<GradReport>> {
+        self.checked(name, |inputs, op| GradCheck::default().gradient(name, inputs, op))
+    }
+
+    fn checked(
+        &self,
+        name: &str,
+        check: impl FnOnce(&[(&str, Tensor)], &dyn Fn(&Tape, &[Var]) -> Result<Var>) -> Result<GradReport>,
+    ) -> Result<Option<GradReport>> {
+        let specs: Vec<_> = self.inputs.iter().map(Tensor::spec).collect();
+        let result = self.op.infer(&specs).map_err(|e| e.at(name))?;
+        let names: Vec<String> = (0..self.inputs.len()).map(|i| format!("x{i}")).collect();
+        let differentiable = |x: &Tensor| x.dtype() == DType::F64;
+        let picked: Vec<usize> = (0..names.len()).filter(|&i| differentiable(&self.inputs[i])).collect();
+        let inputs: Vec<_> = picked.iter().map(|&i| (names[i].as_str(), self.inputs[i].clone())).collect();
+        if !result.dtype.is_real() || inputs.iter().all(|(_, x)| x.is_empty()) {
+            return Ok(None);
+        }
+        let op = |tape: &Tape, vars: &[Var]| {
+            let mut operands: Vec<Var> = self.inputs.iter().map(|x| tape.constant(x.clone())).collect();
+            picked.iter().zip(vars).for_each(|(&i, var)| operands[i] = var.clone());
+            tape.apply(self.op.clone(), &operands.iter().collect::<Vec<_>>())
+        };
+        check(&inputs, &op).map(Some)
     }
 }
 
@@ -221,11 +263,11 @@ pub fn registry() -> Vec<Entry> {
         min::ENTRY,
         normalise::GROUP_ENTRY,
         normalise::LAYER_ENTRY,
-        one_hot::ENTRY,
         pad::ENTRY,
         permute::ENTRY,
         pow::ENTRY,
         prod::ENTRY,
+        put::ENTRY,
         ray_transmittance::ENTRY,
         ray_weights::ENTRY,
         recurrence::ENTRY,
@@ -238,6 +280,7 @@ pub fn registry() -> Vec<Entry> {
         softmax::ENTRY,
         softmax::LOG_ENTRY,
         sum::ENTRY,
+        take::ENTRY,
     ]
 }
 
@@ -271,8 +314,8 @@ pub fn kernels() -> Vec<&'static Kernel> {
         &normalise::MEANS,
         &normalise::PARAMETERS,
         &normalise::STATISTICS,
-        &one_hot::KERNEL,
         &pad::KERNEL,
+        &put::KERNEL,
         &ray_transmittance::LEFT,
         &ray_transmittance::SLOPE,
         &ray_weights::SLOPE,
@@ -298,6 +341,7 @@ pub fn kernels() -> Vec<&'static Kernel> {
         &max_pool::UNPOOL,
         &resample::KERNEL,
         &STRIDED,
+        &take::KERNEL,
         &WIDEN,
     ]
 }

@@ -4,7 +4,7 @@ use crate::backend::cpu::reduce::{Fold, reduce};
 use crate::backend::gpu::{Gpu, GpuBuffer, Kernel, Strides, Work, words};
 use crate::ops::concat;
 use crate::scalar::Real;
-use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor, Var};
+use crate::{DType, Error, ErrorKind, Result, Shape, Spec, Tensor, Var};
 
 const TEXT: &str = include_str!("../../kernels/reduce.wgsl");
 /// One invocation for each span.
@@ -112,6 +112,11 @@ impl Axes {
     /// Runs it on a GPU, along a tree whose shape depends on the operand's alone (and, where that does not fit one
     /// binding, on the size of a binding).
     pub(super) fn on_gpu(&self, gpu: &Gpu, op: &str, x: &Tensor, join: Join) -> Result<Tensor> {
+        if x.dtype() != DType::F32 {
+            return Err(Error::new(ErrorKind::Unsupported, format!("{op} computes in f32 on a GPU"))
+                .found(format!("{x:?}"))
+                .fix("cast it to f32"));
+        }
         if x.len() > gpu.part_len() {
             return self.by_parts(gpu, op, x, join);
         }

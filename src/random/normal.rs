@@ -1,5 +1,8 @@
 //! Numbers of the standard normal distribution.
 
+// the coefficients as they were published
+#![allow(clippy::excessive_precision)]
+
 use std::cell::OnceCell;
 
 use super::Key;

@@ -5,7 +5,7 @@
 //! farther out `erfc z = t e^{−z² + p(t)}` with `t = 2 / (2 + z)` and a Chebyshev series `p` (the form of Numerical
 //! Recipes, §6.2; the coefficients were computed for this file with 40 digits).
 
-use super::exp_ln::{Lane32, exp, polynomial};
+use super::exp_ln::{Lane32, exp_of_moderate, polynomial};
 
 /// `(erf x − x) / x` in powers of `x²`, on `|x| ≤ 0.93`
 const NEAR: [f32; 6] = [0.128_379_15, -0.376_124_9, 0.112_817_31, -0.026_762_964, 0.004_987_345_5, -0.000_595_952_6];
@@ -49,7 +49,7 @@ pub(super) unsafe fn erf<V: Lane32>(x: V) -> V {
         let a = x.abs();
         let near = polynomial(x.mul(x), &NEAR).mul_add(x, x);
         let t = V::splat(4.0).smaller(a);
-        let far = V::splat(1.0).sub(exp(polynomial(t, &FAR).mul_add(t, t).neg()));
+        let far = V::splat(1.0).sub(exp_of_moderate(polynomial(t, &FAR).mul_add(t, t).neg()));
         let far = x.lt(V::splat(0.0)).choose(far.neg(), far);
         a.lt(V::splat(0.92)).choose(near, far)
     }

@@ -33,6 +33,15 @@ pub(super) trait Lane32: Lane<Element = f32> {
     unsafe fn all(self) -> bool;
     /// `2ⁿ` from `n + ROUNDER`, for whole `n` in −126..=127.
     unsafe fn shift_into_exponent(self) -> Self;
+    /// `self · 2ⁿ` for whole `n` in −252..=254; by two powers, so that results may be subnormal or overflow.
+    #[inline(always)]
+    unsafe fn times_two_to_the(self, n: Self) -> Self {
+        // SAFETY: as this method.
+        unsafe {
+            let half = n.mul_add(Self::splat(0.5), Self::splat(ROUNDER)).sub(Self::splat(ROUNDER));
+            self.mul(two_to_the(half)).mul(two_to_the(n.sub(half)))
+        }
+    }
     /// `e` of `x = m · 2ᵉ` with `√½ ≤ m < √2`, for positive normal `x`.
     unsafe fn exponent(self) -> Self;
     /// `m` of the same.
@@ -67,13 +76,21 @@ unsafe fn two_to_the<V: Lane32>(n: V) -> V {
     unsafe { n.add(V::splat(ROUNDER)).shift_into_exponent() }
 }
 
-/// `eˣ`. The power of two is applied in halves, so that results may be subnormal or overflow.
+/// `eˣ` for `|x| ≤ 87`, or NaN.
+#[inline(always)]
+pub(super) unsafe fn exp_of_moderate<V: Lane32>(x: V) -> V {
+    unsafe {
+        let (n, tail) = reduce(x);
+        tail.add(V::splat(1.0)).mul(two_to_the(n))
+    }
+}
+
+/// `eˣ`, down to subnormal numbers and up to infinity.
 #[inline(always)]
 pub(super) unsafe fn exp<V: Lane32>(x: V) -> V {
     unsafe {
         let (n, tail) = reduce(V::splat(-104.0).larger(V::splat(89.0).smaller(x)));
-        let half = n.mul_add(V::splat(0.5), V::splat(ROUNDER)).sub(V::splat(ROUNDER));
-        tail.add(V::splat(1.0)).mul(two_to_the(half)).mul(two_to_the(n.sub(half)))
+        tail.add(V::splat(1.0)).times_two_to_the(n)
     }
 }
 

@@ -30,6 +30,12 @@ pub trait Lane: Copy {
     /// How many such vectors the processor's registers hold at once.
     const REGISTERS: usize;
 
+    /// The side of the square that [`Lane::transpose`] moves, at most 8.
+    const SIDE: usize;
+
+    /// Copies a square so that rows become columns: `to[c · stride + r] = rows[r][c]` for `r, c < SIDE`.
+    unsafe fn transpose(rows: &[*const Self::Element; 8], to: *mut Self::Element, stride: usize);
+
     unsafe fn load(from: *const Self::Element) -> Self;
     unsafe fn store(self, to: *mut Self::Element);
     unsafe fn splat(x: Self::Element) -> Self;

@@ -33,6 +33,18 @@ macro_rules! portable {
             // registers of 16 bytes: 32 of them on 64-bit ARM, 16 elsewhere
             const REGISTERS: usize = if cfg!(target_arch = "aarch64") { 64 } else { 32 } / size_of::<$float>();
 
+            const SIDE: usize = 4;
+
+            #[inline(always)]
+            unsafe fn transpose(rows: &[*const $float; 8], to: *mut $float, stride: usize) {
+                for r in 0..4 {
+                    for c in 0..4 {
+                        // SAFETY: the caller promises four readable rows and four writable ones.
+                        unsafe { *to.add(c * stride + r) = *rows[r].add(c) };
+                    }
+                }
+            }
+
             #[inline(always)]
             unsafe fn load(from: *const $float) -> Self {
                 // SAFETY: the caller promises eight readable values.

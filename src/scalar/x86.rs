@@ -34,7 +34,7 @@ macro_rules! methods {
 
 macro_rules! lane {
     (
-        $name:ident: $float:ident x $width:literal in $registers:literal,
+        $name:ident: $float:ident x $width:literal in $registers:literal, $transpose:ident of $side:literal
         $load:ident $store:ident $splat:ident $add:ident $sub:ident $mul:ident $div:ident $sqrt:ident
         $fmadd:ident $fmsub:ident $fnmadd:ident $min:ident $max:ident { $($rest:tt)* }
     ) => {
@@ -42,6 +42,14 @@ macro_rules! lane {
             type Element = $float;
             const WIDTH: usize = $width;
             const REGISTERS: usize = $registers;
+
+            const SIDE: usize = $side;
+
+            #[inline(always)]
+            unsafe fn transpose(rows: &[*const $float; 8], to: *mut $float, stride: usize) {
+                // SAFETY: the contract of `Lane`.
+                unsafe { $transpose(rows, to, stride) }
+            }
 
             #[inline(always)]
             unsafe fn load(from: *const $float) -> Self {
@@ -79,7 +87,7 @@ macro_rules! lane {
     };
 }
 
-lane!(F32x8: f32 x 8 in 16,
+lane!(F32x8: f32 x 8 in 16, transpose32 of 8
     _mm256_loadu_ps _mm256_storeu_ps _mm256_set1_ps _mm256_add_ps _mm256_sub_ps _mm256_mul_ps _mm256_div_ps
     _mm256_sqrt_ps _mm256_fmadd_ps _mm256_fmsub_ps _mm256_fnmadd_ps _mm256_min_ps _mm256_max_ps {
     methods! {
@@ -102,7 +110,7 @@ lane!(F32x8: f32 x 8 in 16,
     }
 });
 
-lane!(F64x4: f64 x 4 in 16,
+lane!(F64x4: f64 x 4 in 16, transpose64 of 4
     _mm256_loadu_pd _mm256_storeu_pd _mm256_set1_pd _mm256_add_pd _mm256_sub_pd _mm256_mul_pd _mm256_div_pd
     _mm256_sqrt_pd _mm256_fmadd_pd _mm256_fmsub_pd _mm256_fnmadd_pd _mm256_min_pd _mm256_max_pd {
     methods! {
@@ -125,7 +133,7 @@ lane!(F64x4: f64 x 4 in 16,
     }
 });
 
-lane!(F32x16: f32 x 16 in 32,
+lane!(F32x16: f32 x 16 in 32, transpose32 of 8
     _mm512_loadu_ps _mm512_storeu_ps _mm512_set1_ps _mm512_add_ps _mm512_sub_ps _mm512_mul_ps _mm512_div_ps
     _mm512_sqrt_ps _mm512_fmadd_ps _mm512_fmsub_ps _mm512_fnmadd_ps _mm512_min_ps _mm512_max_ps {
     methods! {
@@ -156,7 +164,7 @@ lane!(F32x16: f32 x 16 in 32,
     }
 });
 
-lane!(F64x8: f64 x 8 in 32,
+lane!(F64x8: f64 x 8 in 32, transpose64 of 4
     _mm512_loadu_pd _mm512_storeu_pd _mm512_set1_pd _mm512_add_pd _mm512_sub_pd _mm512_mul_pd _mm512_div_pd
     _mm512_sqrt_pd _mm512_fmadd_pd _mm512_fmsub_pd _mm512_fnmadd_pd _mm512_min_pd _mm512_max_pd {
     methods! {
@@ -213,6 +221,7 @@ impl Lane32 for F32x16 {
     }
 
     methods! {
+        times_two_to_the(n) |x| _mm512_scalef_ps(x, n);
         shift_into_exponent() |x| {
             let bits = _mm512_add_epi32(_mm512_castps_si512(x), _mm512_set1_epi32(127));
             _mm512_castsi512_ps(_mm512_slli_epi32::<23>(bits))
@@ -227,5 +236,47 @@ impl Lane32 for F32x16 {
             let exponent = _mm512_slli_epi32::<23>(_mm512_srai_epi32::<23>(above));
             _mm512_castsi512_ps(_mm512_sub_epi32(bits, exponent))
         };
+    }
+}
+
+/// Rows of an 8×8 square of `f32` as columns: pairs, then fours, then the halves of a vector change places.
+#[inline(always)]
+unsafe fn transpose32(rows: &[*const f32; 8], to: *mut f32, stride: usize) {
+    // SAFETY: the contract of `Lane::transpose`.
+    unsafe {
+        let (mut x, mut y) = ([_mm256_setzero_ps(); 8], [_mm256_setzero_ps(); 8]);
+        for r in 0..8 {
+            x[r] = _mm256_loadu_ps(rows[r]);
+        }
+        for r in 0..4 {
+            y[2 * r] = _mm256_unpacklo_ps(x[2 * r], x[2 * r + 1]);
+            y[2 * r + 1] = _mm256_unpackhi_ps(x[2 * r], x[2 * r + 1]);
+        }
+        for r in 0..2 {
+            x[4 * r] = _mm256_shuffle_ps::<0x44>(y[4 * r], y[4 * r + 2]);
+            x[4 * r + 1] = _mm256_shuffle_ps::<0xee>(y[4 * r], y[4 * r + 2]);
+            x[4 * r + 2] = _mm256_shuffle_ps::<0x44>(y[4 * r + 1], y[4 * r + 3]);
+            x[4 * r + 3] = _mm256_shuffle_ps::<0xee>(y[4 * r + 1], y[4 * r + 3]);
+        }
+        for c in 0..4 {
+            _mm256_storeu_ps(to.add(c * stride), _mm256_permute2f128_ps::<0x20>(x[c], x[c + 4]));
+            _mm256_storeu_ps(to.add((c + 4) * stride), _mm256_permute2f128_ps::<0x31>(x[c], x[c + 4]));
+        }
+    }
+}
+
+/// Rows of a 4×4 square of `f64` as columns.
+#[inline(always)]
+unsafe fn transpose64(rows: &[*const f64; 8], to: *mut f64, stride: usize) {
+    // SAFETY: the contract of `Lane::transpose`.
+    unsafe {
+        let (a, b) = (_mm256_loadu_pd(rows[0]), _mm256_loadu_pd(rows[1]));
+        let (c, d) = (_mm256_loadu_pd(rows[2]), _mm256_loadu_pd(rows[3]));
+        let (ab, cd) = (_mm256_unpacklo_pd(a, b), _mm256_unpacklo_pd(c, d));
+        let (ba, dc) = (_mm256_unpackhi_pd(a, b), _mm256_unpackhi_pd(c, d));
+        _mm256_storeu_pd(to, _mm256_permute2f128_pd::<0x20>(ab, cd));
+        _mm256_storeu_pd(to.add(stride), _mm256_permute2f128_pd::<0x20>(ba, dc));
+        _mm256_storeu_pd(to.add(2 * stride), _mm256_permute2f128_pd::<0x31>(ab, cd));
+        _mm256_storeu_pd(to.add(3 * stride), _mm256_permute2f128_pd::<0x31>(ba, dc));
     }
 }

@@ -131,6 +131,40 @@ impl GradCheck {
         Ok(GradReport { name: name.to_owned(), settings: self.clone(), rows })
     }
 
+    /// As [`GradCheck::function`], one order higher: compares the gradient of the gradient with central differences of
+    /// the gradient. `function` is differentiated twice, so that each op in it must be able to.
+    ///
+    /// # Errors
+    /// As [`GradCheck::function`]; [`ErrorKind::Unsupported`] when an op cannot be differentiated twice.
+    pub fn gradient(
+        &self,
+        name: &str,
+        inputs: &[(&str, Tensor)],
+        function: impl Fn(&Tape, &[Var]) -> Result<Var>,
+    ) -> Result<GradReport> {
+        // one number made of all gradients
+        let slopes = |tape: &Tape, leaves: &[Var]| -> Result<Var> {
+            let refs: Vec<&Var> = leaves.iter().collect();
+            let mut total = tape.constant(Tensor::scalar(0.0, DType::F64));
+            for x in leaves {
+                // so that what is linear in an input has a gradient of zero, not none
+                total = &total + &(&x.sum_all() * 0.0);
+            }
+            for slope in contract(&(function(tape, leaves)?)).gradients_of(&refs)? {
+                total = &total + &contract(&slope);
+            }
+            Ok(total)
+        };
+        self.function(name, inputs, |tape, vars| {
+            if vars.iter().all(Var::is_differentiable) {
+                return slopes(tape, vars);
+            }
+            let inner = Tape::new();
+            let leaves: Vec<_> = vars.iter().map(|x| inner.leaf(x.tensor().clone())).collect();
+            Ok(tape.constant(slopes(&inner, &leaves)?.value()?.clone()))
+        })
+    }
+
     fn row(
         &self,
         input: &str,
@@ -198,9 +232,16 @@ impl fmt::Display for GradReport {
 }
 
 /// Contracts any result with fixed weights in [0.5, 1.5) to one number.
-fn contract(y: &Var) -> Var {
+pub(super) fn contract(y: &Var) -> Var {
     let weights: Vec<f64> = Key::new(0x6772_6164).uniform(y.len()).map(|u| 0.5 + u).collect();
-    (y * &y.tape().constant(Tensor::from_vec(weights, y.shape()))).sum_all()
+    let weights = Tensor::from_vec(weights, y.shape()).cast(y.dtype()).and_then(|w| w.to_device(&y.device()));
+    match weights {
+        Ok(weights) => (y * &y.tape().constant(weights)).sum_all(),
+        Err(fault) => {
+            y.tape().keep_fault(fault);
+            y.sum_all()
+        }
+    }
 }
 
 /// At most `count` indices spread evenly over `0..len`.

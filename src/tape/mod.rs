@@ -24,6 +24,7 @@
 
 mod anomaly;
 mod backward;
+pub mod devicecheck;
 pub mod gradcheck;
 mod memory;
 mod op;

@@ -1,7 +1,7 @@
 //! `gradreel gradcheck`: derivatives against central differences, as tables.
 
 use gradreel::ops::registry;
-use gradreel::{DType, Error, ErrorKind, Result, Tensor, Var, gradcheck};
+use gradreel::{Error, ErrorKind, Result};
 
 use crate::physics::materials;
 
@@ -22,17 +22,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     };
     for entry in registry().into_iter().filter(|entry| wanted(entry.name)) {
         for case in (entry.cases)() {
-            let names: Vec<String> = (0..case.inputs.len()).map(|i| format!("x{i}")).collect();
-            let differentiable: Vec<usize> = (0..names.len())
-                .filter(|&i| case.inputs[i].dtype() == DType::F64 && !case.inputs[i].is_empty())
-                .collect();
-            let inputs: Vec<(&str, Tensor)> =
-                differentiable.iter().map(|&i| (names[i].as_str(), case.inputs[i].clone())).collect();
-            count(gradcheck(entry.name, &inputs, |tape, vars| {
-                let mut operands: Vec<Var> = case.inputs.iter().map(|x| tape.constant(x.clone())).collect();
-                differentiable.iter().zip(vars).for_each(|(&i, var)| operands[i] = var.clone());
-                tape.apply(case.op.clone(), &operands.iter().collect::<Vec<_>>())
-            })?);
+            case.gradcheck(entry.name)?.into_iter().for_each(&mut count);
         }
     }
     for law in materials::all().into_iter().filter(|law| wanted(law.name())) {

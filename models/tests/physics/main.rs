@@ -6,6 +6,7 @@ mod failures;
 mod gradients;
 mod laws;
 mod materials;
+mod mixtures;
 mod repeatability;
 mod scene;
 mod scene_tape;

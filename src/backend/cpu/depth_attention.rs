@@ -5,7 +5,7 @@
 
 use rayon::prelude::*;
 
-use super::{Shared, buffer, vectorised};
+use super::{Places, buffer, vectorised};
 use crate::scalar::{Job, Lane, Real};
 
 /// Pixels of a strip.
@@ -28,7 +28,7 @@ pub(crate) fn forward<T: Real>(sizes: Sizes, [q, k, v]: [&[T]; 3], scale: f64) -
     let scale = T::from_f64(scale);
     let mut result = buffer::<T>(sizes.heads * sizes.channels * sizes.pixels);
     let mut weights = buffer::<T>(sizes.heads * sizes.depths * sizes.pixels);
-    let to = [Shared::new(&mut result), Shared::new(&mut weights)];
+    let to = [Places::of(&mut result), Places::of(&mut weights)];
     strips(sizes, |strip, scratch| vectorised(Forward { sizes, strip, operands: [q, k, v], scale, to, scratch }));
     (result, weights)
 }
@@ -37,7 +37,7 @@ pub(crate) fn forward<T: Real>(sizes: Sizes, [q, k, v]: [&[T]; 3], scale: f64) -
 pub(crate) fn backward<T: Real>(sizes: Sizes, [q, k, v]: [&[T]; 3], weights: &[T], g: &[T], scale: f64) -> [Vec<T>; 3] {
     let scale = T::from_f64(scale);
     let (mut dq, mut dk, mut dv) = (buffer::<T>(q.len()), buffer::<T>(k.len()), buffer::<T>(v.len()));
-    let to = [Shared::new(&mut dq), Shared::new(&mut dk), Shared::new(&mut dv)];
+    let to = [Places::of(&mut dq), Places::of(&mut dk), Places::of(&mut dv)];
     strips(sizes, |strip, scratch| {
         vectorised(Backward { sizes, strip, operands: [q, k, v, weights, g], scale, to, scratch });
     });
@@ -87,7 +87,7 @@ struct Forward<'a, T> {
     strip: Strip,
     operands: [&'a [T]; 3],
     scale: T,
-    to: [Shared<T>; 2],
+    to: [Places<T>; 2],
     scratch: &'a mut [T],
 }
 
@@ -151,7 +151,7 @@ struct Backward<'a, T> {
     strip: Strip,
     operands: [&'a [T]; 5],
     scale: T,
-    to: [Shared<T>; 3],
+    to: [Places<T>; 3],
     scratch: &'a mut [T],
 }
 

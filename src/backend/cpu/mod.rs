@@ -49,28 +49,3 @@ pub(crate) fn vectorised<T: Real, J: Job<T>>(job: J) -> J::Output {
     // SAFETY: the path is available; jobs given to this function ask for nothing else.
     unsafe { T::dispatch(Path::best(), job) }
 }
-
-/// A result that parallel work items write at places of their own.
-#[derive(Clone, Copy)]
-pub(crate) struct Shared<T>(*mut T);
-
-// SAFETY: whoever writes through it promises that no two items touch the same element.
-unsafe impl<T: Send> Send for Shared<T> {}
-// SAFETY: as above.
-unsafe impl<T: Send> Sync for Shared<T> {}
-
-impl<T> Shared<T> {
-    pub(crate) fn new(values: &mut [T]) -> Self {
-        Self(values.as_mut_ptr())
-    }
-
-    /// The element with this number.
-    ///
-    /// # Safety
-    /// It must lie within the slice, which must still be borrowed; no other item may touch what is written through it.
-    #[inline(always)]
-    pub(crate) unsafe fn at(self, index: usize) -> *mut T {
-        // SAFETY: the caller's promise.
-        unsafe { self.0.add(index) }
-    }
-}

@@ -6,7 +6,7 @@
 
 use rayon::prelude::*;
 
-use super::{Shared, buffer, vectorised};
+use super::{Places, buffer, vectorised};
 use crate::Element;
 use crate::scalar::{Job, Lane, Real};
 
@@ -81,13 +81,13 @@ impl<T: Real> Normalise<'_, T> {
         let items = groups.div_ceil(runs);
         let row = if affine.is_some() { 2 * per_run } else { 0 };
         let mut sums = vec![T::ZERO; items * row];
-        let (to, shares) = (Shared::new(&mut dx), Shared::new(&mut sums));
+        let (to, shares) = (Places::of(&mut dx), Places::of(&mut sums));
         (0..items).into_par_iter().for_each(|item| {
             // SAFETY: the items' rows lie within `sums` and do not overlap.
-            let sums = unsafe { std::slice::from_raw_parts_mut(shares.at(item * row), row) };
+            let sums = unsafe { shares.part(item * row, row) };
             for group in item * runs..((item + 1) * runs).min(groups) {
                 // SAFETY: the runs lie within `dx` and do not overlap.
-                let dx = unsafe { std::slice::from_raw_parts_mut(to.at(group * len), len) };
+                let dx = unsafe { to.part(group * len, len) };
                 let statistics = std::array::from_fn(|i| statistics[3 * group + i]);
                 vectorised(Backward { of: self, group, statistics, g, dx, sums });
             }

@@ -21,6 +21,8 @@ pub(crate) trait Fold<T: Real>: 'static {
 
 /// States side by side while a run of elements is folded.
 const LANES: usize = 32;
+/// Fewer of them for what is left of a run.
+const FEW: usize = 8;
 /// Elements of one piece, about: large enough to hide scheduling.
 const PIECE: usize = 1 << 16;
 /// Columns folded at a time: their states stay in the first-level cache.
@@ -146,34 +148,58 @@ impl<T: Real, F: Fold<T>> Work for Piece<'_, T, F> {
             }
             return state;
         }
+        // the lanes stay in registers: nothing below indexes them by a number that is not known beforehand
         let mut lanes = [F::START; LANES];
+        let mut few = [F::START; FEW];
         while number < self.runs.end {
             let at = self.base + offset(self.outer, number);
             let values = &self.x[at..at + self.run];
             let (blocks, rest) = values.as_chunks::<LANES>();
             let mut block = 0;
             while block < blocks.len() {
-                let mut i = 0;
-                while i < LANES {
-                    lanes[i] = F::add(lanes[i], blocks[block][i]);
-                    i += 1;
-                }
+                lanes = added::<T, F, LANES>(lanes, &blocks[block]);
+                block += 1;
+            }
+            let (blocks, rest) = rest.as_chunks::<FEW>();
+            let mut block = 0;
+            while block < blocks.len() {
+                few = added::<T, F, FEW>(few, &blocks[block]);
                 block += 1;
             }
             let mut i = 0;
             while i < rest.len() {
-                lanes[i] = F::add(lanes[i], rest[i]);
+                state = F::add(state, rest[i]);
                 i += 1;
             }
             number += 1;
         }
+        // halves onto halves
+        let mut wide = [F::START; FEW];
         let mut i = 0;
-        while i < LANES {
-            state = F::join(state, lanes[i]);
+        while i < FEW {
+            let (a, b) = (F::join(lanes[i], lanes[FEW + i]), F::join(lanes[2 * FEW + i], lanes[3 * FEW + i]));
+            wide[i] = F::join(F::join(a, b), few[i]);
             i += 1;
         }
-        state
+        let halves = [
+            F::join(wide[0], wide[4]),
+            F::join(wide[1], wide[5]),
+            F::join(wide[2], wide[6]),
+            F::join(wide[3], wide[7]),
+        ];
+        F::join(state, F::join(F::join(halves[0], halves[2]), F::join(halves[1], halves[3])))
     }
+}
+
+/// A block of elements, each added to its lane.
+#[inline(always)]
+fn added<T: Real, F: Fold<T>, const N: usize>(mut lanes: [F::State; N], block: &[T; N]) -> [F::State; N] {
+    let mut i = 0;
+    while i < N {
+        lanes[i] = F::add(lanes[i], block[i]);
+        i += 1;
+    }
+    lanes
 }
 
 /// When neighbouring results have neighbouring elements behind them: `width` results for each place of `kept`.

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::{CHUNK, Shared, buffer, vectorised};
+use super::{CHUNK, Places, buffer, vectorised};
 use crate::scalar::{Job, Lane, Real};
 
 /// A tensor as `[outer, len, inner]`, with the axis in the middle.
@@ -33,7 +33,7 @@ pub(crate) fn run<T: Real>(axis: Axis, pass: Pass<'_, T>) -> Vec<T> {
     if result.is_empty() {
         return result;
     }
-    let to = Shared::new(&mut result);
+    let to = Places::of(&mut result);
     // runs of rows, or of columns within one outer index
     let (runs, per_run) = if axis.inner == 1 {
         let rows = (CHUNK / axis.len).max(1);
@@ -49,7 +49,7 @@ pub(crate) fn run<T: Real>(axis: Axis, pass: Pass<'_, T>) -> Vec<T> {
 struct Run<'a, T> {
     axis: Axis,
     pass: Pass<'a, T>,
-    to: Shared<T>,
+    to: Places<T>,
     run: usize,
     per_run: usize,
 }

@@ -5,8 +5,9 @@ use rayon::prelude::*;
 use super::{CHUNK, Work, buffer, filled, widest};
 use crate::backend::gpu::Strides;
 
-/// Elements of one line of the cache, about: a tile of a transposition is so wide.
-const TILE: usize = 16;
+/// A transposition goes through tiles of this many columns and rows: some lines of the cache each way.
+const TILE: usize = 64;
+const ROWS: usize = 16;
 
 /// The elements at `start` plus all combinations of these steps, in row-major order of the axes.
 pub(crate) fn gather<T: bytemuck::Pod + Send + Sync>(values: &[T], start: usize, axes: &Strides) -> Vec<T> {
@@ -97,6 +98,16 @@ impl<T> Places<T> {
         unsafe { self.0.add(at).write(value) }
     }
 
+    /// The address of one place.
+    ///
+    /// # Safety
+    /// It lies within the slice; what is written through it, no other thread reads or writes meanwhile.
+    #[inline(always)]
+    pub(crate) unsafe fn at(self, at: usize) -> *mut T {
+        // SAFETY: the caller's promise.
+        unsafe { self.0.add(at) }
+    }
+
     /// Some neighbouring places.
     ///
     /// # Safety
@@ -128,7 +139,7 @@ fn transpose<T: bytemuck::Pod + Send + Sync>(
     let mut tiles: Vec<(usize, usize, usize)> =
         (0..axes.len()).filter(|i| *i != axis && *i != last).map(|i| (axes[i].0, axes[i].1, to_steps[i])).collect();
     let (across, (down, step)) = (axes[axis].0, axes[last]);
-    let height = down.min(CHUNK / TILE);
+    let height = down.min(CHUNK / TILE * 4);
     // as many columns as make a chunk, in whole lines of the cache
     let width = (CHUNK / height).next_multiple_of(TILE).min(across.next_multiple_of(TILE));
     let pieces = [down.div_ceil(height), across.div_ceil(width)];
@@ -173,20 +184,33 @@ impl<T: bytemuck::Pod> Work for Tile<'_, T> {
     #[inline(always)]
     fn run(self) {
         let Self { values, from, step, down, columns, places, to, to_step } = self;
+        let mut tile = [T::zeroed(); TILE * ROWS];
         let mut column = 0;
         while column < columns {
             let width = TILE.min(columns - column);
             let mut row = 0;
             while row < down {
-                let at = from.wrapping_add(column).wrapping_add(row.wrapping_mul(step));
-                let line = &values[at..at + width];
+                let height = ROWS.min(down - row);
+                // through a tile that stays in the first-level cache: lines of the result may all want one place of it
+                let mut r = 0;
+                while r < height {
+                    let at = from.wrapping_add(column).wrapping_add((row + r).wrapping_mul(step));
+                    let line = &values[at..at + width];
+                    let mut i = 0;
+                    while i < width {
+                        tile[i * ROWS + r] = line[i];
+                        i += 1;
+                    }
+                    r += 1;
+                }
                 let mut i = 0;
                 while i < width {
                     // SAFETY: tiles cover the result once, each place by one thread.
-                    unsafe { places.write(to + (column + i) * to_step + row, line[i]) };
+                    let line = unsafe { places.part(to + (column + i) * to_step + row, height) };
+                    line.copy_from_slice(&tile[i * ROWS..i * ROWS + height]);
                     i += 1;
                 }
-                row += 1;
+                row += height;
             }
             column += width;
         }

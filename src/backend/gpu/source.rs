@@ -6,7 +6,7 @@ use crate::{Error, ErrorKind, Result};
 
 /// The files that kernels may import, by the path they are imported under.
 const SHARED: &[(&str, &str)] = &[
-    ("shared/exp_or_nan.wgsl", include_str!("../../../kernels/shared/exp_or_nan.wgsl")),
+    ("shared/exp.wgsl", include_str!("../../../kernels/shared/exp.wgsl")),
     ("shared/grid.wgsl", include_str!("../../../kernels/shared/grid.wgsl")),
     ("shared/is_nan.wgsl", include_str!("../../../kernels/shared/is_nan.wgsl")),
     ("shared/linear.wgsl", include_str!("../../../kernels/shared/linear.wgsl")),

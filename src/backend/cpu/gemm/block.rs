@@ -17,7 +17,7 @@ const LINE: usize = 1536;
 /// Columns of a block of the right factor: 480 KiB.
 const COLUMNS: usize = 320;
 /// Rows that go through the whole depth before the next ones begin, so that what is summed up stays near.
-const ROWS: usize = 1008;
+const ROWS: usize = 2048;
 /// Strips of the right factor from which on packing a strip of the left one pays, where it could be read in place.
 const STRIPS: usize = 12;
 

@@ -2,7 +2,11 @@
 
 use std::ops::Range;
 
+use super::prefetch;
 use crate::scalar::{Job, Lane, Path, Real};
+
+/// Places along the depth by which lines that lie side by side are asked for ahead of their use.
+const ROWS_AHEAD: usize = 24;
 
 /// One factor of a product, read as lines along the depth: a left factor's lines are its rows, a right factor's are its
 /// columns, and both are summed over the depth.
@@ -50,17 +54,15 @@ impl<'a, T: Real> Strided<'a, T> {
 
 impl<T: Real> Panel<T> for Strided<'_, T> {
     fn pack(&self, lines: Range<usize>, depth: Range<usize>, width: usize, into: &mut [T]) {
-        if self.line == 1 {
-            // SAFETY: the best path is available, and the job checks its bounds.
-            unsafe { T::dispatch(Path::best(), CopyRows { from: *self, lines, depth, width, into }) }
-        } else {
-            for (row, d) in into.chunks_exact_mut(width).zip(depth) {
-                let from = &self.values[d * self.depth + lines.start * self.line..];
-                for (to, value) in row[..lines.len()].iter_mut().zip(from.iter().step_by(self.line)) {
-                    *to = *value;
-                }
-            }
+        assert!(lines.len() <= width && into.len() == depth.len() * width, "a strip does not fit");
+        if lines.is_empty() || depth.is_empty() {
+            return;
         }
+        let last = (lines.end - 1) * self.line + (depth.end - 1) * self.depth;
+        assert!(last < self.values.len(), "a factor is too short");
+        let job = CopyStrip { from: *self, lines, depth, width, into };
+        // SAFETY: the best path is available, and the sizes were checked above.
+        unsafe { T::dispatch(Path::best(), job) }
     }
 
     fn strided(&self) -> Option<Strided<'_, T>> {
@@ -68,9 +70,9 @@ impl<T: Real> Panel<T> for Strided<'_, T> {
     }
 }
 
-/// Packs lines that lie side by side: one short copy for each place along the depth, by whole vectors. A vector may
-/// reach beyond its row, where the next row is written afterwards.
-struct CopyRows<'a, 'b, T> {
+/// Packs a strip of a matrix in memory by whole vectors or squares. Their stores may reach beyond a row of the strip, into
+/// the next one, which is written afterwards; at the end of the strip, elements are copied one by one.
+struct CopyStrip<'a, 'b, T> {
     from: Strided<'a, T>,
     lines: Range<usize>,
     depth: Range<usize>,
@@ -78,25 +80,97 @@ struct CopyRows<'a, 'b, T> {
     into: &'b mut [T],
 }
 
-impl<T: Real> Job<T> for CopyRows<'_, '_, T> {
+impl<T: Real> Job<T> for CopyStrip<'_, '_, T> {
     type Output = ();
 
+    /// # Safety
+    /// The matrix must reach as far as the lines and the depth, and the strip must be as long as both ask for.
     #[inline(always)]
     unsafe fn run<V: Lane<Element = T>>(self) {
-        let Self { from, lines, depth, width, into } = self;
-        let reach = lines.len().next_multiple_of(V::WIDTH);
-        for (row, d) in depth.enumerate() {
-            let (at, to) = (d * from.depth + lines.start, row * width);
-            if at + reach <= from.values.len() && to + reach <= into.len() {
-                for i in (0..reach).step_by(V::WIDTH) {
-                    // SAFETY: both ends were checked on the line above.
-                    unsafe { V::load(from.values.as_ptr().add(at + i)).store(into.as_mut_ptr().add(to + i)) };
-                }
-            } else {
-                for i in 0..lines.len() {
-                    into[to + i] = from.values[at + i];
+        // SAFETY: the caller's promise.
+        unsafe {
+            match (self.from.line, self.from.depth) {
+                (1, _) => self.rows::<V>(),
+                (_, 1) => self.squares::<V>(),
+                _ => {
+                    let first = self.depth.start;
+                    self.elements(first);
                 }
             }
         }
+    }
+}
+
+impl<T: Real> CopyStrip<'_, '_, T> {
+    /// Copies what lies at `first` and behind along the depth, element by element.
+    #[inline(always)]
+    unsafe fn elements(self, first: usize) {
+        for d in first..self.depth.end {
+            for l in 0..self.lines.len() {
+                let at = (self.lines.start + l) * self.from.line + d * self.from.depth;
+                // SAFETY: the promise of `run`.
+                unsafe {
+                    *self.into.get_unchecked_mut((d - self.depth.start) * self.width + l) =
+                        *self.from.values.get_unchecked(at);
+                }
+            }
+        }
+    }
+
+    /// Lines that lie side by side: a short copy for each place along the depth.
+    #[inline(always)]
+    unsafe fn rows<V: Lane<Element = T>>(self) {
+        let reach = self.lines.len().next_multiple_of(V::WIDTH);
+        let mut d = self.depth.start;
+        while d < self.depth.end {
+            let (at, to) = (d * self.from.depth + self.lines.start, (d - self.depth.start) * self.width);
+            if at + reach > self.from.values.len() || to + reach > self.into.len() {
+                break;
+            }
+            let mut i = 0;
+            while i < reach {
+                // SAFETY: both ends were checked above.
+                unsafe {
+                    let from = self.from.values.as_ptr().add(at + i);
+                    prefetch::<false, T>(from.wrapping_add(ROWS_AHEAD * self.from.depth));
+                    V::load(from).store(self.into.as_mut_ptr().add(to + i));
+                }
+                i += V::WIDTH;
+            }
+            d += 1;
+        }
+        // SAFETY: the promise of `run`.
+        unsafe { self.elements(d) }
+    }
+
+    /// Lines that each lie together: squares of a few lines are transposed, the last lines first, so that what they
+    /// store beyond their row is written over.
+    #[inline(always)]
+    unsafe fn squares<V: Lane<Element = T>>(self) {
+        let lines = self.lines.len();
+        let reach = lines.next_multiple_of(V::SIDE);
+        let mut d = self.depth.start;
+        while d + V::SIDE <= self.depth.end {
+            let to = (d - self.depth.start) * self.width;
+            if to + (V::SIDE - 1) * self.width + reach > self.into.len() {
+                break;
+            }
+            let mut first = reach;
+            while first > 0 {
+                first -= V::SIDE;
+                let mut rows = [self.from.values.as_ptr(); 8];
+                for r in 0..V::SIDE {
+                    // lines beyond the last one are copies of it
+                    let line = if first + r < lines { first + r } else { lines - 1 };
+                    rows[r] = rows[r].wrapping_add((self.lines.start + line) * self.from.line + d);
+                    prefetch::<false, T>(rows[r].wrapping_add(256 / size_of::<T>()));
+                }
+                // SAFETY: the lines reach to the end of this square by the promise of `run`, and the strip does, too.
+                unsafe { V::transpose(&rows, self.into.as_mut_ptr().add(to + first), self.width) };
+            }
+            d += V::SIDE;
+        }
+        // SAFETY: the promise of `run`.
+        unsafe { self.elements(d) }
     }
 }

@@ -7,6 +7,7 @@
 use std::mem::MaybeUninit;
 
 use super::epilogue::{Epilogue, Finish};
+use super::prefetch;
 use crate::scalar::{Job, Lane, Path, Real};
 
 /// The most rows that a tile has on any processor, and the most values in one of its rows.
@@ -15,19 +16,6 @@ const MOST_COLUMNS: usize = 32;
 
 /// Steps along the depth by which the right factor is asked for ahead of its use.
 const AHEAD: usize = 8;
-
-/// Asks for a cache line; a hint, so that any address will do.
-#[inline(always)]
-fn prefetch<T>(at: *const T) {
-    #[cfg(target_arch = "x86_64")]
-    // SAFETY: a prefetch of any address has no effect that a program could see.
-    unsafe {
-        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        _mm_prefetch::<_MM_HINT_T0>(at.cast());
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    let _ = at;
-}
 
 /// Vectors in a row of a full tile.
 pub(super) const fn vectors<V: Lane>() -> usize {
@@ -195,12 +183,12 @@ impl<T: Real, const ROWS: usize, const VECTORS: usize, const SIDE_BY_SIDE: bool>
             let mut sums = [[V::splat(T::ZERO); VECTORS]; ROWS];
             for r in 0..ROWS {
                 for v in 0..VECTORS {
-                    prefetch(out.wrapping_add(r * out_row + v * V::WIDTH));
+                    prefetch::<false, T>(out.wrapping_add(r * out_row + v * V::WIDTH));
                 }
             }
             for _ in 0..depth {
                 for v in 0..VECTORS {
-                    prefetch(right.wrapping_add((AHEAD * VECTORS + v) * V::WIDTH));
+                    prefetch::<true, T>(right.wrapping_add((AHEAD * VECTORS + v) * V::WIDTH));
                 }
                 let mut b = [V::splat(T::ZERO); VECTORS];
                 for v in 0..VECTORS {

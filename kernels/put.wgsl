@@ -1,7 +1,7 @@
-// 1 at the places that indices name, 0 elsewhere.
+// One number for each row at the place that an index names, among zeros. Elements are copied as bits.
 #import "shared/linear.wgsl"
 
-// Twin of OneHot::groups. Axes hold size, step in the index tensor and step in the numbers it holds.
+// Twin of Put::groups. Axes hold size, step in the rows and step in the numbers of the index.
 struct Layout {
     len: u32,
     rank: u32,
@@ -9,8 +9,9 @@ struct Layout {
 }
 
 @group(0) @binding(0) var<uniform> sizes: Layout;
-@group(0) @binding(1) var<storage, read_write> y: array<f32>;
-@group(0) @binding(2) var<storage, read> index: array<u32>;
+@group(0) @binding(1) var<storage, read_write> y: array<u32>;
+@group(0) @binding(2) var<storage, read> x: array<u32>;
+@group(0) @binding(3) var<storage, read> index: array<u32>;
 
 @compute @workgroup_size(WORKGROUP)
 fn main(
@@ -31,5 +32,5 @@ fn main(
         number += rest % extent.x * extent.z;
         rest /= extent.x;
     }
-    y[i] = select(0.0, 1.0, index[row] == number);
+    y[i] = select(0u, x[row], index[row] == number);
 }

@@ -1,4 +1,5 @@
-//! `one_hot`: 1 at the places that indices name, 0 elsewhere. It has no derivative.
+//! `put`: one number for each row at the place that an index names, among zeros. Its derivative is
+//! [`take`](super::take).
 
 use std::rc::Rc;
 
@@ -6,20 +7,22 @@ use crate::backend::cpu::{CHUNK, filled};
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::index_select::check_rows;
 use crate::ops::reduction::Axes;
-use crate::ops::{Case, Entry};
+use crate::ops::take::Take;
+use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
 use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{DType, Device, Error, ErrorKind, Result, Shape, Spec, Tensor};
 
 pub(super) const ENTRY: Entry = Entry {
-    name: "one_hot",
+    name: "put",
     gpu: true,
     cases: || {
         let case = |shape: &[usize], axes: &[usize], index: &[u32]| {
-            let op = OneHot::new(&shape.into(), Axes::new(axes), DType::F32);
-            let index = Tensor::from_vec(index.to_vec(), op.axes.kept(&op.shape));
-            Case::new(op, [index]).condition()
+            let op = Put::new(&shape.into(), Axes::new(axes));
+            let rows = op.axes.kept(&op.shape);
+            let index = Tensor::from_vec(index.to_vec(), &rows);
+            Case::new(op, [uniform(1, rows, -1.0..1.0), index])
         };
         vec![
             case(&[3, 4], &[1], &[0, 3, 2]),
@@ -31,40 +34,33 @@ pub(super) const ENTRY: Entry = Entry {
 };
 
 pub(super) static KERNEL: Kernel =
-    Kernel::new("one_hot", "main", include_str!("../../kernels/one_hot.wgsl"), &["y", "index"]);
+    Kernel::new("put", "main", include_str!("../../kernels/put.wgsl"), &["y", "x", "index"]);
 
 /// Groups of axes that the kernel's array holds.
 const MOST: usize = 8;
 
 #[derive(Debug)]
-pub(super) struct OneHot {
+pub(super) struct Put {
     shape: Shape,
     axes: Axes,
-    dtype: DType,
 }
 
-impl OneHot {
-    /// A result of this shape, in which an index counts the places of `axes`.
-    pub(super) fn new(shape: &Shape, axes: Axes, dtype: DType) -> Self {
-        Self { shape: shape.clone(), axes, dtype }
+impl Put {
+    /// Into a result of this shape, in which an index counts the places of `axes` in row-major order.
+    pub(super) fn new(shape: &Shape, axes: Axes) -> Self {
+        Self { shape: shape.clone(), axes }
     }
 
-    /// Applies it.
-    #[track_caller]
-    pub(super) fn of(self, index: &Var) -> Var {
-        Var::run(Rc::new(self), &[index])
-    }
-
-    fn run<T: Real>(&self, index: &[u32]) -> Vec<T> {
+    fn run<T: Real>(&self, x: &[T], index: &[u32]) -> Vec<T> {
         let (kept, hot) = (self.axes.walk(&self.shape, false), self.axes.walk(&self.shape, true));
         let mut result = filled(self.shape.len(), CHUNK, |_, part: &mut [T]| part.fill(T::ZERO));
-        for (number, &i) in index.iter().enumerate() {
-            result[kept.place(number) + hot.place(i as usize)] = T::ONE;
+        for (number, (&x, &i)) in x.iter().zip(index).enumerate() {
+            result[kept.place(number) + hot.place(i as usize)] = x;
         }
         result
     }
 
-    /// Axes of the result as the kernel walks them: size, and steps in the index tensor and in the numbers it holds.
+    /// Axes of the result as the kernel walks them: size, and steps in the rows and in the numbers of the index.
     fn groups(&self) -> Result<Vec<[usize; 4]>> {
         let mut groups: Vec<(usize, bool)> = Vec::new();
         for (axis, &size) in self.shape.dims().iter().enumerate() {
@@ -75,7 +71,7 @@ impl OneHot {
             }
         }
         if groups.len() > MOST {
-            return Err(Error::new(ErrorKind::Unsupported, "one_hot: too many axes for its WGSL kernel")
+            return Err(Error::new(ErrorKind::Unsupported, "put: too many axes for its WGSL kernel")
                 .found(groups.len())
                 .wanted(format!("at most {MOST}"))
                 .fix("reshape, or move the operand to the CPU with to_device(&Device::Cpu)"));
@@ -92,45 +88,47 @@ impl OneHot {
     }
 }
 
-impl Op for OneHot {
+impl Op for Put {
     fn name(&self) -> &'static str {
-        "one_hot"
+        "put"
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let index = &inputs[0];
-        let wanted = self.axes.infer(self.name(), &Spec::new(&self.shape, DType::U32))?;
+        let [x, index] = inputs else { unreachable!("put has two operands") };
+        let rows = self.axes.infer(self.name(), &Spec::new(&self.shape, DType::U32))?;
         self.axes.check_numbers(self.name(), &self.shape)?;
-        if *index != wanted || !self.dtype.is_real() {
-            return Err(Error::new(ErrorKind::Shape, "one_hot: the index does not fit")
-                .found(format!("{index:?} for {}{}", self.dtype, self.shape))
-                .wanted(format!("{wanted:?} for a result of f32 or f64")));
+        if *index != rows || x.shape != rows.shape || !x.dtype.is_real() {
+            return Err(Error::new(ErrorKind::Shape, "put: the operands do not fit")
+                .found(format!("{x:?} at {index:?} into {}", self.shape))
+                .wanted(format!("f32 or f64 at {rows:?}")));
         }
-        Ok(Spec::new(&self.shape, self.dtype))
+        Ok(Spec::new(&self.shape, x.dtype))
     }
 
     fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
-        let index = inputs[0].slice::<u32>();
-        check_rows(self.name(), index, self.axes.walk(&self.shape, true).len())?;
-        for_real!(self.dtype, T => Ok(Tensor::from_vec(self.run::<T>(index), &self.shape).into()))
+        let [x, index] = inputs else { unreachable!("put has two operands") };
+        check_rows(self.name(), index.slice(), self.axes.walk(&self.shape, true).len())?;
+        for_real!(x.dtype(), T => Ok(Tensor::from_vec(self.run::<T>(x.slice(), index.slice()), &self.shape).into()))
     }
 
     /// An index beyond the end gives zeros: [`Var::one_hot`] has checked before.
     fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+        let [x, index] = inputs else { unreachable!("put has two operands") };
         let groups = self.groups()?;
         let len = self.shape.len();
         let mut sizes = words([len, groups.len(), 0, 0]).to_vec();
         groups.into_iter().for_each(|group| sizes.extend(words(group)));
-        let result = Spec::new(&self.shape, self.dtype);
-        Ok(gpu.launch(&KERNEL, &[&inputs[0]], &sizes, result, Work::Invocations(len))?.into())
+        let result = Spec::new(&self.shape, x.dtype());
+        Ok(gpu.launch(&KERNEL, &[x, index], &sizes, result, Work::Invocations(len))?.into())
     }
 
     fn reads(&self, _wanted: &[bool]) -> Reads {
-        Reads::nothing()
+        Reads::nothing().input(1)
     }
 
-    fn vjp(&self, _cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
-        Ok(vec![None])
+    fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
+        let take = Take::new(self.axes.clone());
+        Ok(vec![Some(Var::run(Rc::new(take), &[cx.gradient(), cx.input(1)])), None])
     }
 }
 
@@ -152,7 +150,8 @@ impl Var {
         }
         let mut dims = self.dims().to_vec();
         dims.push(classes);
-        let axes = Axes::new(&[self.shape().rank()]);
-        self.tape().apply(Rc::new(OneHot::new(&dims.into(), axes, dtype)), &[self])
+        let put = Put::new(&dims.into(), Axes::new(&[self.shape().rank()]));
+        let one = self.tape().constant(Tensor::scalar(1.0, dtype).to_device(&self.device())?);
+        self.tape().apply(Rc::new(put), &[&one.broadcast_to(self.shape()), self])
     }
 }

@@ -1,0 +1,42 @@
+// From each row the element at the place that an index names, copied as bits.
+#import "shared/linear.wgsl"
+
+// Twin of Take::forward_gpu. Axes hold size and step; the outermost comes first.
+struct Layout {
+    len: u32,
+    kept_rank: u32,
+    dropped_rank: u32,
+    kept: array<vec4<u32>, 8>,
+    dropped: array<vec4<u32>, 8>,
+}
+
+@group(0) @binding(0) var<uniform> sizes: Layout;
+@group(0) @binding(1) var<storage, read_write> y: array<u32>;
+@group(0) @binding(2) var<storage, read> x: array<u32>;
+@group(0) @binding(3) var<storage, read> index: array<u32>;
+
+@compute @workgroup_size(WORKGROUP)
+fn main(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let i = linear_group(group, groups) * WORKGROUP + local;
+    if i >= sizes.len {
+        return;
+    }
+    var place = 0u;
+    var rest = i;
+    for (var axis = sizes.kept_rank; axis > 0u; axis--) {
+        let extent = sizes.kept[axis - 1u];
+        place += rest % extent.x * extent.y;
+        rest /= extent.x;
+    }
+    rest = index[i];
+    for (var axis = sizes.dropped_rank; axis > 0u; axis--) {
+        let extent = sizes.dropped[axis - 1u];
+        place += rest % extent.x * extent.y;
+        rest /= extent.x;
+    }
+    y[i] = x[place];
+}
