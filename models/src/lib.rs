@@ -1,10 +1,12 @@
 //! From a video to shape, motion and material: the stages of the method, in the order in which data flows.
 //!
 //! ```text
-//! video → field → particles → physics → render → identify → report
+//! video → views → field → particles → physics → render → identify → report
 //! ```
 
+pub mod layers;
 pub mod video;
+pub mod views;
 pub mod field;
 pub mod particles;
 pub mod physics;

@@ -1,0 +1,106 @@
+//! Convolutions in two and three dimensions.
+
+use gradreel::ops::Conv;
+use gradreel::{Result, Var};
+
+use super::{Init, Scope};
+
+/// The sizes of a convolution. [`Kernel::image`] and [`Kernel::volume`] start from stride 1 with as much padding as keeps
+/// the size.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Kernel {
+    axes: usize,
+    inputs: usize,
+    outputs: usize,
+    size: usize,
+    stride: usize,
+    padding: usize,
+    bias: bool,
+    zeros: bool,
+}
+
+impl Kernel {
+    /// A square kernel on images.
+    pub const fn image(inputs: usize, outputs: usize, size: usize) -> Self {
+        Self { axes: 2, inputs, outputs, size, stride: 1, padding: size / 2, bias: true, zeros: false }
+    }
+
+    /// A cubic kernel on volumes.
+    pub const fn volume(inputs: usize, outputs: usize, size: usize) -> Self {
+        Self { axes: 3, ..Self::image(inputs, outputs, size) }
+    }
+
+    /// With this stride along every axis.
+    #[must_use]
+    pub const fn stride(self, stride: usize) -> Self {
+        Self { stride, ..self }
+    }
+
+    /// With this many zeros before and after every axis.
+    #[must_use]
+    pub const fn padding(self, padding: usize) -> Self {
+        Self { padding, ..self }
+    }
+
+    /// Without the constant term.
+    #[must_use]
+    pub const fn without_bias(self) -> Self {
+        Self { bias: false, ..self }
+    }
+
+    /// Starting at zero when there is nothing to load.
+    #[must_use]
+    pub const fn zeros(self) -> Self {
+        Self { zeros: true, ..self }
+    }
+}
+
+/// A convolution, or the transposed one that doubles the size. Weights `weight [outputs, inputs, k, ..]` (transposed:
+/// `[inputs, outputs, k, ..]`) and `bias [outputs]`.
+pub struct Convolution {
+    weight: Var,
+    bias: Option<Var>,
+    conv: Conv,
+    transposed: bool,
+}
+
+impl Convolution {
+    /// The layer at a scope.
+    ///
+    /// # Errors
+    /// When a weight is missing or mis-shaped.
+    pub fn new(scope: &Scope<'_>, kernel: Kernel) -> Result<Self> {
+        Self::build(scope, kernel, false)
+    }
+
+    /// The transposed convolution of kernel 3, stride 2, padding 1 and output padding 1, which doubles every axis.
+    ///
+    /// # Errors
+    /// As [`Convolution::new`].
+    pub fn doubling(scope: &Scope<'_>, kernel: Kernel) -> Result<Self> {
+        Self::build(scope, kernel.stride(2).padding(1), true)
+    }
+
+    fn build(scope: &Scope<'_>, k: Kernel, transposed: bool) -> Result<Self> {
+        let mut shape = if transposed { vec![k.inputs, k.outputs] } else { vec![k.outputs, k.inputs] };
+        shape.extend(vec![k.size; k.axes]);
+        let init = if k.zeros { Init::Zeros } else { Init::FanIn(shape[1..].iter().product()) };
+        let weight = scope.weight("weight", shape, init)?;
+        let bias = if k.bias { Some(scope.weight("bias", [k.outputs], init)?) } else { None };
+        let conv = Conv::new().stride(k.stride).padding(k.padding);
+        let conv = if transposed { conv.output_padding(k.stride - 1) } else { conv };
+        Ok(Self { weight, bias, conv, transposed })
+    }
+
+    /// Applies it.
+    ///
+    /// # Panics
+    /// When the channels are not those of the layer, or the kernel does not fit.
+    #[track_caller]
+    pub fn forward(&self, x: &Var) -> Var {
+        match self.transposed {
+            false => x.conv(&self.weight, self.bias.as_ref(), &self.conv),
+            true => x.conv_transpose(&self.weight, self.bias.as_ref(), &self.conv),
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! Depth-wise attention: every pixel attends to the depth samples behind it in a frustum volume.
+
+use gradreel::{Result, Var};
+
+use super::{Convolution, GroupNorm, Kernel, Scope};
+
+const HEADS: usize = 4;
+
+/// The sizes of a depth-wise attention block.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DepthAttentionSizes {
+    /// Channels of the image.
+    pub channels: usize,
+    /// Channels of each of the four heads.
+    pub head: usize,
+    /// Channels of the frustum volume.
+    pub context: usize,
+}
+
+/// Depth-wise attention with its projections and a residual around all (Liu et al. 2023): a softmax over the depth bins
+/// at each pixel and head. It starts as the identity.
+pub struct DepthAttention {
+    proj_in: (Convolution, GroupNorm),
+    proj_context: (Convolution, GroupNorm),
+    query: Convolution,
+    key: Convolution,
+    value: Convolution,
+    out: Convolution,
+    proj_out: [(GroupNorm, Convolution); 2],
+    head: usize,
+}
+
+impl DepthAttention {
+    /// The block at a scope.
+    ///
+    /// # Errors
+    /// When a weight is missing or mis-shaped.
+    pub fn new(scope: &Scope<'_>, sizes: DepthAttentionSizes) -> Result<Self> {
+        let DepthAttentionSizes { channels, head, context } = sizes;
+        let inner = HEADS * head;
+        let conv = |name, kernel: Kernel| Convolution::new(&scope.at(name), kernel);
+        let norm = |name, channels| GroupNorm::new(&scope.at(name), 8, channels, 1e-5);
+        let into = Kernel::volume(context, inner, 1).without_bias();
+        let same = Kernel::image(inner, inner, 1).without_bias();
+        let to_inner = Kernel::image(inner, inner, 3).without_bias();
+        let to_image = Kernel::image(inner, channels, 3).without_bias().zeros();
+        Ok(Self {
+            proj_in: (conv("proj_in.0", Kernel::image(channels, inner, 1))?, norm("proj_in.1", inner)?),
+            proj_context: (
+                conv("proj_context.0", Kernel::volume(context, context, 1).without_bias())?,
+                norm("proj_context.1", context)?,
+            ),
+            query: conv("depth_attn.to_q", same)?,
+            key: conv("depth_attn.to_k", into)?,
+            value: conv("depth_attn.to_v", into)?,
+            out: conv("depth_attn.to_out", same)?,
+            proj_out: [
+                (norm("proj_out.0", inner)?, conv("proj_out.2", to_inner)?),
+                (norm("proj_out.3", inner)?, conv("proj_out.5", to_image)?),
+            ],
+            head,
+        })
+    }
+
+    /// `x [b, channels, h, w]` and the volume `[b, context, d, h, w]` to `[b, channels, h, w]`. Without a volume it sees
+    /// one of zeros.
+    ///
+    /// # Panics
+    /// When the sizes are not those of the block.
+    #[track_caller]
+    pub fn forward(&self, x: &Var, volume: Option<&Var>) -> Var {
+        let gathered = match volume {
+            Some(volume) => self.gather(x, volume),
+            None => self.gather_nothing(x),
+        };
+        let mut h = self.out.forward(&gathered);
+        for (norm, conv) in &self.proj_out {
+            h = conv.forward(&norm.forward(&h).relu());
+        }
+        x + &h
+    }
+
+    /// What the pixels find: `[b, inner, h, w]`.
+    #[track_caller]
+    fn gather(&self, x: &Var, volume: &Var) -> Var {
+        let a = self.proj_in.1.silu(&self.proj_in.0.forward(x));
+        let context = self.proj_context.1.forward(&self.proj_context.0.forward(volume)).relu();
+        let heads = |x: &Var| {
+            let mut shape = vec![x.dims()[0], HEADS, self.head];
+            shape.extend(&x.dims()[2..]);
+            x.reshape(shape)
+        };
+        let [query, key, value] =
+            [self.query.forward(&a), self.key.forward(&context), self.value.forward(&context)].map(|x| heads(&x));
+        query.depth_attention(&key, &value, (self.head as f64).powf(-0.5)).reshape(a.shape())
+    }
+
+    /// What they find in a volume of zeros. All depth bins are alike there, so that the softmax is uniform whatever the
+    /// query says: one vector for all pixels, `[1, inner, h, w]`.
+    #[track_caller]
+    fn gather_nothing(&self, x: &Var) -> Var {
+        let alike = self.proj_context.1.shift().relu();
+        let channels = alike.len();
+        let found = self.value.forward(&alike.reshape([1, channels, 1, 1, 1]));
+        let inner = found.len();
+        found.reshape([1, inner, 1, 1]).broadcast_to([1, inner, x.dims()[2], x.dims()[3]])
+    }
+}

@@ -1,0 +1,47 @@
+//! The affine map of the last axis.
+
+use gradreel::{Result, Var};
+
+use super::{Init, Scope};
+
+/// `y = x·Wᵀ + b` on the last axis: `[.., inputs] → [.., outputs]`. Weights `weight [outputs, inputs]`, `bias [outputs]`.
+pub struct Linear {
+    weight: Var,
+    bias: Option<Var>,
+}
+
+impl Linear {
+    /// The layer at a scope.
+    ///
+    /// # Errors
+    /// When a weight is missing or mis-shaped.
+    pub fn new(scope: &Scope<'_>, inputs: usize, outputs: usize) -> Result<Self> {
+        Self::named(scope, ["weight", "bias"], inputs, outputs)
+    }
+
+    /// The layer whose weight and bias have other names.
+    ///
+    /// # Errors
+    /// As [`Linear::new`].
+    pub fn named(scope: &Scope<'_>, [weight, bias]: [&str; 2], inputs: usize, outputs: usize) -> Result<Self> {
+        let weight = scope.weight(weight, [outputs, inputs], Init::FanIn(inputs))?;
+        Ok(Self { weight, bias: Some(scope.weight(bias, [outputs], Init::FanIn(inputs))?) })
+    }
+
+    /// The layer at a scope, without the constant term.
+    ///
+    /// # Errors
+    /// As [`Linear::new`].
+    pub fn without_bias(scope: &Scope<'_>, inputs: usize, outputs: usize) -> Result<Self> {
+        Ok(Self { weight: scope.weight("weight", [outputs, inputs], Init::FanIn(inputs))?, bias: None })
+    }
+
+    /// Applies it.
+    ///
+    /// # Panics
+    /// When the last axis is not `inputs` long.
+    #[track_caller]
+    pub fn forward(&self, x: &Var) -> Var {
+        x.linear(&self.weight, self.bias.as_ref())
+    }
+}

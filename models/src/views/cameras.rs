@@ -1,0 +1,97 @@
+//! The ring of target cameras, the voxel grid they look at, and each camera's frustum of samples.
+//!
+//! Units are those of the model: the object lies in a cube of side 1 around the origin and the cameras 1.5 away from it.
+//! World axes are right-handed with z up; camera axes are x right, y down, z forward. A voxel volume is
+//! `[z, y, x]`, its ends included.
+
+/// Cameras at equal azimuths around the object.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ring {
+    /// Number of cameras.
+    pub views: usize,
+    /// Elevation of all cameras in radians.
+    pub elevation: f64,
+    /// Distance to the origin.
+    pub distance: f64,
+    /// Focal length in image widths.
+    pub focal: f64,
+    /// Half the side of the cube of voxels.
+    pub half: f64,
+}
+
+impl Ring {
+    /// The published ring: elevation 30°, distance 1.5, a lens of 35 mm on a sensor of 32 mm.
+    pub fn published(views: usize) -> Self {
+        Self { views, elevation: 30f64.to_radians(), distance: 1.5, focal: 280.0 / 256.0, half: 0.5 }
+    }
+
+    /// The azimuth of a view in radians, within [−π, π).
+    pub fn azimuth(&self, view: usize) -> f64 {
+        let turn = std::f64::consts::TAU;
+        (turn * view as f64 / self.views as f64 + turn / 2.0).rem_euclid(turn) - turn / 2.0
+    }
+
+    /// World to camera: `[R | t]`.
+    pub fn pose(&self, view: usize) -> [[f64; 4]; 3] {
+        pose(self.azimuth(view), self.elevation, self.distance)
+    }
+
+    /// World to the camera of the input image, at azimuth 0.
+    pub fn input_pose(&self, elevation: f64) -> [[f64; 4]; 3] {
+        pose(0.0, elevation, self.distance)
+    }
+
+    /// The viewpoint embedding of a view for an input image of this elevation in radians: difference of elevations, sine
+    /// and cosine of the difference of azimuths, and 0 for that of the distances.
+    pub fn viewpoint(&self, view: usize, elevation: f64) -> [f64; 4] {
+        let azimuth = self.azimuth(view) - self.azimuth(0);
+        [elevation - self.elevation, azimuth.sin(), azimuth.cos(), 0.0]
+    }
+
+    /// The centres of `size³` voxels as (x, y, z), the order of the tensor axes being z, y, x.
+    pub fn voxels(&self, size: usize) -> impl Iterator<Item = [f64; 3]> {
+        let place = move |i: usize| self.half * (2.0 * i as f64 / (size - 1) as f64 - 1.0);
+        (0..size * size * size).map(move |i| [place(i % size), place(i / size % size), place(i / (size * size))])
+    }
+
+    /// Where a world point falls on a feature map of a view, in cells (the principal point is at half the width), and its
+    /// depth.
+    pub fn project(&self, pose: &[[f64; 4]; 3], point: [f64; 3], width: usize) -> [f64; 3] {
+        let [x, y, z] = [0, 1, 2].map(|row| {
+            let [a, b, c, t] = pose[row];
+            a * point[0] + b * point[1] + c * point[2] + t
+        });
+        let (size, depth) = (width as f64, z.max(1e-4));
+        [size * (self.focal * x / depth + 0.5), size * (self.focal * y / depth + 0.5), z]
+    }
+
+    /// The least and the greatest depth of a frustum: a ball of radius √3/2 around the origin.
+    pub fn depths(&self) -> [f64; 2] {
+        let radius = 3f64.sqrt() * self.half;
+        [self.distance - radius, self.distance + radius]
+    }
+
+    /// The world points of a view's frustum: `depth` samples from near to far, ends included, behind each cell of a
+    /// `width²` map, in the order depth, row, column.
+    pub fn frustum(&self, view: usize, depth: usize, width: usize) -> impl Iterator<Item = [f64; 3]> {
+        let pose = self.pose(view);
+        let [near, far] = self.depths();
+        let (focal, size) = (self.focal, width as f64);
+        (0..depth * width * width).map(move |i| {
+            let (column, row, sample) = (i % width, i / width % width, i / (width * width));
+            let z = near + (far - near) * sample as f64 / (depth - 1) as f64;
+            let ray = |cell: usize| (cell as f64 / size - 0.5) / focal * z;
+            let camera = [ray(column) - pose[0][3], ray(row) - pose[1][3], z - pose[2][3]];
+            [0, 1, 2].map(|axis| (0..3).map(|row| pose[row][axis] * camera[row]).sum())
+        })
+    }
+}
+
+fn pose(azimuth: f64, elevation: f64, distance: f64) -> [[f64; 4]; 3] {
+    let ((sin_a, cos_a), (sin_e, cos_e)) = (azimuth.sin_cos(), elevation.sin_cos());
+    [
+        [-sin_a, cos_a, 0.0, 0.0],
+        [sin_e * cos_a, sin_e * sin_a, -cos_e, 0.0],
+        [-cos_e * cos_a, -cos_e * sin_a, -sin_e, distance],
+    ]
+}

@@ -1,0 +1,184 @@
+//! All noised views at once to the noise in them: one spatial volume, then each view's frustum and denoiser.
+
+use gradreel::{Result, Var};
+
+use super::{Ring, Schedule, Unet, UnetSizes, VolumePath, VolumeSizes};
+use crate::layers::{Linear, Scope, TimeEmbedding};
+
+/// The sizes of the multi-view model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DenoiserSizes {
+    /// The cameras of the target views.
+    pub ring: Ring,
+    /// The UNet.
+    pub unet: UnetSizes,
+    /// The volume side.
+    pub volume: VolumeSizes,
+}
+
+impl DenoiserSizes {
+    /// The published model: 16 views.
+    pub fn published() -> Self {
+        Self { ring: Ring::published(16), unet: UnetSizes::PUBLISHED, volume: VolumeSizes::PUBLISHED }
+    }
+}
+
+/// What the model knows about the input image.
+pub struct Condition {
+    /// CLIP embedding `[b, 1, context]`.
+    pub embedding: Var,
+    /// Latent `[b, latent, w, w]`, not scaled by [`super::Autoencoder::SCALE`].
+    pub latent: Var,
+    /// Elevation of its camera in radians, one for each of the batch.
+    pub elevations: Vec<f64>,
+}
+
+/// The trained parts of the diffusion: UNet, volume side, time embedding, projection of the context token.
+pub struct Denoiser {
+    time: TimeEmbedding,
+    volumes: VolumePath,
+    projection: Linear,
+    unet: Unet,
+}
+
+impl Denoiser {
+    /// The model at a scope.
+    ///
+    /// # Errors
+    /// When a weight is missing or mis-shaped.
+    pub fn new(scope: &Scope<'_>, sizes: &DenoiserSizes) -> Result<Self> {
+        let (time, context) = (sizes.volume.time, sizes.unet.context);
+        Ok(Self {
+            time: TimeEmbedding::new(&scope.at("time_embed"), time, time)?,
+            volumes: VolumePath::new(&scope.at("spatial_volume"), sizes.volume, sizes.ring.clone())?,
+            projection: Linear::new(&scope.at("cc_projection"), context + 4, context)?,
+            unet: Unet::new(&scope.at("model.diffusion_model"), &sizes.unet)?,
+        })
+    }
+
+    /// The cameras of the target views.
+    pub fn ring(&self) -> &Ring {
+        self.volumes.ring()
+    }
+
+    /// The context tokens `[b, 1, context]` for viewpoints `[b, 4]`.
+    ///
+    /// # Panics
+    /// When the sizes are not those of the model.
+    #[track_caller]
+    pub fn tokens(&self, embedding: &Var, viewpoints: &Var) -> Var {
+        let [batch, four] = viewpoints.dims()[..] else { panic!("viewpoints are [b, 4]") };
+        self.projection.forward(&embedding.concat(&[&viewpoints.reshape([batch, 1, four])], 2))
+    }
+
+    /// Prepares one evaluation: the spatial volumes of all noised views `[b, views, latent, w, w]`, with one diffusion time
+    /// for each of the batch.
+    ///
+    /// # Errors
+    /// When places or features cannot be moved where the views are.
+    ///
+    /// # Panics
+    /// When the sizes are not those of the model.
+    #[track_caller]
+    pub fn look(&self, noised: &Var, times: &[usize], condition: &Condition) -> Result<Look> {
+        let times: Vec<f64> = times.iter().map(|t| *t as f64).collect();
+        let time = self.time.forward(noised, &times)?;
+        let viewpoints = self.volumes.viewpoints(noised, &condition.elevations)?;
+        let unprojected = self.volumes.unproject(noised, &time, &viewpoints)?;
+        let volume = self.volumes.spatial_volume(&unprojected, &time);
+        Ok(Look { noised: noised.clone(), times, time, viewpoints, volume })
+    }
+
+    /// The noise in some views, `[targets.len(), latent, w, w]`, with classifier-free guidance of this strength (1:
+    /// none). `ε = ε_u + s (ε_c − ε_u)`; the unconditional branch sees a token of zeros, a latent of zeros and volumes of
+    /// zeros.
+    ///
+    /// # Errors
+    /// As [`Denoiser::look`].
+    ///
+    /// # Panics
+    /// When a sample or view does not exist.
+    #[track_caller]
+    pub fn noise(&self, look: &Look, condition: &Condition, targets: &[Target], guidance: f64) -> Result<Var> {
+        let [_, _, latent, height, width] = look.noised.dims()[..] else { panic!("noised views are [b, views, c, h, w]") };
+        let count = targets.len();
+        let of_view = |x: &Var| {
+            let each = |t: &Target| x.slice(0, t.sample..t.sample + 1).slice(1, t.view..t.view + 1);
+            stacked(&targets.iter().map(each).collect::<Vec<_>>())
+        };
+        let of_sample =
+            |x: &Var| stacked(&targets.iter().map(|t| x.slice(0, t.sample..t.sample + 1)).collect::<Vec<_>>());
+        let x = of_view(&look.noised).reshape([count, latent, height, width]);
+        let viewpoints = of_view(&look.viewpoints).reshape([count, 4]);
+        let seen = |run: &[Target]| {
+            let sample = run[0].sample;
+            let views: Vec<usize> = run.iter().map(|t| t.view).collect();
+            self.volumes.frustum_samples(&look.volume.slice(0, sample..sample + 1), &views, width)
+        };
+        let samples: Vec<Var> = targets.chunk_by(|a, b| a.sample == b.sample).map(seen).collect::<Result<_>>()?;
+        let pyramid = self.volumes.pyramid(&stacked(&samples), &of_sample(&look.time), &viewpoints);
+        let times: Vec<f64> = targets.iter().map(|t| look.times[t.sample]).collect();
+        let token = self.tokens(&of_sample(&condition.embedding), &viewpoints);
+        let image = of_sample(&condition.latent);
+        let conditional = self.unet.forward(&x.concat(&[&image], 1), &times, &token, Some(&pyramid))?;
+        if guidance == 1.0 {
+            return Ok(conditional);
+        }
+        let nothing = self.unet.forward(&x.concat(&[&(&image * 0.0)], 1), &times, &(&token * 0.0), None)?;
+        Ok(&nothing + &(&(&conditional - &nothing) * guidance))
+    }
+
+    /// The training loss of the published model: all views of each sample noised at one time, one view predicted, mean
+    /// squared error of its noise. Returns the loss and the prediction.
+    ///
+    /// `x0` and `noise` are `[b, views, latent, w, w]`, with one time and one target view for each sample.
+    ///
+    /// # Errors
+    /// As [`Denoiser::look`].
+    ///
+    /// # Panics
+    /// When the sizes are not those of the model, or a time or view does not exist.
+    #[track_caller]
+    pub fn loss(
+        &self,
+        schedule: &Schedule,
+        [x0, noise]: [&Var; 2],
+        times: &[usize],
+        views: &[usize],
+        condition: &Condition,
+    ) -> Result<[Var; 2]> {
+        let noised = schedule.add_noise(x0, noise, times)?;
+        let look = self.look(&noised, times, condition)?;
+        let targets: Vec<Target> =
+            views.iter().enumerate().map(|(sample, &view)| Target { sample, view }).collect();
+        let predicted = self.noise(&look, condition, &targets, 1.0)?;
+        let of_target = |t: &Target| noise.slice(0, t.sample..t.sample + 1).select(1, t.view);
+        let wanted = stacked(&targets.iter().map(of_target).collect::<Vec<_>>());
+        Ok([(&predicted - &wanted).square().mean_all(), predicted])
+    }
+}
+
+/// One view of one sample of the batch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Target {
+    /// Which of the batch.
+    pub sample: usize,
+    /// Which of its views.
+    pub view: usize,
+}
+
+/// What one evaluation of all views has seen.
+pub struct Look {
+    noised: Var,
+    times: Vec<f64>,
+    time: Var,
+    viewpoints: Var,
+    /// The spatial volumes `[b, c, v, v, v]`.
+    pub volume: Var,
+}
+
+/// Some variables one after the other along the first axis.
+#[track_caller]
+fn stacked(parts: &[Var]) -> Var {
+    parts[0].concat(&parts[1..].iter().collect::<Vec<_>>(), 0)
+}

@@ -1,0 +1,99 @@
+//! The 3D network on a target view's frustum, which hands a pyramid of volumes to the UNet.
+
+use gradreel::{Result, Var};
+
+use crate::layers::{Convolution, GroupNorm, Kernel, Scope, per_channel};
+
+/// The sizes of the network.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FrustumSizes {
+    /// Channels of the spatial volume.
+    pub inputs: usize,
+    /// Channels at full, half, quarter and eighth resolution.
+    pub widths: [usize; 4],
+    /// Channels of the time vector.
+    pub time: usize,
+    /// Channels of the viewpoint embedding.
+    pub view: usize,
+}
+
+/// An encoder and decoder on frustum volumes, told the time and the viewpoint at every stage.
+pub struct FrustumNet {
+    into: Convolution,
+    down: [[Unit; 2]; 3],
+    up: [Unit; 3],
+}
+
+/// `conv(SiLU(GN(x + t + v)))`, without residual.
+struct Unit {
+    time: Convolution,
+    view: Convolution,
+    norm: GroupNorm,
+    conv: Convolution,
+}
+
+impl Unit {
+    fn new(scope: &Scope<'_>, sizes: &FrustumSizes, inputs: usize, norm: &str, conv: Convolution) -> Result<Self> {
+        Ok(Self {
+            time: Convolution::new(&scope.at("t_conv"), Kernel::volume(sizes.time, inputs, 1))?,
+            view: Convolution::new(&scope.at("v_conv"), Kernel::volume(sizes.view, inputs, 1))?,
+            norm: GroupNorm::new(&scope.at(norm), 8, inputs, 1e-5)?,
+            conv,
+        })
+    }
+
+    fn forward(&self, x: &Var, time: &Var, view: &Var) -> Var {
+        let told = &self.time.forward(time) + &self.view.forward(view);
+        self.conv.forward(&self.norm.silu(&(x + &told)))
+    }
+}
+
+impl FrustumNet {
+    /// The network at a scope.
+    ///
+    /// # Errors
+    /// When a weight is missing or mis-shaped.
+    pub fn new(scope: &Scope<'_>, sizes: FrustumSizes) -> Result<Self> {
+        let widths = sizes.widths;
+        let unit = |name: &str, inputs, outputs, stride| {
+            let scope = scope.at(name);
+            let kernel = Kernel::volume(inputs, outputs, 3).stride(stride);
+            let conv = Convolution::new(&scope.at("conv"), kernel)?;
+            Unit::new(&scope, &sizes, inputs, "bn", conv)
+        };
+        let down = |level: usize, names: [&str; 2]| -> Result<[Unit; 2]> {
+            let [from, to] = [widths[level], widths[level + 1]];
+            Ok([unit(names[0], from, to, 2)?, unit(names[1], to, to, 1)?])
+        };
+        let up = |level: usize, name: &str| {
+            let [from, to] = [widths[level + 1], widths[level]];
+            let scope = scope.at(name);
+            let conv = Convolution::doubling(&scope.at("conv"), Kernel::volume(from, to, 3))?;
+            Unit::new(&scope, &sizes, from, "norm", conv)
+        };
+        Ok(Self {
+            into: Convolution::new(&scope.at("conv0"), Kernel::volume(sizes.inputs, widths[0], 3))?,
+            down: [down(0, ["conv1", "conv2"])?, down(1, ["conv3", "conv4"])?, down(2, ["conv5", "conv6"])?],
+            up: [up(2, "up0")?, up(1, "up1")?, up(0, "up2")?],
+        })
+    }
+
+    /// `x [b, inputs, d, h, w]`, time vectors `[b, time]` and viewpoint embeddings `[b, view]` to four volumes, the widest
+    /// first: `[b, widths[i], d/2ⁱ, h/2ⁱ, w/2ⁱ]`.
+    ///
+    /// # Panics
+    /// When the sizes are not those of the network.
+    #[track_caller]
+    pub fn forward(&self, x: &Var, time: &Var, view: &Var) -> [Var; 4] {
+        let [time, view] = [time, view].map(|vectors| per_channel(vectors, 3));
+        let x0 = self.into.forward(x);
+        let deeper = |x: &Var, units: &[Unit; 2]| units[1].forward(&units[0].forward(x, &time, &view), &time, &view);
+        let x1 = deeper(&x0, &self.down[0]);
+        let x2 = deeper(&x1, &self.down[1]);
+        let x3 = deeper(&x2, &self.down[2]);
+        let y2 = &self.up[0].forward(&x3, &time, &view) + &x2;
+        let y1 = &self.up[1].forward(&y2, &time, &view) + &x1;
+        let y0 = &self.up[2].forward(&y1, &time, &view) + &x0;
+        [y0, y1, y2, x3]
+    }
+}

@@ -1,0 +1,84 @@
+//! The whole published model and the names of its weights.
+
+use gradreel::{Result, Shape};
+
+use super::{Autoencoder, AutoencoderSizes, ClipSizes, ClipTower, Denoiser, DenoiserSizes};
+use crate::layers::{Scope, listing};
+
+/// The sizes of the whole model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModelSizes {
+    /// Pixels along a side of an image.
+    pub image: usize,
+    /// The diffusion.
+    pub denoiser: DenoiserSizes,
+    /// The autoencoder.
+    pub autoencoder: AutoencoderSizes,
+    /// The CLIP tower.
+    pub clip: ClipSizes,
+}
+
+impl ModelSizes {
+    /// The published model.
+    pub fn published() -> Self {
+        Self {
+            image: 256,
+            denoiser: DenoiserSizes::published(),
+            autoencoder: AutoencoderSizes::published(),
+            clip: ClipSizes::PUBLISHED,
+        }
+    }
+
+    /// Path and shape of every weight that the model reads.
+    ///
+    /// # Errors
+    /// Never with sound sizes.
+    pub fn weights(&self) -> Result<Vec<(String, Shape)>> {
+        listing(|scope| Model::new(scope, self))
+    }
+}
+
+/// Entries of the published checkpoint that the model has no use for: tables that it computes itself, and the text side of
+/// CLIP.
+pub const UNUSED: &[&str] = &[
+    "betas",
+    "alphas",
+    "alphas_cumprod",
+    "sqrt_alphas_cumprod",
+    "sqrt_one_minus_alphas_cumprod",
+    "posterior_variance",
+    "posterior_log_variance_clipped",
+    "poses",
+    "Ks",
+    "azimuth",
+    "clip_image_encoder.model.positional_embedding",
+    "clip_image_encoder.model.text_projection",
+    "clip_image_encoder.model.logit_scale",
+    "clip_image_encoder.model.token_embedding.weight",
+    "clip_image_encoder.model.ln_final.weight",
+    "clip_image_encoder.model.ln_final.bias",
+];
+
+/// The whole model: a picture to the latents of its views.
+pub struct Model {
+    /// The diffusion.
+    pub denoiser: Denoiser,
+    /// Between images and latents.
+    pub autoencoder: Autoencoder,
+    /// The image's embedding.
+    pub clip: ClipTower,
+}
+
+impl Model {
+    /// The model at a scope, under the published names.
+    ///
+    /// # Errors
+    /// When a weight is missing or mis-shaped.
+    pub fn new(scope: &Scope<'_>, sizes: &ModelSizes) -> Result<Self> {
+        Ok(Self {
+            denoiser: Denoiser::new(scope, &sizes.denoiser)?,
+            autoencoder: Autoencoder::new(&scope.at("first_stage_model"), &sizes.autoencoder)?,
+            clip: ClipTower::new(&scope.at("clip_image_encoder.model.visual"), sizes.clip)?,
+        })
+    }
+}

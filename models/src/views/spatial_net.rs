@@ -1,0 +1,103 @@
+//! The 3D network that makes one spatial volume of all un-projected views.
+
+use gradreel::{Result, Var};
+
+use crate::layers::{Convolution, GroupNorm, Kernel, Scope, per_channel};
+
+/// The sizes of the network.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SpatialSizes {
+    /// Channels of the un-projected volume: views × features.
+    pub inputs: usize,
+    /// Channels at full, half, quarter and eighth resolution.
+    pub widths: [usize; 4],
+    /// Channels of the time vector.
+    pub time: usize,
+}
+
+/// An encoder and decoder on volumes, told the time at every stage; skips are sums.
+pub struct SpatialNet {
+    into: Convolution,
+    first: Unit,
+    down: [[Unit; 3]; 3],
+    up: [Unit; 3],
+}
+
+/// `conv(SiLU(GN(x + t)))`, without residual.
+struct Unit {
+    time: Convolution,
+    norm: GroupNorm,
+    conv: Convolution,
+}
+
+impl Unit {
+    fn new(scope: &Scope<'_>, time: usize, kernel: Kernel, inputs: usize) -> Result<Self> {
+        Ok(Self {
+            time: Convolution::new(&scope.at("t_conv"), Kernel::volume(time, inputs, 1))?,
+            norm: GroupNorm::new(&scope.at("bn"), 8, inputs, 1e-5)?,
+            conv: Convolution::new(&scope.at("conv"), kernel)?,
+        })
+    }
+
+    fn up(scope: &Scope<'_>, time: usize, inputs: usize, outputs: usize) -> Result<Self> {
+        Ok(Self {
+            time: Convolution::new(&scope.at("t_conv"), Kernel::volume(time, inputs, 1))?,
+            norm: GroupNorm::new(&scope.at("norm"), 8, inputs, 1e-5)?,
+            conv: Convolution::doubling(&scope.at("conv"), Kernel::volume(inputs, outputs, 3))?,
+        })
+    }
+
+    fn forward(&self, x: &Var, time: &Var) -> Var {
+        self.conv.forward(&self.norm.silu(&(x + &self.time.forward(time))))
+    }
+}
+
+impl SpatialNet {
+    /// The network at a scope.
+    ///
+    /// # Errors
+    /// When a weight is missing or mis-shaped.
+    pub fn new(scope: &Scope<'_>, sizes: SpatialSizes) -> Result<Self> {
+        let SpatialSizes { inputs, widths, time } = sizes;
+        let unit = |name: &str, inputs, outputs, stride| {
+            Unit::new(&scope.at(name), time, Kernel::volume(inputs, outputs, 3).stride(stride), inputs)
+        };
+        let down = |level: usize, names: [&str; 3]| -> Result<[Unit; 3]> {
+            let [from, to] = [widths[level], widths[level + 1]];
+            Ok([unit(names[0], from, to, 2)?, unit(names[1], to, to, 1)?, unit(names[2], to, to, 1)?])
+        };
+        let up = |level: usize, name: &str| Unit::up(&scope.at(name), time, widths[level + 1], widths[level]);
+        Ok(Self {
+            into: Convolution::new(&scope.at("init_conv"), Kernel::volume(inputs, widths[0], 3))?,
+            first: unit("conv0", widths[0], widths[0], 1)?,
+            down: [
+                down(0, ["conv1", "conv2_0", "conv2_1"])?,
+                down(1, ["conv3", "conv4_0", "conv4_1"])?,
+                down(2, ["conv5", "conv6_0", "conv6_1"])?,
+            ],
+            up: [up(2, "conv7")?, up(1, "conv8")?, up(0, "conv9")?],
+        })
+    }
+
+    /// `x [b, inputs, v, v, v]` and time vectors `[b, time]` to `[b, widths[0], v, v, v]`; v is a multiple of 8.
+    ///
+    /// # Panics
+    /// When the sizes are not those of the network.
+    #[track_caller]
+    pub fn forward(&self, x: &Var, time: &Var) -> Var {
+        let time = per_channel(time, 3);
+        let mut levels = vec![self.first.forward(&self.into.forward(x), &time)];
+        for units in &self.down {
+            let mut h = levels[levels.len() - 1].clone();
+            for unit in units {
+                h = unit.forward(&h, &time);
+            }
+            levels.push(h);
+        }
+        let mut y = levels.pop().expect("four levels");
+        for (unit, skip) in self.up.iter().zip(levels.iter().rev()) {
+            y = skip + &unit.forward(&y, &time);
+        }
+        y
+    }
+}

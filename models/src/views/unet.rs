@@ -1,0 +1,216 @@
+//! The denoiser: a UNet with spatial transformers and depth-wise attention.
+
+use gradreel::{Result, Var};
+
+use crate::layers::{
+    Convolution, DepthAttention, DepthAttentionSizes, Downsample, GroupNorm, Kernel, ResidualBlock, Scope,
+    SpatialTransformer, TimeEmbedding, TransformerSizes, Upsample,
+};
+
+/// The sizes of the denoiser. Its four levels have `base · multipliers[i]` channels; all but the deepest have spatial
+/// transformers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct UnetSizes {
+    /// Channels of the input: noised latent and input-image latent.
+    pub inputs: usize,
+    /// Channels of the predicted noise.
+    pub outputs: usize,
+    /// Channels of the first level before its multiplier.
+    pub base: usize,
+    /// Channels of each level in units of `base`.
+    pub multipliers: [usize; 4],
+    /// Heads of the spatial transformers.
+    pub heads: usize,
+    /// Channels of the context token.
+    pub context: usize,
+    /// Channels of the frustum volumes, the widest first.
+    pub volumes: [usize; 4],
+}
+
+impl UnetSizes {
+    /// The published model.
+    pub const PUBLISHED: Self = Self {
+        inputs: 8,
+        outputs: 4,
+        base: 320,
+        multipliers: [1, 2, 4, 4],
+        heads: 8,
+        context: 768,
+        volumes: [64, 128, 256, 512],
+    };
+
+    fn channels(&self, level: usize) -> usize {
+        self.base * self.multipliers[level]
+    }
+
+    fn transformer(&self, scope: &Scope<'_>, level: usize) -> Result<SpatialTransformer> {
+        let (channels, heads, context) = (self.channels(level), self.heads, self.context);
+        SpatialTransformer::new(scope, TransformerSizes { channels, heads, context })
+    }
+
+    /// The block after a stage of these channels, which attends to the volume of a level. A head is half as wide as the
+    /// volume.
+    fn depth_attention(&self, scope: &Scope<'_>, channels: usize, level: usize) -> Result<DepthAttention> {
+        let context = self.volumes[level];
+        DepthAttention::new(scope, DepthAttentionSizes { channels, head: context / 2, context })
+    }
+}
+
+/// One of the numbered blocks on the way down.
+enum Down {
+    First(Convolution),
+    Stage(ResidualBlock, Option<SpatialTransformer>),
+    Half(Downsample),
+}
+
+/// One of the numbered blocks on the way up, with the depth-wise attention that follows it.
+struct Up {
+    residual: ResidualBlock,
+    transformer: Option<SpatialTransformer>,
+    twice: Option<Upsample>,
+    depth: Option<(DepthAttention, usize)>,
+}
+
+/// The noise predictor ε(x, t, token, volumes).
+pub struct Unet {
+    time: TimeEmbedding,
+    down: Vec<Down>,
+    middle: (ResidualBlock, SpatialTransformer, ResidualBlock),
+    middle_depth: DepthAttention,
+    up: Vec<Up>,
+    norm: GroupNorm,
+    out: Convolution,
+}
+
+impl Unet {
+    /// The network at a scope.
+    ///
+    /// # Errors
+    /// When a weight is missing or mis-shaped.
+    pub fn new(scope: &Scope<'_>, sizes: &UnetSizes) -> Result<Self> {
+        let embedding = 4 * sizes.base;
+        let mut down = Vec::new();
+        let mut skips = vec![sizes.base];
+        let mut channels = sizes.base;
+        let into = Kernel::image(sizes.inputs, channels, 3);
+        down.push(Down::First(Convolution::new(&scope.at("input_blocks.0.0"), into)?));
+        for level in 0..4 {
+            for _ in 0..2 {
+                let scope = scope.at(format_args!("input_blocks.{}", down.len()));
+                let residual = ResidualBlock::new(&scope.at(0), channels, sizes.channels(level), embedding)?;
+                let transformer = (level < 3).then(|| sizes.transformer(&scope.at(1), level)).transpose()?;
+                channels = sizes.channels(level);
+                down.push(Down::Stage(residual, transformer));
+                skips.push(channels);
+            }
+            if level < 3 {
+                let scope = scope.at(format_args!("input_blocks.{}.0", down.len()));
+                down.push(Down::Half(Downsample::new(&scope, channels)?));
+                skips.push(channels);
+            }
+        }
+        let middle = scope.at("middle_block");
+        let block = |name: usize| ResidualBlock::new(&middle.at(name), channels, channels, embedding);
+        let middle = (block(0)?, sizes.transformer(&middle.at(1), 3)?, block(2)?);
+        let middle_depth = sizes.depth_attention(&scope.at("middle_conditions"), channels, 3)?;
+        let mut up = Vec::new();
+        for level in (0..4).rev() {
+            for turn in 0..3 {
+                let number = up.len();
+                let block = scope.at(format_args!("output_blocks.{number}"));
+                let skip = skips.pop().expect("as many blocks up as down");
+                let width = sizes.channels(level);
+                let residual = ResidualBlock::new(&block.at(0), channels + skip, width, embedding)?;
+                let transformer = (level < 3).then(|| sizes.transformer(&block.at(1), level)).transpose()?;
+                channels = width;
+                let grows = turn == 2 && level > 0;
+                let place = 1 + usize::from(transformer.is_some());
+                let twice = grows.then(|| Upsample::new(&block.at(place), channels)).transpose()?;
+                let volume = level - usize::from(grows);
+                let depth = |number: usize| {
+                    let scope = scope.at(format_args!("output_conditions.{number}"));
+                    Ok::<_, gradreel::Error>((sizes.depth_attention(&scope, channels, volume)?, volume))
+                };
+                let depth = number.checked_sub(3).map(depth).transpose()?;
+                up.push(Up { residual, transformer, twice, depth });
+            }
+        }
+        Ok(Self {
+            time: TimeEmbedding::new(&scope.at("time_embed"), sizes.base, embedding)?,
+            down,
+            middle,
+            middle_depth,
+            up,
+            norm: GroupNorm::new(&scope.at("out.0"), 32, channels, 1e-5)?,
+            out: Convolution::new(&scope.at("out.2"), Kernel::image(channels, sizes.outputs, 3).zeros())?,
+        })
+    }
+
+    /// The noise in `x [b, inputs, w, w]` at `times` (one for each of the batch), given context tokens
+    /// `[b, m, context]` and the volumes of each level, the widest first. Without volumes the depth-wise attention sees
+    /// zeros.
+    ///
+    /// # Errors
+    /// When the time features cannot be made in the dtype of `x`.
+    ///
+    /// # Panics
+    /// When the sizes are not those of the network.
+    #[track_caller]
+    pub fn forward(&self, x: &Var, times: &[f64], context: &Var, volumes: Option<&[Var; 4]>) -> Result<Var> {
+        self.forward_watched(x, times, context, volumes, &mut |_, _| ())
+    }
+
+    /// As [`Unet::forward`]; `watch` sees the result of every block under its name.
+    ///
+    /// # Errors
+    /// As [`Unet::forward`].
+    ///
+    /// # Panics
+    /// As [`Unet::forward`].
+    #[track_caller]
+    pub fn forward_watched(
+        &self,
+        x: &Var,
+        times: &[f64],
+        context: &Var,
+        volumes: Option<&[Var; 4]>,
+        watch: &mut dyn FnMut(&str, &Var),
+    ) -> Result<Var> {
+        let time = self.time.forward(x, times)?;
+        let mut h = x.clone();
+        let mut skips = Vec::with_capacity(self.down.len());
+        for (number, block) in self.down.iter().enumerate() {
+            h = match block {
+                Down::First(conv) => conv.forward(&h),
+                Down::Stage(residual, transformer) => {
+                    let h = residual.forward(&h, &time);
+                    transformer.as_ref().map_or(h.clone(), |t| t.forward(&h, context))
+                }
+                Down::Half(half) => half.forward(&h),
+            };
+            watch(&format!("input_blocks.{number}"), &h);
+            skips.push(h.clone());
+        }
+        let (first, transformer, second) = &self.middle;
+        h = second.forward(&transformer.forward(&first.forward(&h, &time), context), &time);
+        watch("middle_block", &h);
+        h = self.middle_depth.forward(&h, volumes.map(|v| &v[3]));
+        watch("middle_conditions", &h);
+        for (number, block) in self.up.iter().enumerate() {
+            let skip = skips.pop().expect("as many blocks up as down");
+            h = block.residual.forward(&h.concat(&[&skip], 1), &time);
+            if let Some(transformer) = &block.transformer {
+                h = transformer.forward(&h, context);
+            }
+            if let Some(twice) = &block.twice {
+                h = twice.forward(&h);
+            }
+            watch(&format!("output_blocks.{number}"), &h);
+            if let Some((depth, level)) = &block.depth {
+                h = depth.forward(&h, volumes.map(|v| &v[*level]));
+                watch(&format!("output_conditions.{}", number - 3), &h);
+            }
+        }
+        Ok(self.out.forward(&self.norm.silu(&h)))
+    }
+}

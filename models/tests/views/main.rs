@@ -1,0 +1,11 @@
+//! Layers and networks of the multi-view diffusion model against an independent implementation: outputs, intermediate
+//! values and gradients, in `f64` and `f32` on the CPU and in `f32` on a GPU.
+
+mod cameras;
+mod harness;
+mod keys;
+mod layers;
+mod networks;
+mod procedural;
+mod sampling;
+mod volumes;
