@@ -63,10 +63,6 @@ impl<'a> Case<'a> {
         Self { file, place, seed, tape: Tape::new(), leaves: RefCell::default() }
     }
 
-    pub fn dtype(&self) -> DType {
-        self.place.dtype
-    }
-
     fn leaf(&self, name: &str, value: impl FnOnce() -> Tensor) -> Var {
         let make = || {
             let value = value().cast(self.place.dtype).unwrap().to_device(&self.place.device).unwrap();
