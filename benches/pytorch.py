@@ -48,8 +48,24 @@ def leaf(*shape):
     return (torch.rand(*shape) * 2 - 1).requires_grad_()
 
 
-case("gemm 1024^3", torch.matmul, leaf(1024, 1024), leaf(1024, 1024))
-case("gemm 256x2304x1024", torch.matmul, leaf(256, 2304), leaf(2304, 1024))
+for m, k, n in (64, 64, 64), (1024, 1024, 1024), (256, 2304, 1024), (65536, 128, 128), (65536, 39, 128), (65536, 128, 3):
+    name = f"gemm {m}^3" if m == k == n else f"gemm {m}x{k}x{n}"
+    case(name, torch.matmul, leaf(m, k), leaf(k, n))
+case("gemm 1024^3 transposed", lambda a, b: a @ b.t(), leaf(1024, 1024), leaf(1024, 1024))
+for m, k, n in (128, 65536, 128), (128, 65536, 39):
+    case(f"gemm {m}x{k}x{n}", lambda a, b: a.t() @ b, leaf(k, m), leaf(k, n))
+
+
+def perceptron(x, *layers):
+    for weight, bias in zip(layers[::2], layers[1::2]):
+        x = F.linear(x, weight, bias)
+        if weight is not layers[-2]:
+            x = F.relu(x)
+    return x
+
+
+layers = [leaf(*shape) for w, v in ((39, 128), (128, 128), (128, 3)) for shape in ((v, w), (v,))]
+case("mlp 65536x(39-128-128-3)", perceptron, leaf(65536, 39), *layers)
 
 for tokens, heads, channels in (1024, 8, 40), (256, 8, 80), (1024, 4, 64), (256, 8, 160):
     q, k, v = (leaf(1, heads, tokens, channels) for _ in range(3))

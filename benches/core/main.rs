@@ -6,6 +6,7 @@ mod attention;
 mod convolution;
 mod harness;
 mod matmul;
+mod mlp;
 mod normalisation;
 mod optimiser;
 mod pointwise;
@@ -17,6 +18,7 @@ const GROUPS: &[fn() -> Vec<harness::Case>] = &[
     attention::cases,
     convolution::cases,
     matmul::cases,
+    mlp::cases,
     normalisation::cases,
     optimiser::cases,
     pointwise::cases,
