@@ -15,6 +15,7 @@ pub(crate) mod rows;
 pub(crate) mod scan;
 pub(crate) mod softmax;
 pub(crate) mod strided;
+mod temporary;
 mod widest;
 
 use bytemuck::Pod;
@@ -22,6 +23,7 @@ use rayon::prelude::*;
 
 pub(crate) use partition::{Bins, partition};
 pub(crate) use strided::Places;
+pub(crate) use temporary::Temporary;
 pub(crate) use widest::{Work, widest};
 
 use crate::scalar::{Job, Path, Real};

@@ -3,19 +3,18 @@
 use rayon::prelude::*;
 
 use super::walk::Walk;
-use crate::backend::cpu::buffer;
+use crate::backend::cpu::{buffer, vectorised};
 use crate::ops::Geometry;
-use crate::scalar::{Job, Lane, Path, Real};
+use crate::scalar::{Job, Lane, Real};
 
 /// Vectors of a row that are kept in registers while all taps are added up.
 const VECTORS: usize = 4;
 
-/// Writes `start + Σ weight · source[offset + i · step]`, over all terms, to `out[i · every]`.
+/// Writes `start + Σ weight · source[offset + i]`, over all terms, to `out[i · every]`.
 struct Row<'a, T> {
     out: &'a mut [T],
     every: usize,
     source: &'a [T],
-    step: usize,
     start: T,
     terms: &'a [(T, usize)],
 }
@@ -25,10 +24,10 @@ impl<T: Real> Job<T> for Row<'_, T> {
 
     #[inline(always)]
     unsafe fn run<V: Lane<Element = T>>(self) {
-        let Self { out, every, source, step, start, terms } = self;
+        let Self { out, every, source, start, terms } = self;
         let count = out.len().div_ceil(every);
         let mut i = 0;
-        if every == 1 && step == 1 {
+        if every == 1 {
             while i + VECTORS * V::WIDTH <= count {
                 // SAFETY: the instruction set is enabled, and the slices hold the vectors.
                 unsafe {
@@ -65,7 +64,7 @@ impl<T: Real> Job<T> for Row<'_, T> {
             let mut sum = start;
             for term in 0..terms.len() {
                 let (weight, offset) = terms[term];
-                sum += weight * source[offset + i * step];
+                sum += weight * source[offset + i];
             }
             out[i * every] = sum;
             i += 1;
@@ -73,12 +72,11 @@ impl<T: Real> Job<T> for Row<'_, T> {
     }
 }
 
-/// `Σ a[i] · b[i · step]` over rows of `len` that begin at the given places of `a` and `b`.
+/// `Σ a[i] · b[i]` over rows of `len` that begin at the given places of `a` and `b`.
 struct RowProducts<'a, T> {
     a: &'a [T],
     b: &'a [T],
     len: usize,
-    step: usize,
     rows: &'a [(usize, usize)],
 }
 
@@ -87,24 +85,21 @@ impl<T: Real> Job<T> for RowProducts<'_, T> {
 
     #[inline(always)]
     unsafe fn run<V: Lane<Element = T>>(self) -> T {
-        let Self { a, b, len, step, rows } = self;
+        let Self { a, b, len, rows } = self;
         let mut total = T::ZERO;
         // SAFETY: the instruction set is enabled, and the slices hold the vectors; no vector is wider than 16.
         unsafe {
             let mut sums = [V::splat(T::ZERO); 2];
             for row in 0..rows.len() {
-                let (a, b) = (&a[rows[row].0..][..len], &b[rows[row].1..][..(len - 1) * step + 1]);
+                let (a, b) = (&a[rows[row].0..][..len], &b[rows[row].1..][..len]);
                 let mut i = 0;
-                if step == 1 {
-                    while i + V::WIDTH <= len {
-                        let product = (V::load(a.as_ptr().add(i)), V::load(b.as_ptr().add(i)));
-                        let sum = &mut sums[i / V::WIDTH % 2];
-                        *sum = product.0.mul_add(product.1, *sum);
-                        i += V::WIDTH;
-                    }
+                while i + V::WIDTH <= len {
+                    let sum = &mut sums[i / V::WIDTH % 2];
+                    *sum = V::load(a.as_ptr().add(i)).mul_add(V::load(b.as_ptr().add(i)), *sum);
+                    i += V::WIDTH;
                 }
                 while i < len {
-                    total += a[i] * b[i * step];
+                    total += a[i] * b[i];
                     i += 1;
                 }
             }
@@ -156,9 +151,7 @@ fn walk_planes<T: Real>(
         let [.., width] = &walk.axes;
         for (at, to) in &rows {
             let (out, source) = (&mut out[to.clone()], &source[*at..]);
-            let row = Row { out, every: width.every, source, step: width.step, start, terms: &terms };
-            // SAFETY: the best path is available.
-            unsafe { T::dispatch(Path::best(), row) };
+            vectorised(Row { out, every: width.every, source, start, terms: &terms });
         }
     });
 }
@@ -207,9 +200,7 @@ pub(super) fn weights<T: Real>(g: &Geometry, walk: &Walk, image: &[T], result: &
             let x = &image[((n * g.groups + group) * g.inputs + input) * plane..][..plane];
             for (tap, weight) in taps.iter().zip(weight.iter_mut()) {
                 let [.., width] = &walk.axes;
-                let products = RowProducts { a, b: &x[tap.offset..], len: width.count, step: width.step, rows: &rows };
-                // SAFETY: the best path is available.
-                *weight += unsafe { T::dispatch(Path::best(), products) };
+                *weight += vectorised(RowProducts { a, b: &x[tap.offset..], len: width.count, rows: &rows });
             }
         }
     });

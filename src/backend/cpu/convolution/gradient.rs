@@ -6,10 +6,10 @@ use rayon::prelude::*;
 
 use super::layout::{Window, channels_last};
 use super::walk::{Tap, Walk};
-use crate::backend::cpu::buffer;
 use crate::backend::cpu::gemm::{Gemm, Out, Panel, Par, Strided};
+use crate::backend::cpu::{Temporary, buffer, vectorised};
 use crate::ops::Geometry;
-use crate::scalar::{Job, Lane, Path, Real};
+use crate::scalar::{Job, Lane, Real};
 
 /// Places from which on turning the image pays.
 const MANY: usize = 512;
@@ -51,9 +51,7 @@ impl<T: Real> Panel<T> for Pixels<'_, T> {
             let len = (self.channels - channel).min(lines.end - line);
             let image = &self.image[self.taps[tap] + channel..];
             let places = &self.places[depth.clone()];
-            let copy = CopyPixels { image, places, len, width, into: &mut into[line - lines.start..] };
-            // SAFETY: the best path is available, and the job checks its bounds.
-            unsafe { T::dispatch(Path::best(), copy) };
+            vectorised(CopyPixels { image, places, len, width, into: &mut into[line - lines.start..] });
             line += len;
         }
     }
@@ -99,7 +97,7 @@ pub(super) fn weights<T: Real>(g: &Geometry, walk: &Walk, image: &[T], result: &
     let [_, height, width] = &walk.axes;
     let at = |place: usize| {
         let (row, w) = (place / width.count, place % width.count);
-        walk.row(row / height.count, row % height.count).0 + w * width.step
+        walk.row(row / height.count, row % height.count).0 + w
     };
     let (depth, lines) = (g.batch * count, g.inputs * volume);
     let each = |weight: &mut [T], right: &dyn Panel<T>, group: usize, par: Par| {
@@ -133,9 +131,24 @@ pub(super) fn weights<T: Real>(g: &Geometry, walk: &Walk, image: &[T], result: &
         extent: [0, 1, 2].map(|axis| walk.axes[axis].padded()),
     };
     let image = channels_last(image, channels, &window, channels);
-    let places: Vec<_> = (0..depth).map(|i| (i / count * plane + at(i % count)) * channels).collect();
-    let offsets: Vec<_> = taps.iter().map(|tap| tap.offset * channels).collect();
-    let mut outermost = buffer(weight.len());
+    let [_, high, wide] = window.extent;
+    let pixel = |[d, h, w]: [usize; 3]| ((d * high + h) * wide + w) * channels;
+    let across =
+        |number: usize, size: [usize; 3]| [number / size[2] / size[1], number / size[2] % size[1], number % size[2]];
+    let step = [0, 1, 2].map(|axis| walk.axes[axis].step);
+    let places: Vec<_> = (0..depth)
+        .map(|i| {
+            let place = across(i % count, g.y);
+            i / count * pixel([window.extent[0], 0, 0]) + pixel([0, 1, 2].map(|axis| place[axis] * step[axis]))
+        })
+        .collect();
+    let offsets: Vec<_> = (0..volume)
+        .map(|number| {
+            let tap = across(number, g.kernel);
+            pixel([0, 1, 2].map(|axis| walk.axes[axis].taps[tap[axis]].1))
+        })
+        .collect();
+    let mut outermost = Temporary::new(weight.len());
     groups(&mut outermost, &|group, weight, par| {
         let right = Pixels { image: &image[group * g.inputs..], channels: g.inputs, taps: &offsets, places: &places };
         each(weight, &right, group, par);

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::backend::cpu::buffer;
+use crate::backend::cpu::Temporary;
 use crate::scalar::Real;
 
 /// Channels that are read together while a row is turned.
@@ -26,11 +26,11 @@ impl Window {
 
 /// `[images, channels, planes]` turned into `[images, extent, pixel]`, where a pixel holds its channels and zeros up to its
 /// length.
-pub(super) fn channels_last<T: Real>(planes: &[T], channels: usize, window: &Window, pixel: usize) -> Vec<T> {
+pub(super) fn channels_last<T: Real>(planes: &[T], channels: usize, window: &Window, pixel: usize) -> Temporary<T> {
     let Window { size: [_, height, width], extent, .. } = *window;
     let plane: usize = window.size.iter().product();
     let images = planes.len() / (channels * plane);
-    let mut turned = buffer::<T>(images * extent.iter().product::<usize>() * pixel);
+    let mut turned = Temporary::new(images * extent.iter().product::<usize>() * pixel);
     let columns: Vec<_> = (0..extent[2]).filter_map(|w| Some((w, window.inside(2, w)?))).collect();
     turned.par_chunks_mut(extent[2] * pixel).enumerate().for_each(|(number, row)| {
         let (image, rest) = (number / (extent[0] * extent[1]), number % (extent[0] * extent[1]));

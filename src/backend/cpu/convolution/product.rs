@@ -6,15 +6,30 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::walk::{Tap, Walk};
-use crate::backend::cpu::buffer;
 use crate::backend::cpu::gemm::{Gemm, Out, Panel, Par, Strided};
+use crate::backend::cpu::{Temporary, buffer, vectorised};
 use crate::ops::Geometry;
-use crate::scalar::{Job, Lane, Path, Real};
+use crate::scalar::{Job, Lane, Real};
 
 /// Most lines of a strip that a product asks for.
 const MOST: usize = 32;
 /// Places of a plane below which all images of a batch go through one product, so that weights are read once.
 const FEW: usize = 256;
+
+/// Rows of patches that are fetched ahead.
+const AHEAD: usize = 16;
+
+/// Asks for a line of memory that will be read soon; any address will do.
+#[inline(always)]
+fn prefetch<T>(at: *const T) {
+    #[cfg(target_arch = "x86_64")]
+    // SAFETY: every x86-64 processor has the instruction, which never faults.
+    unsafe {
+        std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(at.cast());
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = at;
+}
 
 /// Patches of the source as the right factor: a line for each place of some images, along it the channels and their taps.
 struct Patches<'a, T> {
@@ -39,11 +54,9 @@ impl<T: Real> Panel<T> for Patches<'_, T> {
             let line = (lines.start + i).min(lines.end - 1);
             let (image, place) = (line / count, line % count);
             let row = self.walk.row(place / long / height, place / long % height).0;
-            *base = image * self.image + row + place % long * self.walk.axes[2].step;
+            *base = image * self.image + row + place % long;
         }
-        let copy = CopyPatches { from: self, depth, width, bases: &bases, into };
-        // SAFETY: the best path is available, and the job checks its bounds.
-        unsafe { T::dispatch(Path::best(), copy) }
+        vectorised(CopyPatches { from: self, depth, width, bases: &bases, into });
     }
 }
 
@@ -68,10 +81,13 @@ impl<T: Real> Job<T> for CopyPatches<'_, '_, T> {
             near[i] = i + V::WIDTH <= width && bases[i + V::WIDTH - 1] - bases[i] == V::WIDTH - 1;
         }
         let (mut channel, mut tap) = (depth.start / taps.len(), depth.start % taps.len());
+        // a row of patches is in another plane soon: too far apart for the processor to see it coming
+        let ahead = (AHEAD / taps.len()).max(1) * plane;
         for row in 0..depth.len() {
             let at = channel * plane + taps[tap].offset;
             let (row, source) = (&mut into[row * width..][..width], &source[at..=at + furthest]);
             for i in (0..width).step_by(V::WIDTH) {
+                prefetch(source.as_ptr().wrapping_add(bases[i] + ahead));
                 if near[i] {
                     // SAFETY: both slices reach to the last of these places.
                     unsafe { V::load(source.as_ptr().add(bases[i])).store(row.as_mut_ptr().add(i)) };
@@ -188,7 +204,7 @@ impl<T: Real> Product<'_, T> {
     fn merged(&self, result: &mut [T]) {
         let (count, [_, to]) = (self.walk.count(), self.channels());
         let Geometry { batch, groups, .. } = *self.g;
-        let mut together = buffer::<T>(result.len());
+        let mut together = Temporary::new(result.len());
         if groups == 1 {
             self.run(0, 0..batch, Out::rows(&mut together, batch * count), Par::Threads);
         } else {
@@ -222,27 +238,38 @@ pub(super) fn transposed<T: Real>(
 ) -> Vec<T> {
     let [pixels, _, _] = g.volumes();
     let mut image = buffer(g.batch * g.groups * g.inputs * pixels);
-    let mut part = Vec::new();
-    for walk in walks {
+    if let [walk] = walks
+        && walk.is_dense()
+    {
         let source = walk.pad(result);
         let product = Product { g, walk, taps: walk.taps(g.kernel), source: &source, weight, bias, turned: true };
-        if walk.is_dense() {
-            product.dense(&mut image);
-            return image;
-        }
-        let count = walk.count();
-        part.resize(g.batch * g.groups * g.inputs * count, T::ZERO);
-        product.dense(&mut part);
-        let [depth, height, width] = &walk.axes;
-        image.par_chunks_mut(pixels).zip(part.par_chunks(count)).for_each(|(image, part)| {
-            for (number, row) in part.chunks_exact(width.count).enumerate() {
-                debug_assert!(number < depth.count * height.count);
-                let to = walk.row(number / height.count, number % height.count).1;
-                for (i, value) in row.iter().enumerate() {
-                    image[to + i * width.every] = *value;
+        product.dense(&mut image);
+        return image;
+    }
+    let parts: Vec<_> = walks
+        .iter()
+        .map(|walk| {
+            let source = walk.pad(result);
+            let product = Product { g, walk, taps: walk.taps(g.kernel), source: &source, weight, bias, turned: true };
+            let mut part = Temporary::new(g.batch * g.groups * g.inputs * walk.count());
+            product.dense(&mut part);
+            (walk, part)
+        })
+        .collect();
+    // walks that share rows follow one another, so that a row is completed while it is at hand
+    image.par_chunks_mut(pixels).enumerate().for_each(|(plane, image)| {
+        for row in parts.chunk_by(|(a, _), (b, _)| (0..2).all(|axis| a.axes[axis].first == b.axes[axis].first)) {
+            let [depth, height, _] = &row[0].0.axes;
+            for number in 0..depth.count * height.count {
+                for (walk, part) in row {
+                    let [_, height, width] = &walk.axes;
+                    let to = walk.row(number / height.count, number % height.count).1;
+                    let from = &part[plane * walk.count() + number * width.count..][..width.count];
+                    let to = image[to..].iter_mut().step_by(width.every);
+                    to.zip(from).for_each(|(to, value)| *to = *value);
                 }
             }
-        });
-    }
+        }
+    });
     image
 }

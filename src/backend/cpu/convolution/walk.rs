@@ -5,7 +5,7 @@
 
 use rayon::prelude::*;
 
-use crate::backend::cpu::buffer;
+use crate::backend::cpu::Temporary;
 use crate::ops::{Geometry, Phase};
 use crate::scalar::Real;
 
@@ -65,6 +65,9 @@ impl Axis {
 }
 
 /// A walk along all axes.
+///
+/// The rows of padded planes are combed: pixels that a step along the width apart lie side by side, so that neighbouring
+/// places read neighbouring numbers whatever the stride.
 #[derive(Debug, Clone)]
 pub(super) struct Walk {
     pub(super) axes: [Axis; 3],
@@ -108,7 +111,14 @@ impl Walk {
     /// Elements of a padded plane, and distances between its slices and rows.
     pub(super) fn plane(&self) -> (usize, [usize; 2]) {
         let [d, h, w] = [0, 1, 2].map(|axis| self.axes[axis].padded());
-        (d * h * w, [h * w, w])
+        let row = w.next_multiple_of(self.axes[2].step);
+        (d * h * row, [h * row, row])
+    }
+
+    /// Where a pixel of a padded row lies in the combed row.
+    fn combed(&self, w: usize) -> usize {
+        let step = self.axes[2].step;
+        w % step * (self.axes[2].padded().div_ceil(step)) + w / step
     }
 
     pub(super) fn taps(&self, kernel: [usize; 3]) -> Vec<Tap> {
@@ -118,7 +128,7 @@ impl Walk {
             for &(h, at_h) in &self.axes[1].taps {
                 for &(w, at_w) in &self.axes[2].taps {
                     let number = (d * kernel[1] + h) * kernel[2] + w;
-                    taps.push(Tap { number, offset: at_d * slice + at_h * row + at_w });
+                    taps.push(Tap { number, offset: at_d * slice + at_h * row + self.combed(at_w) });
                 }
             }
         }
@@ -141,18 +151,27 @@ impl Walk {
 
     /// The planes of the source with its zeros around them, unless there are none.
     pub(super) fn pad<'a, T: Real>(&self, planes: &'a [T]) -> Padded<'a, T> {
-        if self.axes.iter().all(|axis| axis.before == 0 && axis.after == 0) {
+        let step = self.axes[2].step;
+        if step == 1 && self.axes.iter().all(|axis| axis.before == 0 && axis.after == 0) {
             return Padded::Same(planes);
         }
         let [d, h, w] = [0, 1, 2].map(|axis| self.axes[axis].source);
         let (len, [slice, row]) = self.plane();
-        let mut padded = buffer::<T>(planes.len() / (d * h * w) * len);
+        let mut padded = Temporary::new(planes.len() / (d * h * w) * len);
         padded.par_chunks_mut(len).zip(planes.par_chunks(d * h * w)).for_each(|(to, from)| {
             to.fill(T::ZERO);
             for i in 0..d {
                 for j in 0..h {
-                    let at = (i + self.axes[0].before) * slice + (j + self.axes[1].before) * row + self.axes[2].before;
-                    to[at..at + w].copy_from_slice(&from[(i * h + j) * w..][..w]);
+                    let at = (i + self.axes[0].before) * slice + (j + self.axes[1].before) * row;
+                    let (to, from) = (&mut to[at..at + row], &from[(i * h + j) * w..][..w]);
+                    if step == 1 {
+                        to[self.axes[2].before..][..w].copy_from_slice(from);
+                        continue;
+                    }
+                    for first in 0..step.min(w) {
+                        let to = &mut to[self.combed(first + self.axes[2].before)..];
+                        from[first..].iter().step_by(step).zip(to).for_each(|(value, to)| *to = *value);
+                    }
                 }
             }
         });
@@ -161,12 +180,12 @@ impl Walk {
 }
 
 /// Planes of a source.
-pub(super) enum Padded<'a, T> {
+pub(super) enum Padded<'a, T: Real> {
     Same(&'a [T]),
-    Copy(Vec<T>),
+    Copy(Temporary<T>),
 }
 
-impl<T> std::ops::Deref for Padded<'_, T> {
+impl<T: Real> std::ops::Deref for Padded<'_, T> {
     type Target = [T];
 
     fn deref(&self) -> &[T] {

@@ -4,25 +4,26 @@ use std::ops::Range;
 
 use super::transform::BLOCK;
 use crate::backend::cpu::gemm::Panel;
-use crate::scalar::{Job, Lane, Path, Real};
+use crate::backend::cpu::vectorised;
+use crate::scalar::{Job, Lane, Real};
 
-/// A factor `[blocks, depth, 16]`: value `(l, d)` is at `(l / 16 · depth + d) · 16 + l % 16`.
+/// A factor of some parts below each other, each `[blocks, depth, 16]` with `lines` lines: value `(l, d)` of a part is at
+/// `(l / 16 · depth + d) · 16 + l % 16`.
 pub(super) struct Blocks<'a, T> {
-    pub(super) values: &'a [T],
+    pub(super) parts: &'a [&'a [T]],
+    pub(super) lines: usize,
     pub(super) depth: usize,
 }
 
 impl<T: Real> Panel<T> for Blocks<'_, T> {
     fn pack(&self, lines: Range<usize>, depth: Range<usize>, width: usize, into: &mut [T]) {
-        let mut line = lines.start;
-        while line < lines.end {
-            let end = lines.end.min((line / BLOCK + 1) * BLOCK);
-            let start = (line / BLOCK * self.depth + depth.start) * BLOCK + line % BLOCK;
-            let from = &self.values[start..];
-            let copy = Copy { from, rows: depth.len(), len: end - line, width, into: &mut into[line - lines.start..] };
-            // SAFETY: the best path is available, and the job checks its bounds.
-            unsafe { T::dispatch(Path::best(), copy) };
-            line = end;
+        let mut at = lines.start;
+        while at < lines.end {
+            let (part, line) = (self.parts[at / self.lines], at % self.lines);
+            let len = (BLOCK - line % BLOCK).min(self.lines - line).min(lines.end - at);
+            let from = &part[(line / BLOCK * self.depth + depth.start) * BLOCK + line % BLOCK..];
+            vectorised(Copy { from, rows: depth.len(), len, width, into: &mut into[at - lines.start..] });
+            at += len;
         }
     }
 }

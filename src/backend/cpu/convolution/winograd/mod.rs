@@ -6,23 +6,28 @@
 //! products over the slices that it meets. The gradient in the weight goes through the same steps transposed.
 
 mod blocks;
+mod gradient;
+mod squares;
 mod transform;
 
 use rayon::prelude::*;
 
 use super::layout::{Window, channels_last};
 use super::walk::Walk;
-use crate::backend::cpu::buffer;
 use crate::backend::cpu::gemm::{Gemm, Out, Par, Strided};
+use crate::backend::cpu::{Temporary, buffer};
 use crate::ops::Geometry;
 use crate::scalar::{Path, Real};
 use blocks::Blocks;
+use squares::{Ring, Squares};
 use transform::{BLOCK, Square, Step, Transform};
 
 /// Places in transformed space.
 const PLACES: usize = 16;
-/// Values of transformed source and result that are in work at a time: 8 MiB of `f32`.
-const IN_WORK: usize = 2 << 20;
+/// Values of transformed source and result that are in work at a time: 16 MiB of `f32`.
+const IN_WORK: usize = 4 << 20;
+/// Slices of a kernel with a depth that are in work together, so that what they share is read once.
+const TOGETHER: usize = 4;
 /// Fewest tiles of a product, and fewest channels, for which the transforms pay.
 const FEWEST_TILES: usize = 48;
 const FEWEST_CHANNELS: usize = 16;
@@ -57,6 +62,8 @@ pub(super) struct Plan<'a> {
     /// Rows of tiles, and slices, that are in work at a time.
     rows: usize,
     slices: usize,
+    /// Whether slices do not depend on each other and go through one product.
+    merged: bool,
 }
 
 /// Some slices in work, numbered through all images, and their rows of tiles.
@@ -77,30 +84,33 @@ impl<'a> Plan<'a> {
         let padded = channels.map(|count| count.next_multiple_of(16));
         let [depth, height, width] = walk.result;
         let tiles = [height.div_ceil(2), width.div_ceil(2)];
-        let most = (IN_WORK / PLACES / (padded[0] * g.kernel[0] + padded[1])).max(FEWEST_TILES);
+        let most = (IN_WORK / PLACES / (padded[0] + padded[1])).max(FEWEST_TILES);
         // as many as fit, evenly
         let even = |count: usize, most: usize| count.div_ceil(count.div_ceil(most.max(1)));
         let rows = even(tiles[0], most / tiles[1]);
-        // slices of a kernel with a depth depend on each other and are taken one by one
-        let apart = g.kernel[0] == 1 && g.padding[0] == 0 && g.batch > 0;
-        let slices = if apart { even(g.batch * depth, most / (rows * tiles[1])) } else { 1 };
+        let merged = g.kernel[0] == 1 && g.padding[0] == 0 && g.batch > 0;
+        let slices = if merged { even(g.batch * depth, most / (rows * tiles[1])) } else { TOGETHER.min(depth) };
         let wasted = 4 * tiles[0] * tiles[1] > height * width * 3 / 2;
-        let plan = Self { walk, images: g.batch, channels, padded, tiles, rows, slices };
-        (!wasted && slices * rows * tiles[1] >= FEWEST_TILES).then_some(plan)
+        let plan = Self { walk, images: g.batch, channels, padded, tiles, rows, slices, merged };
+        (!wasted && if merged { slices } else { 1 } * rows * tiles[1] >= FEWEST_TILES).then_some(plan)
     }
 
-    fn parts(&self) -> impl Iterator<Item = Part> + '_ {
-        let count = self.images * self.walk.result[0];
+    /// The parts of all images, which have `slices` each: slices innermost.
+    fn parts(&self, slices: usize) -> impl Iterator<Item = Part> + '_ {
+        // a run of slices is one image, or all of them where that does not matter
+        let (runs, run) = if self.merged { (1, self.images * slices) } else { (self.images, slices) };
         (0..self.tiles[0]).step_by(self.rows).flat_map(move |row| {
-            (0..count).step_by(self.slices).map(move |slice| Part {
-                slices: slice..count.min(slice + self.slices),
+            let starts =
+                (0..runs).flat_map(move |image| (0..run).step_by(self.slices).map(move |at| (image * run, at)));
+            starts.map(move |(first, at)| Part {
+                slices: first + at..first + run.min(at + self.slices),
                 rows: row..self.tiles[0].min(row + self.rows),
             })
         })
     }
 
     /// The source with its channels last and as many zeros around it as the tiles reach.
-    fn source<T: Real>(&self, planes: &[T]) -> Vec<T> {
+    fn source<T: Real>(&self, planes: &[T]) -> Temporary<T> {
         let axes = &self.walk.axes;
         let first = |axis: usize| axes[axis].taps.iter().map(|(_, offset)| *offset).min().unwrap_or(0).cast_signed();
         let window = Window {
@@ -113,6 +123,13 @@ impl<'a> Plan<'a> {
 
     fn source_extent(&self) -> [usize; 3] {
         [self.walk.axes[0].source, 2 * self.tiles[0] + 2, 2 * self.tiles[1] + 2]
+    }
+
+    /// The squares of what [`Plan::source`] made.
+    fn pixels<'p, T>(&self, pixels: &'p [T], by_blocks: bool) -> Squares<'p, T> {
+        let [_, height, width] = self.source_extent();
+        let (channels, across) = (self.padded[0], self.tiles[1]);
+        Squares { step: Step::Input, pixels, extent: [height, width], channels, across, by_blocks }
     }
 
     /// For each tap along the depth, the slice of the source that a slice of the result meets there, if it is inside.
@@ -129,9 +146,14 @@ impl<'a> Plan<'a> {
     fn span(&self) -> usize {
         let offsets = self.walk.axes[0].taps.iter().map(|(_, offset)| *offset);
         match (offsets.clone().min(), offsets.max()) {
-            (Some(least), Some(most)) if self.slices == 1 => most - least + 1,
+            (Some(least), Some(most)) if !self.merged => most - least + self.slices,
             _ => 1,
         }
+    }
+
+    /// Tiles of a part of a ring.
+    fn ring_tiles(&self) -> usize {
+        if self.merged { self.most_tiles() } else { self.rows * self.tiles[1] }
     }
 
     /// Tiles of a full part.
@@ -139,74 +161,36 @@ impl<'a> Plan<'a> {
         self.slices * self.rows * self.tiles[1]
     }
 
-    /// Transforms squares of pixels of some slices: `[places, tiles, channels]`, or by blocks of channels `[places, blocks,
-    /// tiles, 16]`. `extent` are the rows and columns of a slice.
-    #[allow(clippy::too_many_arguments)]
-    fn squares<T: Real>(
-        &self,
-        step: Step,
-        pixels: &[T],
-        extent: [usize; 2],
-        channels: usize,
-        slices: std::ops::Range<usize>,
-        part: &Part,
-        by_blocks: bool,
-        into: &mut [T],
-    ) {
-        let [rows, across] = [part.rows.len(), self.tiles[1]];
-        let tiles = slices.len() * rows * across;
-        let line = extent[1] * channels;
-        let into = Shared::new(into);
-        let slice = extent[0] * line;
-        let side = if step == Step::Input { 4 } else { 2 };
-        (0..slices.len() * rows).into_par_iter().with_min_len(2).for_each(|number| {
-            let from = (slices.start + number / rows) * slice + (part.rows.start + number % rows) * 2 * line;
-            let pixels = &pixels[from..from + side * line];
-            let place = tiles * channels;
-            let to_next = if by_blocks { BLOCK } else { channels };
-            let to_block = if by_blocks { tiles * BLOCK } else { BLOCK };
-            let reach = (channels / BLOCK - 1) * to_block + (across - 1) * to_next + BLOCK;
-            let to = into.at(number * across * to_next, (PLACES - 1) * place + reach);
-            let transform = Transform {
-                step,
-                from: Square { at: pixels.as_ptr(), row: line, column: channels },
-                to: Square { at: to, row: 4 * place, column: place },
-                channels,
-                to_block,
-                count: across,
-                from_next: 2 * channels,
-                to_next,
-            };
-            // SAFETY: the best path is available. `side` lines of pixels and the last place were checked to be there, and
-            // each row of tiles is written by one thread.
-            unsafe { T::dispatch(Path::best(), transform) };
-        });
-    }
-
     /// The transformed weight: for each tap along the depth and each place `[blocks, source channels, 16]`, in blocks of
     /// channels of the result.
     /// `weight(source, result, tap)` gives the first of nine numbers.
-    fn weight<T: Real>(&self, weight: &[T], at: impl Fn(usize, usize, usize) -> usize + Sync, flip: bool) -> Vec<T> {
+    fn weight<T: Real>(
+        &self,
+        weight: &[T],
+        at: impl Fn(usize, usize, usize) -> usize + Sync,
+        flip: bool,
+    ) -> Temporary<T> {
         let ([from, to], [_, row]) = (self.channels, self.padded);
         let taps = &self.walk.axes[0].taps;
-        let mut transformed = buffer(taps.len() * PLACES * from * row);
+        let mut transformed = Temporary::new(taps.len() * PLACES * from * row);
         let shared = Shared::new(&mut transformed);
         (0..taps.len() * from.div_ceil(BLOCK)).into_par_iter().for_each(|number| {
             let (tap, block) = (number % taps.len(), number / taps.len() * BLOCK);
-            let mut nine = [T::ZERO; 9 * BLOCK];
+            let mut nine = [[T::ZERO; BLOCK]; 9];
             for first in (0..to).step_by(BLOCK) {
+                let count = BLOCK.min(to - first);
                 for k in block..from.min(block + BLOCK) {
-                    for (i, m) in (first..to.min(first + BLOCK)).enumerate() {
-                        let values = &weight[at(k, m, taps[tap].0)..][..9];
+                    for i in 0..count {
+                        let values = &weight[at(k, first + i, taps[tap].0)..][..9];
                         for j in 0..9 {
-                            nine[if flip { 8 - j } else { j } * BLOCK + i] = values[j];
+                            nine[j][i % BLOCK] = values[if flip { 8 - j } else { j }];
                         }
                     }
                     let place = from * row;
                     let offset = tap * PLACES * place + first * from + k * BLOCK;
                     let transform = Transform {
                         step: Step::Weight,
-                        from: Square { at: nine.as_ptr(), row: 3 * BLOCK, column: BLOCK },
+                        from: Square { at: nine.as_ptr().cast(), row: 3 * BLOCK, column: BLOCK },
                         to: Square { at: shared.at(offset, 15 * place + BLOCK), row: 4 * place, column: place },
                         channels: BLOCK,
                         to_block: 0,
@@ -223,43 +207,6 @@ impl<'a> Plan<'a> {
         transformed
     }
 
-    /// Transforms the slices of the source that a part meets and that are not there yet. `kept` says which slice each place
-    /// of the ring holds.
-    fn fill<T: Real>(
-        &self,
-        part: &Part,
-        pixels: &[T],
-        by_blocks: bool,
-        ring: &mut [T],
-        kept: &mut [Option<(usize, usize)>],
-    ) {
-        let extent = self.source_extent();
-        let length = ring.len() / kept.len();
-        if self.walk.axes[0].taps.len() == 1 && self.slices > 1 {
-            let slices = part.slices.start..part.slices.end;
-            self.squares(Step::Input, pixels, [extent[1], extent[2]], self.padded[0], slices, part, by_blocks, ring);
-            return;
-        }
-        for (_, slice) in self.met(part.slices.start) {
-            let place = slice % kept.len();
-            if kept[place] != Some((slice, part.rows.start)) {
-                let into = &mut ring[place * length..][..length];
-                let slices = slice..slice + 1;
-                self.squares(
-                    Step::Input,
-                    pixels,
-                    [extent[1], extent[2]],
-                    self.padded[0],
-                    slices,
-                    part,
-                    by_blocks,
-                    into,
-                );
-                kept[place] = Some((slice, part.rows.start));
-            }
-        }
-    }
-
     /// The result of walking: `planes` of the source, and a weight as for [`Plan::weight`].
     pub(super) fn run<T: Real>(
         &self,
@@ -273,29 +220,40 @@ impl<'a> Plan<'a> {
         let (pixels, weight) = (self.source(planes), self.weight(weight, at, flip));
         let [depth, height, width] = self.walk.result;
         let mut result = buffer::<T>(self.images * to * depth * height * width);
-        let mut ring = buffer::<T>(self.span() * PLACES * self.most_tiles() * from_row);
-        let mut products = buffer::<T>(PLACES * self.most_tiles() * to_row);
-        let mut kept = vec![None; self.span()];
-        for part in self.parts() {
-            self.fill(&part, &pixels, false, &mut ring, &mut kept);
-            let tiles = part.slices.len() * part.rows.len() * self.tiles[1];
-            let (ring, kept) = (&ring, kept.len());
-            let met: Vec<_> = if self.slices > 1 { vec![(0, 0)] } else { self.met(part.slices.start).collect() };
-            let all = &mut products[..PLACES * tiles * to_row];
-            all.par_chunks_mut(tiles * to_row).with_max_len(1).enumerate().for_each(|(place, product)| {
-                if met.is_empty() {
-                    product.fill(T::ZERO);
-                }
-                for (number, (tap, slice)) in met.iter().enumerate() {
-                    let left = &ring[slice % kept * (ring.len() / kept) + place * tiles * from_row..];
-                    let right = &weight[(tap * PLACES + place) * from * to_row..];
-                    let gemm = Gemm::new([tiles, from, to]);
-                    let gemm = if number > 0 { gemm.accumulate() } else { gemm };
-                    let (left, right) = (Strided::lines(left, from_row), Blocks { values: right, depth: from });
-                    gemm.run(&left, &right, Out::rows(product, to_row), Par::Sequential);
-                }
-            });
-            self.put(&part, &products, tiles, bias, &Shared::new(&mut result));
+        let pixels = self.pixels(&pixels, false);
+        let mut ring = Ring::new(self.span(), self.ring_tiles(), from_row);
+        let mut products = Temporary::<T>::new(PLACES * self.most_tiles() * to_row);
+        for part in self.parts(depth) {
+            // what each product of some tiles is the sum of: taps and slices of the source
+            let met: Vec<Vec<_>> = match self.merged {
+                true => vec![vec![(0, 0)]],
+                false => part.slices.clone().map(|slice| self.met(slice).collect()).collect(),
+            };
+            if self.merged {
+                ring.fill_all(&pixels, &part.slices, &part.rows);
+            } else {
+                met.iter().flatten().for_each(|(_, slice)| ring.fill(&pixels, *slice, &part.rows));
+            }
+            let (ring, all) = (&ring, part.slices.len() * part.rows.len() * self.tiles[1]);
+            let tiles = all / met.len();
+            products[..PLACES * all * to_row].par_chunks_mut(all * to_row).with_max_len(1).enumerate().for_each(
+                |(place, products)| {
+                    for (product, met) in products.chunks_exact_mut(tiles * to_row).zip(&met) {
+                        if met.is_empty() {
+                            product.fill(T::ZERO);
+                        }
+                        for (number, (tap, slice)) in met.iter().enumerate() {
+                            let left = Strided::lines(&ring.slice(*slice)[place * tiles * from_row..], from_row);
+                            let right = [&weight[(tap * PLACES + place) * from * to_row..]];
+                            let right = Blocks { parts: &right, lines: to, depth: from };
+                            let gemm = Gemm::new([tiles, from, to]);
+                            let gemm = if number > 0 { gemm.accumulate() } else { gemm };
+                            gemm.run(&left, &right, Out::rows(product, to_row), Par::Sequential);
+                        }
+                    }
+                },
+            );
+            self.put(&part, &products, all, bias, &Shared::new(&mut result));
         }
         result
     }
@@ -342,67 +300,5 @@ impl<'a> Plan<'a> {
                 }
             },
         );
-    }
-
-    /// The weight `[result channels, source channels, depth, 3, 3]` of source and result.
-    pub(super) fn weights<T: Real>(&self, source: &[T], result: &[T]) -> Vec<T> {
-        let ([from, to], [from_row, to_row]) = (self.channels, self.padded);
-        let extent = [self.walk.result[0], 2 * self.tiles[0], 2 * self.tiles[1]];
-        let window = Window { size: self.walk.result, before: [0; 3], extent };
-        let (pixels, slopes) = (self.source(source), channels_last(result, to, &window, to_row));
-        let taps = self.walk.axes[0].taps.len();
-        let mut ring = buffer::<T>(self.span() * PLACES * self.most_tiles() * from_row);
-        let mut turned = buffer::<T>(PLACES * self.most_tiles() * to_row);
-        let mut kept = vec![None; self.span()];
-        let mut sums = buffer::<T>(PLACES * taps * to * from_row);
-        sums.par_chunks_mut(to * from_row).for_each(|sums| sums.fill(T::ZERO));
-        for part in self.parts() {
-            self.fill(&part, &pixels, true, &mut ring, &mut kept);
-            let slices = part.slices.clone();
-            self.squares(Step::OutputSlope, &slopes, [extent[1], extent[2]], to_row, slices, &part, true, &mut turned);
-            let tiles = part.slices.len() * part.rows.len() * self.tiles[1];
-            let (ring, turned, kept) = (&ring, &turned, kept.len());
-            let met: Vec<_> = if self.slices > 1 { vec![(0, 0)] } else { self.met(part.slices.start).collect() };
-            sums.par_chunks_mut(taps * to * from_row).with_max_len(1).enumerate().for_each(|(place, sums)| {
-                for (tap, slice) in &met {
-                    let left = &turned[place * tiles * to_row..];
-                    let right = &ring[slice % kept * (ring.len() / kept) + place * tiles * from_row..];
-                    let sums = &mut sums[tap * to * from_row..][..to * from_row];
-                    let (left, right) = (Blocks { values: left, depth: tiles }, Blocks { values: right, depth: tiles });
-                    let gemm = Gemm::new([to, tiles, from]).accumulate();
-                    gemm.run(&left, &right, Out::rows(sums, from_row), Par::Sequential);
-                }
-            });
-        }
-        let mut weight = buffer::<T>(to * from * taps * 9);
-        weight.par_chunks_mut(from * taps * 9).enumerate().for_each(|(m, weight)| {
-            let mut nine = [T::ZERO; 9 * BLOCK];
-            for tap in 0..taps {
-                for first in (0..from).step_by(BLOCK) {
-                    let place = taps * to * from_row;
-                    let sums = &sums[(tap * to + m) * from_row + first..];
-                    assert!(sums.len() >= (PLACES - 1) * place + BLOCK, "within the sums");
-                    let transform = Transform {
-                        step: Step::WeightSlope,
-                        from: Square { at: sums.as_ptr(), row: 4 * place, column: place },
-                        to: Square { at: nine.as_mut_ptr(), row: 3 * BLOCK, column: BLOCK },
-                        channels: BLOCK,
-                        to_block: 0,
-                        count: 1,
-                        from_next: 0,
-                        to_next: 0,
-                    };
-                    // SAFETY: the best path is available; all sums and nine vectors are there.
-                    unsafe { T::dispatch(Path::best(), transform) };
-                    for (i, c) in (first..from.min(first + BLOCK)).enumerate() {
-                        let weight = &mut weight[(c * taps + self.walk.axes[0].taps[tap].0) * 9..][..9];
-                        for j in 0..9 {
-                            weight[j] = nine[j * BLOCK + i];
-                        }
-                    }
-                }
-            }
-        });
-        weight
     }
 }
