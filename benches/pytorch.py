@@ -57,7 +57,7 @@ for tokens, heads, channels in (1024, 8, 40), (256, 8, 80), (1024, 4, 64), (256,
 
 
 def depth_attention(q, k, v):
-    # the broadcast product: on the CPU 2 to 3 times faster than einsum
+    # the broadcast product: on the CPU 3 to 5 times faster than einsum, which is timed as well
     weights = ((q.unsqueeze(3) * k).sum(2) * q.shape[2] ** -0.5).softmax(2)
     return (weights.unsqueeze(2) * v).sum(3)
 

@@ -1,11 +1,12 @@
 //! Named tensors of a file, listed without being read.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 
 use crate::io::bytes::Bytes;
-use crate::io::element::{Stored, decode_as, gather};
+use crate::io::element::{Stored, decode, decode_as, gather};
 use crate::io::{TensorFile, checkpoint, npz, safetensors, zip};
 use crate::{DType, Error, ErrorKind, Result, Shape, Tensor};
 
@@ -91,7 +92,17 @@ impl Entry {
         Self::new(stored, dims, strides, 0, storage)
     }
 
-    /// Bytes of the tensor once it is read.
+    /// The bytes of the elements, little-endian and in row-major order; borrowed where the file has them so.
+    pub(super) fn numbers<'f>(&self, file: &'f [u8]) -> Cow<'f, [u8]> {
+        let size = self.stored.size();
+        let mut bytes = gather(&file[self.storage.clone()], size, &self.shape, &self.strides, self.offset);
+        if self.big_endian {
+            bytes.to_mut().chunks_exact_mut(size).for_each(<[u8]>::reverse);
+        }
+        bytes
+    }
+
+    /// Bytes of the tensor once it is read (twice that for integers that become `f64`).
     pub fn bytes(&self) -> usize {
         self.shape.len() * self.stored.dtype().size()
     }
@@ -218,10 +229,10 @@ impl Archive {
     /// Reads a tensor, as [`Stored::dtype`].
     ///
     /// # Errors
-    /// As [`Archive::entry`]; [`ErrorKind::Unsupported`] for an integer that `u32` does not hold.
+    /// As [`Archive::entry`]; [`ErrorKind::Unsupported`] for an integer that neither `u32` nor `f64` holds.
     pub fn load(&self, name: &str) -> Result<Tensor> {
         let entry = self.entry(name)?;
-        self.read(entry, entry.stored.dtype()).map_err(|e| e.at(name))
+        decode(entry.stored, &entry.numbers(&self.bytes), entry.shape.clone()).map_err(|e| e.at(name))
     }
 
     /// Reads a tensor in another dtype: floats are rounded to the nearest, integers must be held exactly.
@@ -229,7 +240,8 @@ impl Archive {
     /// # Errors
     /// As [`Archive::load`]; [`ErrorKind::Unsupported`] for floats as `u32`.
     pub fn load_as(&self, name: &str, dtype: DType) -> Result<Tensor> {
-        self.read(self.entry(name)?, dtype).map_err(|e| e.at(name))
+        let entry = self.entry(name)?;
+        decode_as(entry.stored, &entry.numbers(&self.bytes), entry.shape.clone(), dtype).map_err(|e| e.at(name))
     }
 
     /// Reads everything.
@@ -249,16 +261,6 @@ impl Archive {
         }
         let tensors = self.names().map(|name| Ok((name.to_owned(), self.load(name)?)));
         Ok(TensorFile { tensors: tensors.collect::<Result<_>>()?, metadata: self.contents.metadata.clone() })
-    }
-
-    fn read(&self, entry: &Entry, dtype: DType) -> Result<Tensor> {
-        let storage = &self.bytes[entry.storage.clone()];
-        let size = entry.stored.size();
-        let mut bytes = gather(storage, size, &entry.shape, &entry.strides, entry.offset);
-        if entry.big_endian {
-            bytes.to_mut().chunks_exact_mut(size).for_each(<[u8]>::reverse);
-        }
-        decode_as(entry.stored, &bytes, entry.shape.clone(), dtype)
     }
 }
 

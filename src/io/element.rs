@@ -39,7 +39,8 @@ impl Stored {
     }
 
     /// What it is read as: `f16`, `f32` and `f64` as they are; `bf16` as `f32`, which holds every value of it exactly
-    /// (`f16` would not); booleans as 0 and 1, and integers, as `u32`.
+    /// (`f16` would not); booleans as 0 and 1, and integers, as `u32`. A tensor with an integer that `u32` does not hold, a
+    /// negative one for instance, becomes `f64`, if that holds all of its numbers exactly (up to 2⁵³).
     pub fn dtype(self) -> DType {
         match self {
             Self::F16 => DType::F16,
@@ -63,7 +64,7 @@ impl fmt::Display for Stored {
 
 /// A tensor of the numbers in `bytes` (little-endian, in row-major order), as [`Stored::dtype`].
 ///
-/// Every element is checked: a boolean other than 0 and 1, and an integer that `u32` does not hold, is an error.
+/// Every element is checked: a boolean other than 0 and 1, and an integer that neither `u32` nor `f64` holds, is an error.
 pub(super) fn decode(stored: Stored, bytes: &[u8], shape: Shape) -> Result<Tensor> {
     Ok(match stored {
         Stored::F16 => floats(bytes, shape, f16::from_le_bytes),
@@ -71,16 +72,14 @@ pub(super) fn decode(stored: Stored, bytes: &[u8], shape: Shape) -> Result<Tenso
         Stored::F32 => floats(bytes, shape, f32::from_le_bytes),
         Stored::F64 => floats(bytes, shape, f64::from_le_bytes),
         Stored::Bool => integers(bytes, shape, DType::U32, 0..=1, |[b]| i128::from(b))?,
-        _ => whole(stored, bytes, shape, DType::U32)?,
+        _ => whole(stored, bytes, shape.clone(), DType::U32).or_else(|_| whole(stored, bytes, shape, DType::F64))?,
     })
 }
 
 /// As [`decode`], in another dtype: floats are rounded to the nearest, integers must be held exactly.
 pub(super) fn decode_as(stored: Stored, bytes: &[u8], shape: Shape, dtype: DType) -> Result<Tensor> {
-    if dtype == stored.dtype() {
-        return decode(stored, bytes, shape);
-    }
     match (stored.is_float(), dtype) {
+        (true, dtype) if dtype == stored.dtype() => decode(stored, bytes, shape),
         (true, DType::U32) => Err(Error::new(ErrorKind::Unsupported, "floats are not read as integers").found(stored)),
         (true, _) => decode(stored, bytes, shape)?.cast(dtype),
         (false, _) if stored == Stored::Bool => decode(stored, bytes, shape)?.cast(dtype),
@@ -201,11 +200,21 @@ mod tests {
 
     #[test]
     fn an_integer_that_does_not_fit_is_named_with_its_position() {
-        let bytes: Vec<u8> = [3i64, -7].iter().flat_map(|v| v.to_le_bytes()).collect();
-        let error = decode(Stored::I64, &bytes, Shape::from([2])).unwrap_err();
-        assert!(error.to_string().contains("-7 as element 1"), "{error}");
-        let wide = decode_as(Stored::I64, &bytes, Shape::from([2]), DType::F64).unwrap();
-        assert_eq!(wide.slice::<f64>(), [3.0, -7.0]);
+        let read = |values: [i64; 2], dtype: Option<DType>| {
+            let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+            match dtype {
+                None => decode(Stored::I64, &bytes, Shape::from([2])),
+                Some(dtype) => decode_as(Stored::I64, &bytes, Shape::from([2]), dtype),
+            }
+        };
+        assert_eq!(read([3, 7], None).unwrap().slice::<u32>(), [3, 7]);
+        assert_eq!(read([3, -7], None).unwrap().slice::<f64>(), [3.0, -7.0]);
+        assert_eq!(read([3, 7], Some(DType::F64)).unwrap().slice::<f64>(), [3.0, 7.0]);
+        for (values, dtype) in [([3, -7], Some(DType::U32)), ([3, (1 << 53) + 1], None), ([3, 2049], Some(DType::F16))]
+        {
+            let error = read(values, dtype).unwrap_err().to_string();
+            assert!(error.contains(&format!("{} as element 1", values[1])), "{error}");
+        }
     }
 
     #[test]

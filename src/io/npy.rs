@@ -9,7 +9,7 @@ use std::path::Path;
 
 use crate::io::archive::Entry;
 use crate::io::bytes::{Bytes, write_whole};
-use crate::io::element::{Stored, decode, gather};
+use crate::io::element::{Stored, decode};
 use crate::io::safetensors::raw_bytes;
 use crate::{DType, Device, Error, ErrorKind, Result, Tensor};
 
@@ -40,12 +40,7 @@ pub fn read(path: impl AsRef<Path>) -> Result<Tensor> {
 /// As [`read`].
 pub fn from_bytes(bytes: &[u8]) -> Result<Tensor> {
     let entry = entry(bytes, 0..bytes.len())?;
-    let size = entry.stored.size();
-    let mut numbers = gather(&bytes[entry.storage.clone()], size, &entry.shape, &entry.strides, 0);
-    if entry.big_endian {
-        numbers.to_mut().chunks_exact_mut(size).for_each(<[u8]>::reverse);
-    }
-    decode(entry.stored, &numbers, entry.shape)
+    decode(entry.stored, &entry.numbers(bytes), entry.shape.clone())
 }
 
 /// Writes a file, whole or not at all.

@@ -69,9 +69,9 @@ fn entry(bytes: &[u8], header: &Fields<'_>, extra: &[u8], limit: usize) -> Resul
     };
     let (size, packed, start) = (field(24)?, field(20)?, field(42)?);
     if size != packed {
-        return Err(damaged("a stored entry with two different sizes", header.at).found(format!("{size} and {packed}")));
+        return Err(damaged(&format!("a stored entry with two sizes: {size} and {packed}"), header.at));
     }
-    let outside = || damaged("an entry outside of the file", header.at).found(format!("{size} bytes at {start}"));
+    let outside = || damaged(&format!("an entry outside of the file: {size} bytes at {start}"), header.at);
     let start = usize::try_from(start).map_err(|_| outside())?;
     let size = usize::try_from(size).map_err(|_| outside())?;
     let local =
@@ -134,8 +134,10 @@ fn central_directory(bytes: &[u8], end: Fields<'_>) -> Result<(u64, Range<usize>
     match range {
         // an entry takes 46 bytes at least, so that the claimed number cannot make the reader allocate more than the file
         Some(range) if range.end <= limit && count <= size / 46 => Ok((count, range)),
-        _ => Err(damaged("a ZIP directory that does not fit the file", end.at)
-            .found(format!("{count} entries in {size} bytes at {start}, before the end at {limit}"))),
+        _ => Err(damaged(
+            &format!("a directory that does not fit the file: {count} entries in {size} bytes at {start}"),
+            end.at,
+        )),
     }
 }
 

@@ -11,7 +11,7 @@ use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::pool::{Pool, Windows};
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Spec, Tensor};
 
@@ -140,6 +140,10 @@ impl Op for MaxPool {
         }
         let kernel = if self.unpools { &UNPOOL } else { &PICK };
         Ok(gpu.launch(kernel, &[values, image], &sizes, result, Work::Invocations(len))?.into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::nothing().input(1)
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -11,7 +11,7 @@ use crate::backend::cpu::{CHUNK, buffer};
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Device, Error, ErrorKind, Result, Spec, Tensor};
 
@@ -198,6 +198,10 @@ impl Op for Resample {
         let sizes = words([len, inner, self.table.rows(), self.table.from]);
         let operands = [&inputs[0], &starts, &places, &weights];
         Ok(gpu.launch(&KERNEL, &operands, &sizes, result, Work::Invocations(len))?.into())
+    }
+
+    fn reads(&self, _wanted: &[bool]) -> Reads {
+        Reads::nothing()
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

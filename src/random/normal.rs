@@ -130,7 +130,7 @@ mod tests {
     /// Quantiles from mpmath 1.3 with 40 digits.
     #[test]
     fn quantiles_are_accurate() {
-        let known = [
+        let known: [(f64, f64); 12] = [
             (0.5, 0.0),
             (0.49999, 2.5066282748960008e-05),
             (0.3, 0.5244005127080408),

@@ -100,10 +100,10 @@ fn calls_within_calls_need_no_stack() {
 
 #[test]
 fn archives_whose_directory_lies() {
-    let pickle = state(&tensor(4, 0, &[4], &[1]));
-    let entries = || vec![Claim::new("top/data.pkl", &pickle), Claim::new("top/data/0", &[0; 16])];
+    let pickle: &'static [u8] = state(&tensor(4, 0, &[4], &[1])).leak();
+    let entries = || vec![Claim::new("top/data.pkl", pickle), Claim::new("top/data/0", &[0; 16])];
     Archive::from_bytes(claimed(&entries())).unwrap();
-    let with = |change: &dyn Fn(&mut Vec<Claim<'_>>)| {
+    let with = |change: &dyn Fn(&mut Vec<Claim<'static>>)| {
         let mut entries = entries();
         change(&mut entries);
         claimed(&entries)
@@ -122,7 +122,7 @@ fn archives_whose_directory_lies() {
         (with(&|e| e[0].size = Some(pickle.len() as u32 + 40)), "overlaps top/data.pkl"),
         (with(&|e| e.push(Claim { same_place_as: Some(1), ..Claim::new("top/data/1", &[0; 16]) })), "overlaps"),
         (with(&|e| e.push(Claim::new("top/data/0", &[0; 16]))), "two entries of one name"),
-        (with(&|e| e.push(Claim::new("other/data.pkl", &pickle))), "two checkpoints"),
+        (with(&|e| e.push(Claim::new("other/data.pkl", pickle))), "two checkpoints"),
         (with(&|e| e.push(Claim::new("top/byteorder", b"big"))), "not little-endian"),
         (with(&|e| e[1].size = Some(u32::MAX)), "without its 64-bit fields"),
         (cut, "no ZIP directory"),

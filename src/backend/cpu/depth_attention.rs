@@ -3,6 +3,9 @@
 //! A work item is a strip of pixels of one head. Its scores, one row for each depth, stay in the cache; they are a
 //! fraction `1 / channels` of the keys, and the weights made of them are kept for the backward pass.
 
+// plain loops: iterator adaptors would lose the instruction set
+#![allow(clippy::needless_range_loop)]
+
 use rayon::prelude::*;
 
 use super::{Places, buffer, vectorised};

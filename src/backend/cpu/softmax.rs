@@ -1,5 +1,8 @@
 //! Softmax along one axis, and its adjoint: rows where the axis is the last, columns of vectors elsewhere.
 
+// plain loops: iterator adaptors would lose the instruction set
+#![allow(clippy::needless_range_loop)]
+
 use rayon::prelude::*;
 
 use super::{CHUNK, Places, buffer, vectorised};

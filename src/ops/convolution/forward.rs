@@ -8,7 +8,7 @@ use super::{FORWARD, Geometry, Links};
 use crate::backend::cpu::convolution;
 use crate::backend::gpu::{Gpu, Work};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Result, Spec, Tensor};
 
@@ -74,6 +74,10 @@ impl Op for Convolution {
         let tiles = Work::Groups(geometry.groups * geometry.outputs.div_ceil(tile) * columns.div_ceil(tile));
         let operands = [&inputs[0], &inputs[1], bias.unwrap_or(&inputs[1])];
         Ok(gpu.launch(&FORWARD, &operands, &geometry.words(bias.is_some()), y, tiles)?.into())
+    }
+
+    fn reads(&self, wanted: &[bool]) -> Reads {
+        Reads::nothing().input_if(0, wanted[1]).input_if(1, wanted[0])
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

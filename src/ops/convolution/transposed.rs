@@ -8,7 +8,7 @@ use super::{Geometry, Links, TRANSPOSED};
 use crate::backend::cpu::convolution;
 use crate::backend::gpu::{Gpu, Work};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Result, Spec, Tensor};
 
@@ -82,6 +82,10 @@ impl Op for TransposedConvolution {
             gpu.dispatch(&TRANSPOSED, &buffers, &geometry.words_of([d, h, w], bias.is_some()), tiles)?;
         }
         Ok(image.into())
+    }
+
+    fn reads(&self, wanted: &[bool]) -> Reads {
+        Reads::nothing().input_if(0, wanted[1]).input_if(1, wanted[0])
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -1,5 +1,8 @@
 //! The forward pass: blocks of queries against all keys, with the softmax kept up to date block by block of keys.
 
+// plain loops: iterator adaptors would lose the instruction set
+#![allow(clippy::needless_range_loop)]
+
 use rayon::prelude::*;
 
 use super::product::{Left, Product, Start};

@@ -3,6 +3,9 @@
 //! Elements of the left operand are broadcast from wherever they lie, so that keys and values are read in place, as they
 //! are or transposed. Rows of the right operand and of the result are vectors.
 
+// plain loops: iterator adaptors would lose the instruction set
+#![allow(clippy::needless_range_loop)]
+
 use crate::backend::cpu::vectorised;
 use crate::scalar::{Job, Lane, Real};
 

@@ -5,6 +5,7 @@
 //! of the 16 places is a product of matrices `[tiles, channels] · [channels, channels]`. A kernel with a depth adds up such
 //! products over the slices that it meets. The gradient in the weight goes through the same steps transposed.
 
+mod blocks;
 mod transform;
 
 use rayon::prelude::*;
@@ -15,7 +16,8 @@ use crate::backend::cpu::buffer;
 use crate::backend::cpu::gemm::{Gemm, Out, Par, Strided};
 use crate::ops::Geometry;
 use crate::scalar::{Path, Real};
-use transform::{Square, Step, Transform};
+use blocks::Blocks;
+use transform::{BLOCK, Square, Step, Transform};
 
 /// Places in transformed space.
 const PLACES: usize = 16;
@@ -137,8 +139,8 @@ impl<'a> Plan<'a> {
         self.slices * self.rows * self.tiles[1]
     }
 
-    /// Transforms squares of `side × side` pixels of some slices: `[places, tiles, channels]`. `extent` are the rows and
-    /// columns of a slice.
+    /// Transforms squares of pixels of some slices: `[places, tiles, channels]`, or by blocks of channels `[places, blocks,
+    /// tiles, 16]`. `extent` are the rows and columns of a slice.
     #[allow(clippy::too_many_arguments)]
     fn squares<T: Real>(
         &self,
@@ -148,6 +150,7 @@ impl<'a> Plan<'a> {
         channels: usize,
         slices: std::ops::Range<usize>,
         part: &Part,
+        by_blocks: bool,
         into: &mut [T],
     ) {
         let [rows, across] = [part.rows.len(), self.tiles[1]];
@@ -160,16 +163,19 @@ impl<'a> Plan<'a> {
             let from = (slices.start + number / rows) * slice + (part.rows.start + number % rows) * 2 * line;
             let pixels = &pixels[from..from + side * line];
             let place = tiles * channels;
-            let first = number * across * channels;
-            let to = into.at(first, (PLACES - 1) * place + across * channels);
+            let to_next = if by_blocks { BLOCK } else { channels };
+            let to_block = if by_blocks { tiles * BLOCK } else { BLOCK };
+            let reach = (channels / BLOCK - 1) * to_block + (across - 1) * to_next + BLOCK;
+            let to = into.at(number * across * to_next, (PLACES - 1) * place + reach);
             let transform = Transform {
                 step,
                 from: Square { at: pixels.as_ptr(), row: line, column: channels },
                 to: Square { at: to, row: 4 * place, column: place },
                 channels,
+                to_block,
                 count: across,
                 from_next: 2 * channels,
-                to_next: channels,
+                to_next,
             };
             // SAFETY: the best path is available. `side` lines of pixels and the last place were checked to be there, and
             // each row of tiles is written by one thread.
@@ -177,31 +183,33 @@ impl<'a> Plan<'a> {
         });
     }
 
-    /// The transformed weight: for each tap along the depth and each place `[source channels, result channels]`.
+    /// The transformed weight: for each tap along the depth and each place `[blocks, source channels, 16]`, in blocks of
+    /// channels of the result.
     /// `weight(source, result, tap)` gives the first of nine numbers.
     fn weight<T: Real>(&self, weight: &[T], at: impl Fn(usize, usize, usize) -> usize + Sync, flip: bool) -> Vec<T> {
         let ([from, to], [_, row]) = (self.channels, self.padded);
         let taps = &self.walk.axes[0].taps;
         let mut transformed = buffer(taps.len() * PLACES * from * row);
         let shared = Shared::new(&mut transformed);
-        (0..taps.len() * from.div_ceil(PLACES)).into_par_iter().for_each(|number| {
-            let (tap, block) = (number % taps.len(), number / taps.len() * PLACES);
-            let mut nine = [T::ZERO; 9 * PLACES];
-            for first in (0..to).step_by(PLACES) {
-                for k in block..from.min(block + PLACES) {
-                    for (i, m) in (first..to.min(first + PLACES)).enumerate() {
+        (0..taps.len() * from.div_ceil(BLOCK)).into_par_iter().for_each(|number| {
+            let (tap, block) = (number % taps.len(), number / taps.len() * BLOCK);
+            let mut nine = [T::ZERO; 9 * BLOCK];
+            for first in (0..to).step_by(BLOCK) {
+                for k in block..from.min(block + BLOCK) {
+                    for (i, m) in (first..to.min(first + BLOCK)).enumerate() {
                         let values = &weight[at(k, m, taps[tap].0)..][..9];
                         for j in 0..9 {
-                            nine[if flip { 8 - j } else { j } * PLACES + i] = values[j];
+                            nine[if flip { 8 - j } else { j } * BLOCK + i] = values[j];
                         }
                     }
                     let place = from * row;
-                    let offset = tap * PLACES * place + k * row + first;
+                    let offset = tap * PLACES * place + first * from + k * BLOCK;
                     let transform = Transform {
                         step: Step::Weight,
-                        from: Square { at: nine.as_ptr(), row: 3 * PLACES, column: PLACES },
-                        to: Square { at: shared.at(offset, 15 * place + PLACES), row: 4 * place, column: place },
-                        channels: PLACES,
+                        from: Square { at: nine.as_ptr(), row: 3 * BLOCK, column: BLOCK },
+                        to: Square { at: shared.at(offset, 15 * place + BLOCK), row: 4 * place, column: place },
+                        channels: BLOCK,
+                        to_block: 0,
                         count: 1,
                         from_next: 0,
                         to_next: 0,
@@ -217,19 +225,36 @@ impl<'a> Plan<'a> {
 
     /// Transforms the slices of the source that a part meets and that are not there yet. `kept` says which slice each place
     /// of the ring holds.
-    fn fill<T: Real>(&self, part: &Part, pixels: &[T], ring: &mut [T], kept: &mut [Option<(usize, usize)>]) {
+    fn fill<T: Real>(
+        &self,
+        part: &Part,
+        pixels: &[T],
+        by_blocks: bool,
+        ring: &mut [T],
+        kept: &mut [Option<(usize, usize)>],
+    ) {
         let extent = self.source_extent();
         let length = ring.len() / kept.len();
         if self.walk.axes[0].taps.len() == 1 && self.slices > 1 {
             let slices = part.slices.start..part.slices.end;
-            self.squares(Step::Input, pixels, [extent[1], extent[2]], self.padded[0], slices, part, ring);
+            self.squares(Step::Input, pixels, [extent[1], extent[2]], self.padded[0], slices, part, by_blocks, ring);
             return;
         }
         for (_, slice) in self.met(part.slices.start) {
             let place = slice % kept.len();
             if kept[place] != Some((slice, part.rows.start)) {
                 let into = &mut ring[place * length..][..length];
-                self.squares(Step::Input, pixels, [extent[1], extent[2]], self.padded[0], slice..slice + 1, part, into);
+                let slices = slice..slice + 1;
+                self.squares(
+                    Step::Input,
+                    pixels,
+                    [extent[1], extent[2]],
+                    self.padded[0],
+                    slices,
+                    part,
+                    by_blocks,
+                    into,
+                );
                 kept[place] = Some((slice, part.rows.start));
             }
         }
@@ -252,7 +277,7 @@ impl<'a> Plan<'a> {
         let mut products = buffer::<T>(PLACES * self.most_tiles() * to_row);
         let mut kept = vec![None; self.span()];
         for part in self.parts() {
-            self.fill(&part, &pixels, &mut ring, &mut kept);
+            self.fill(&part, &pixels, false, &mut ring, &mut kept);
             let tiles = part.slices.len() * part.rows.len() * self.tiles[1];
             let (ring, kept) = (&ring, kept.len());
             let met: Vec<_> = if self.slices > 1 { vec![(0, 0)] } else { self.met(part.slices.start).collect() };
@@ -266,7 +291,7 @@ impl<'a> Plan<'a> {
                     let right = &weight[(tap * PLACES + place) * from * to_row..];
                     let gemm = Gemm::new([tiles, from, to]);
                     let gemm = if number > 0 { gemm.accumulate() } else { gemm };
-                    let (left, right) = (Strided::lines(left, from_row), Strided::side_by_side(right, to_row));
+                    let (left, right) = (Strided::lines(left, from_row), Blocks { values: right, depth: from });
                     gemm.run(&left, &right, Out::rows(product, to_row), Par::Sequential);
                 }
             });
@@ -292,6 +317,7 @@ impl<'a> Plan<'a> {
                     from: Square { at: from.as_ptr(), row: 4 * place, column: place },
                     to: Square { at: lines.as_mut_ptr(), row: 2 * across * row, column: row },
                     channels: row,
+                    to_block: BLOCK,
                     count: across,
                     from_next: row,
                     to_next: 2 * row,
@@ -303,8 +329,8 @@ impl<'a> Plan<'a> {
                 let first = 2 * (part.rows.start + number % rows);
                 for h in first..height.min(first + 2) {
                     let line = &lines[(h - first) * 2 * across * row..][..2 * across * row];
-                    for block in (0..to).step_by(PLACES) {
-                        for m in block..to.min(block + PLACES) {
+                    for block in (0..to).step_by(BLOCK) {
+                        for m in block..to.min(block + BLOCK) {
                             let bias = bias.map_or(T::ZERO, |bias| bias[m]);
                             let to = result.at((((image * to + m) * depth + d) * height + h) * width, width);
                             for w in 0..width {
@@ -331,9 +357,9 @@ impl<'a> Plan<'a> {
         let mut sums = buffer::<T>(PLACES * taps * to * from_row);
         sums.par_chunks_mut(to * from_row).for_each(|sums| sums.fill(T::ZERO));
         for part in self.parts() {
-            self.fill(&part, &pixels, &mut ring, &mut kept);
+            self.fill(&part, &pixels, true, &mut ring, &mut kept);
             let slices = part.slices.clone();
-            self.squares(Step::OutputSlope, &slopes, [extent[1], extent[2]], to_row, slices, &part, &mut turned);
+            self.squares(Step::OutputSlope, &slopes, [extent[1], extent[2]], to_row, slices, &part, true, &mut turned);
             let tiles = part.slices.len() * part.rows.len() * self.tiles[1];
             let (ring, turned, kept) = (&ring, &turned, kept.len());
             let met: Vec<_> = if self.slices > 1 { vec![(0, 0)] } else { self.met(part.slices.start).collect() };
@@ -342,7 +368,7 @@ impl<'a> Plan<'a> {
                     let left = &turned[place * tiles * to_row..];
                     let right = &ring[slice % kept * (ring.len() / kept) + place * tiles * from_row..];
                     let sums = &mut sums[tap * to * from_row..][..to * from_row];
-                    let (left, right) = (Strided::side_by_side(left, to_row), Strided::side_by_side(right, from_row));
+                    let (left, right) = (Blocks { values: left, depth: tiles }, Blocks { values: right, depth: tiles });
                     let gemm = Gemm::new([to, tiles, from]).accumulate();
                     gemm.run(&left, &right, Out::rows(sums, from_row), Par::Sequential);
                 }
@@ -350,27 +376,28 @@ impl<'a> Plan<'a> {
         }
         let mut weight = buffer::<T>(to * from * taps * 9);
         weight.par_chunks_mut(from * taps * 9).enumerate().for_each(|(m, weight)| {
-            let mut nine = [T::ZERO; 9 * PLACES];
+            let mut nine = [T::ZERO; 9 * BLOCK];
             for tap in 0..taps {
-                for first in (0..from).step_by(PLACES) {
+                for first in (0..from).step_by(BLOCK) {
                     let place = taps * to * from_row;
                     let sums = &sums[(tap * to + m) * from_row + first..];
-                    assert!(sums.len() >= (PLACES - 1) * place + PLACES, "within the sums");
+                    assert!(sums.len() >= (PLACES - 1) * place + BLOCK, "within the sums");
                     let transform = Transform {
                         step: Step::WeightSlope,
                         from: Square { at: sums.as_ptr(), row: 4 * place, column: place },
-                        to: Square { at: nine.as_mut_ptr(), row: 3 * PLACES, column: PLACES },
-                        channels: PLACES,
+                        to: Square { at: nine.as_mut_ptr(), row: 3 * BLOCK, column: BLOCK },
+                        channels: BLOCK,
+                        to_block: 0,
                         count: 1,
                         from_next: 0,
                         to_next: 0,
                     };
                     // SAFETY: the best path is available; all sums and nine vectors are there.
                     unsafe { T::dispatch(Path::best(), transform) };
-                    for (i, c) in (first..from.min(first + PLACES)).enumerate() {
+                    for (i, c) in (first..from.min(first + BLOCK)).enumerate() {
                         let weight = &mut weight[(c * taps + self.walk.axes[0].taps[tap].0) * 9..][..9];
                         for j in 0..9 {
-                            weight[j] = nine[j * PLACES + i];
+                            weight[j] = nine[j * BLOCK + i];
                         }
                     }
                 }

@@ -51,6 +51,9 @@ impl<T> Square<*mut T> {
     }
 }
 
+/// Channels of a block, for vectors of any width.
+pub(super) const BLOCK: usize = 16;
+
 /// Which product of small matrices.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Step {
@@ -72,6 +75,8 @@ pub(super) struct Transform<T> {
     pub(super) from: Square<*const T>,
     pub(super) to: Square<*mut T>,
     pub(super) channels: usize,
+    /// Distance between blocks of [`BLOCK`] channels where they go to; where they come from they are side by side.
+    pub(super) to_block: usize,
     /// Number of squares, and the distances between them.
     pub(super) count: usize,
     pub(super) from_next: usize,
@@ -109,14 +114,14 @@ impl<T: Real> Job<T> for Transform<T> {
     /// Both squares must be valid for all of the squares and channels.
     #[inline(always)]
     unsafe fn run<V: Lane<Element = T>>(self) {
-        let Self { step, from, to, channels, count, from_next, to_next } = self;
+        let Self { step, from, to, channels, to_block, count, from_next, to_next } = self;
         macro_rules! each {
             ($from:literal, $to:literal, |$x:ident| $apply:expr) => {
                 for number in 0..count {
                     for c in (0..channels).step_by(V::WIDTH) {
                         let square = from.load::<V, $from>(number * from_next + c);
                         let square = both_sides!(square, $from, $to, |$x| $apply);
-                        to.store::<V, $to>(number * to_next + c, square);
+                        to.store::<V, $to>(number * to_next + c / BLOCK * to_block + c % BLOCK, square);
                     }
                 }
             };
