@@ -10,7 +10,7 @@ pub(super) const DENSITY_TO_ALPHA: Pointwise<3> = Pointwise {
         let one = |x: f64| Tensor::from_vec(vec![x], [1]);
         vec![
             [uniform(1, [4, 5], -3.0..9.0), one(-2.0), one(0.5)],
-            [Tensor::from_vec(vec![-60.0f64, -1.0, 0.0, 20.0, 60.0], [5]), one(-9.2), one(0.05)],
+            [Tensor::from_vec(vec![4.0f64, 8.0, 9.2, 15.0, 25.0], [5]), one(-9.2), one(0.05)],
         ]
     },
     entry: || DENSITY_TO_ALPHA.all_cases(),

@@ -5,7 +5,7 @@ use std::rc::Rc;
 
 use rayon::prelude::*;
 
-use crate::backend::cpu::{Bins, CHUNK, buffer, filled, partition};
+use crate::backend::cpu::{Bins, buffer, partition};
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::index_select::check_rows;
 use crate::ops::{Case, Entry, uniform};
@@ -38,39 +38,41 @@ struct IndexAdd {
 const SERIAL: usize = 1 << 15;
 
 impl IndexAdd {
-    /// In the order of the list, so that the result does not depend on the thread count.
-    ///
-    /// Of a long list the places are first sorted by blocks of the result, which are then filled in parallel.
+    /// In the order of the list, so that the result does not depend on the thread count: each thread has some rows of the
+    /// result, goes through the whole list, and adds what is meant for them.
     fn run<T: Element + std::ops::AddAssign>(x: &Tensor, index: &[u32], rows: usize) -> Vec<T> {
         let row: usize = x.dims()[1..].iter().product();
         let values = x.slice::<T>();
         let mut sums: Vec<T> = buffer(rows * row);
-        let add = |sums: &mut [T], place: usize, at: usize| {
-            if row == 1 {
-                sums[at] += values[place];
-            } else {
-                let from = &values[place * row..][..row];
-                sums[at * row..][..row].iter_mut().zip(from).for_each(|(sum, v)| *sum += *v);
-            }
-        };
-        if values.len() < SERIAL || rows < 2 {
-            sums.fill(T::zeroed());
-            index.iter().enumerate().for_each(|(place, &at)| add(&mut sums, place, at as usize));
-            return sums;
+        let threads = if values.len() < SERIAL { 1 } else { rayon::current_num_threads() };
+        let part = rows.div_ceil(threads).max(1);
+        if threads == 1 {
+            add_rows(values, index, 0, row, &mut sums);
+        } else {
+            let parts = sums.par_chunks_mut((part * row).max(1)).enumerate();
+            parts.for_each(|(i, sums)| add_rows(values, index, i * part, row, sums));
         }
-        // a power of two of rows to a block, some 64 blocks
-        let shift = rows.div_ceil(64).next_power_of_two().trailing_zeros();
-        let blocks: Vec<u32> = filled(index.len(), CHUNK, |start, part| {
-            part.iter_mut().zip(&index[start..]).for_each(|(block, &at)| *block = at >> shift);
-        });
-        let bins = partition(&blocks, rows.div_ceil(1 << shift));
-        sums.par_chunks_mut((row << shift).max(1)).enumerate().for_each(|(block, sums)| {
-            sums.fill(T::zeroed());
-            for &place in bins.positions(block, block + 1) {
-                add(sums, place as usize, index[place as usize] as usize - (block << shift));
-            }
-        });
         sums
+    }
+}
+
+/// Sums of those rows that go to the rows of the result from `first` on that `sums` holds.
+fn add_rows<T: Element + std::ops::AddAssign>(values: &[T], index: &[u32], first: usize, row: usize, sums: &mut [T]) {
+    sums.fill(T::zeroed());
+    if row == 1 {
+        for (value, &at) in values.iter().zip(index) {
+            if let Some(sum) = sums.get_mut((at as usize).wrapping_sub(first)) {
+                *sum += *value;
+            }
+        }
+        return;
+    }
+    for (values, &at) in values.chunks_exact(row.max(1)).zip(index) {
+        let start = (at as usize).wrapping_sub(first).wrapping_mul(row);
+        let rows = if at as usize >= first { sums.get_mut(start..start + row) } else { None };
+        if let Some(sums) = rows {
+            sums.iter_mut().zip(values).for_each(|(sum, v)| *sum += *v);
+        }
     }
 }
 

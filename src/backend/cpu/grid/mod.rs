@@ -12,7 +12,9 @@ mod sample;
 mod scatter;
 mod slope;
 
-use crate::backend::cpu::strided;
+use std::borrow::Cow;
+
+use crate::backend::cpu::{pool, strided};
 use crate::backend::gpu::Strides;
 use crate::ops::grid::{Extent, Placement};
 use crate::scalar::Real;
@@ -49,34 +51,55 @@ macro_rules! for_cells {
 
 /// The values of the grid at the points.
 pub(crate) fn sample<T: Real>(place: &Placement, extent: Extent, values: &[T], points: &[T]) -> Vec<T> {
-    let rows = node_rows(place, extent, values);
-    let values = rows.as_deref().unwrap_or(values);
-    for_cells!(place, cells => sample::run(&cells, extent, values, points, place.channels_first))
+    let values = node_rows(place, extent, values);
+    let samples = for_cells!(place, cells => sample::run(&cells, extent, &values, points, place.channels_first));
+    give_back(values);
+    samples
 }
 
 /// What the samples add to the nodes around their points.
 pub(crate) fn scatter<T: Real>(place: &Placement, extent: Extent, samples: &[T], points: &[T]) -> Vec<T> {
-    let rows = point_rows(place, extent, samples);
-    let samples = rows.as_deref().unwrap_or(samples);
-    let sums = for_cells!(place, cells => scatter::run(&cells, extent, samples, points));
-    if place.channels_first && extent.channels > 1 { turned(&sums, extent.nodes, extent.channels) } else { sums }
+    let samples = point_rows(place, extent, samples);
+    let sums = for_cells!(place, cells => scatter::run(&cells, extent, &samples, points));
+    give_back(samples);
+    if !place.channels_first || extent.channels <= 1 {
+        return sums;
+    }
+    let columns = turned(&sums, extent.nodes, extent.channels);
+    pool::give(sums);
+    columns
 }
 
 /// The derivative of `Σ samples · sample(values, points)` with respect to the points.
 pub(crate) fn slope<T: Real>(place: &Placement, extent: Extent, values: &[T], points: &[T], samples: &[T]) -> Vec<T> {
-    let (nodes, rows) = (node_rows(place, extent, values), point_rows(place, extent, samples));
-    let (values, samples) = (nodes.as_deref().unwrap_or(values), rows.as_deref().unwrap_or(samples));
-    for_cells!(place, cells => slope::run(&cells, extent, values, points, samples))
+    let (values, samples) = (node_rows(place, extent, values), point_rows(place, extent, samples));
+    let slopes = for_cells!(place, cells => slope::run(&cells, extent, &values, points, &samples));
+    give_back(values);
+    give_back(samples);
+    slopes
 }
 
-/// The values of the grid with the channels of a node side by side, where they are not.
-fn node_rows<T: Real>(place: &Placement, extent: Extent, values: &[T]) -> Option<Vec<T>> {
-    (place.channels_first && extent.channels > 1).then(|| turned(values, extent.channels, extent.nodes))
+/// Lets the next result have the place of a copy.
+fn give_back<T: Real>(values: Cow<'_, [T]>) {
+    if let Cow::Owned(values) = values {
+        pool::give(values);
+    }
 }
 
-/// The samples with the channels of a point side by side, where they are not.
-fn point_rows<T: Real>(place: &Placement, extent: Extent, samples: &[T]) -> Option<Vec<T>> {
-    (place.channels_first && extent.channels > 1).then(|| turned(samples, extent.channels, extent.count))
+/// The values of the grid with the channels of a node side by side.
+fn node_rows<'a, T: Real>(place: &Placement, extent: Extent, values: &'a [T]) -> Cow<'a, [T]> {
+    match place.channels_first && extent.channels > 1 {
+        true => turned(values, extent.channels, extent.nodes).into(),
+        false => values.into(),
+    }
+}
+
+/// The samples with the channels of a point side by side.
+fn point_rows<'a, T: Real>(place: &Placement, extent: Extent, samples: &'a [T]) -> Cow<'a, [T]> {
+    match place.channels_first && extent.channels > 1 {
+        true => turned(samples, extent.channels, extent.count).into(),
+        false => samples.into(),
+    }
 }
 
 /// Matrices `[rows, columns]` one after the other, turned over to `[columns, rows]`.

@@ -7,6 +7,9 @@ use crate::backend::cpu::{Places, Work, buffer, widest};
 use crate::ops::grid::Extent;
 use crate::scalar::Real;
 
+/// Points whose nodes are asked for together.
+const GROUP: usize = 16;
+
 /// Samples at points `[batch, count, D]` of values `[batch, nodes, channels]`: `[batch, count, channels]`, or `[batch,
 /// channels, count]` where `columns` says so.
 pub(super) fn run<T: Real, const D: usize, const K: usize>(
@@ -76,19 +79,15 @@ impl<T: Real, const D: usize, const K: usize> Work for Sample<'_, T, D, K> {
         let Self { cells, values, points, channels, out, scratch } = self;
         let count = points.len() / D;
         if !out.columns {
-            for p in 0..count {
-                // SAFETY: the row of this point, which no other work item has.
-                let samples = unsafe { out.all.part(out.start + (out.first + p) * channels, channels) };
-                row(cells, values, &points[p * D..][..D], samples);
-            }
+            // SAFETY: the rows of these points, which no other work item has.
+            let samples = unsafe { out.all.part(out.start + out.first * channels, count * channels) };
+            rows(cells, values, points, channels, samples);
             return;
         }
         for tile in 0..count.div_ceil(TILE) {
             let first = tile * TILE;
             let len = if first + TILE < count { TILE } else { count - first };
-            for p in 0..len {
-                row(cells, values, &points[(first + p) * D..][..D], &mut scratch[p * channels..][..channels]);
-            }
+            rows(cells, values, &points[first * D..(first + len) * D], channels, scratch);
             for c in 0..channels {
                 // SAFETY: these columns of the batch entry, which no other work item has.
                 let column = unsafe { out.all.part(out.start + c * out.count + out.first + first, len) };
@@ -100,21 +99,57 @@ impl<T: Real, const D: usize, const K: usize> Work for Sample<'_, T, D, K> {
     }
 }
 
-/// All channels at one point.
+/// All channels at some points, one after the other.
+///
+/// Nodes of points anywhere in a large grid are far away in memory: all those of a group are asked for before the first is
+/// used.
 #[inline(always)]
-fn row<T: Real, const D: usize, const K: usize>(cells: &Cells<T, D, K>, values: &[T], point: &[T], out: &mut [T]) {
-    let channels = out.len();
-    let Some((mut offsets, weights)) = cells.weights(point) else {
-        out.fill(T::ZERO);
-        return;
-    };
-    for offset in &mut offsets {
-        *offset *= channels;
-        assert!(*offset + channels <= values.len(), "the nodes of a cell lie in the grid");
+fn rows<T: Real, const D: usize, const K: usize>(
+    cells: &Cells<T, D, K>,
+    values: &[T],
+    points: &[T],
+    channels: usize,
+    out: &mut [T],
+) {
+    let count = points.len() / D;
+    let mut first = 0;
+    while first < count {
+        let len = if first + GROUP < count { GROUP } else { count - first };
+        let mut found = [None; GROUP];
+        for p in 0..len {
+            let Some((mut offsets, weights)) = cells.weights(&points[(first + p) * D..][..D]) else { continue };
+            for offset in &mut offsets {
+                *offset *= channels;
+                assert!(*offset + channels <= values.len(), "the nodes of a cell lie in the grid");
+                prefetch(values, *offset);
+            }
+            found[p] = Some((offsets, weights));
+        }
+        for p in 0..len {
+            let out = &mut out[(first + p) * channels..][..channels];
+            let Some((offsets, weights)) = found[p] else {
+                out.fill(T::ZERO);
+                continue;
+            };
+            let (values, out) = (values.as_ptr(), out.as_mut_ptr());
+            // SAFETY: `channels` numbers can be read from each node and written to the row.
+            unsafe { by_blocks!(channels, i => block(values.add(i), &offsets, &weights, out.add(i))) }
+        }
+        first += len;
     }
-    let (values, out) = (values.as_ptr(), out.as_mut_ptr());
-    // SAFETY: `channels` numbers can be read from each node and written to the row.
-    unsafe { by_blocks!(channels, i => block(values.add(i), &offsets, &weights, out.add(i))) }
+}
+
+/// Asks for the line of the cache with this element.
+#[inline(always)]
+fn prefetch<T>(values: &[T], place: usize) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        // SAFETY: it is a hint, which touches no memory of the program, whatever the address.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(values.as_ptr().wrapping_add(place).cast()) };
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (values, place);
 }
 
 /// `W` channels at one point.
