@@ -6,7 +6,7 @@
 //! It is judged by another drop, which it was not fitted to.
 //!
 //! ```text
-//! cargo run --release --example 07_learned_material
+//! cargo run --release --example 08_learned_material
 //! ```
 
 use gradreel::optim::Lbfgs;
