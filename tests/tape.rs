@@ -201,12 +201,12 @@ fn a_derivative_that_reads_what_it_left_out_is_found_out() {
             gradreel::Reads::nothing()
         }
         fn vjp(&self, cx: &gradreel::Backward<'_>) -> gradreel::Result<Vec<Option<gradreel::Var>>> {
-            assert_eq!(cx.input(0).dims(), [1]);
+            assert_eq!(cx.input(0).dims(), [2]);
             Ok(vec![Some(cx.gradient() * cx.input(0))])
         }
     }
     let tape = Tape::new();
-    let y = tape.leaf(list(&[1.0])).apply(Forgetful, &[]).unwrap();
+    let y = tape.leaf(list(&[1.0, 2.0])).apply(Forgetful, &[]).unwrap();
     let caught = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| y.sum_all().backward().is_ok())).unwrap_err();
     let text = caught.downcast_ref::<String>().unwrap();
     assert!(text.contains("`reads` leaves out"), "{text}");

@@ -29,8 +29,26 @@ pub fn cases() -> Vec<Case> {
     let mut clipped = adam.clone().with_clip(Clip::Norm(1.0));
     let mut sgd = Sgd::new(1e-4).with_momentum(0.9);
     vec![
-        case("AdamW update 10 Mi", 8, Box::new(move |p, g| drop(adam.step(p, g).expect("a step")))),
-        case("AdamW update 10 Mi, clipped", 8, Box::new(move |p, g| drop(clipped.step(p, g).expect("a step")))),
-        case("SGD momentum update 10 Mi", 6, Box::new(move |p, g| drop(sgd.step(p, g).expect("a step")))),
+        case(
+            "AdamW update 10 Mi",
+            8,
+            Box::new(move |p, g| {
+                adam.step(p, g).expect("a step");
+            }),
+        ),
+        case(
+            "AdamW update 10 Mi, clipped",
+            8,
+            Box::new(move |p, g| {
+                clipped.step(p, g).expect("a step");
+            }),
+        ),
+        case(
+            "SGD momentum update 10 Mi",
+            6,
+            Box::new(move |p, g| {
+                sgd.step(p, g).expect("a step");
+            }),
+        ),
     ]
 }

@@ -73,7 +73,7 @@ fn scalar_svd(
         u0 = b[0] * (1f / sqrt(square));
     }
     var u1 = b[1] - dot(u0, b[1]) * u0;
-    if !(dot(u1, u1) > 2.4e-35f) {
+    if !(dot(u1, u1) > 0.25f * dot(b[1], b[1]) + 2.4e-35f) {
         u1 = select(vec3<f32>(0f, u0.z, -u0.y), vec3<f32>(-u0.z, 0f, u0.x), abs(u0.y) < abs(u0.x));
     }
     u1 = u1 * (1f / sqrt(dot(u1, u1)));

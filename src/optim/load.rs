@@ -117,7 +117,7 @@ impl Params {
     /// let mut file = TensorFile::default();
     /// file.tensors.insert("net.out.weight".into(), Tensor::from_vec(vec![1.0f32; 6], [3, 2]));
     /// let error = params.load(&file, &Load::strict().from_prefix("net")).unwrap_err().to_string();
-    /// assert!(error.contains("1 missing: out.bias") && error.contains("out.weight [3, 2], not [2, 3]"), "{error}");
+    /// assert!(error.contains("1 missing: net.out.bias") && error.contains("out.weight [3, 2], not [2, 3]"), "{error}");
     /// ```
     ///
     /// # Errors

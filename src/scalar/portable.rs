@@ -37,8 +37,8 @@ macro_rules! portable {
 
             #[inline(always)]
             unsafe fn transpose(rows: &[*const $float; 8], to: *mut $float, stride: usize) {
-                for r in 0..4 {
-                    for c in 0..4 {
+                for c in 0..4 {
+                    for r in 0..4 {
                         // SAFETY: the caller promises four readable rows and four writable ones.
                         unsafe { *to.add(c * stride + r) = *rows[r].add(c) };
                     }

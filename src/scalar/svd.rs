@@ -188,7 +188,9 @@ unsafe fn frame<V: Lane>(b: Columns<V>, square: V) -> (Columns<V>, [V; 3]) {
         let (x, y) = (u[0][0].abs(), u[0][1].abs());
         let across =
             [u[0][2].neg().if_less(y, x, zero), zero.if_less(y, x, u[0][2]), u[0][0].if_less(y, x, u[0][1].neg())];
+        // a column of rounding errors may lie along the first one: what is left of it has no direction either
         let length = dot(rest, rest);
+        let least = dot(b[1], b[1]).mul_add(V::splat(V::Element::from_f64(0.25)), least);
         for i in 0..3 {
             rest[i] = rest[i].if_less(least, length, across[i]);
         }

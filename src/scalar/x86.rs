@@ -258,8 +258,11 @@ unsafe fn transpose32(rows: &[*const f32; 8], to: *mut f32, stride: usize) {
             x[4 * r + 2] = _mm256_shuffle_ps::<0x44>(y[4 * r + 1], y[4 * r + 3]);
             x[4 * r + 3] = _mm256_shuffle_ps::<0xee>(y[4 * r + 1], y[4 * r + 3]);
         }
+        // in the order of the rows: a row may reach into the next ones, which are written after it
         for c in 0..4 {
             _mm256_storeu_ps(to.add(c * stride), _mm256_permute2f128_ps::<0x20>(x[c], x[c + 4]));
+        }
+        for c in 0..4 {
             _mm256_storeu_ps(to.add((c + 4) * stride), _mm256_permute2f128_ps::<0x31>(x[c], x[c + 4]));
         }
     }

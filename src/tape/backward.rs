@@ -242,6 +242,7 @@ impl Tape {
             output: &output,
             residual: residual.as_ref(),
             live,
+            anomaly: checked.is_some(),
         };
         let cotangents = op.vjp(&cx)?;
         assert_eq!(cotangents.len(), inputs.len(), "{}: vjp must speak of every operand", op.name());

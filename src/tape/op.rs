@@ -203,6 +203,8 @@ pub struct Backward<'a> {
     pub(super) output: &'a Var,
     pub(super) residual: Option<&'a Rc<dyn Any>>,
     pub(super) live: bool,
+    /// Whether the tape looks for what is not finite.
+    pub(super) anomaly: bool,
 }
 
 impl Backward<'_> {

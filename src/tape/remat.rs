@@ -84,7 +84,7 @@ impl Op for Remat {
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
         cx.first_order_only(self.name())?;
         let outer = cx.gradient().tape();
-        let inner = outer.inner();
+        let inner = if cx.anomaly { Tape::with_anomaly_mode() } else { Tape::new() };
         let leaves: Vec<_> = cx
             .inputs()
             .iter()

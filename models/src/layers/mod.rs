@@ -32,8 +32,8 @@ mod resampling;
 mod transformer;
 mod depth_attention;
 
-pub(crate) use attention::{merge_heads, split_heads};
 pub use attention::{Attention, AttentionSizes};
+pub(crate) use attention::{merge_heads, split_heads};
 pub use convolution::{Convolution, Kernel};
 pub use depth_attention::{DepthAttention, DepthAttentionSizes};
 pub use linear::Linear;

@@ -23,8 +23,7 @@ pub struct ClipSizes {
 
 impl ClipSizes {
     /// ViT-L/14.
-    pub const PUBLISHED: Self =
-        Self { resolution: 224, patch: 14, width: 1024, layers: 24, heads: 16, outputs: 768 };
+    pub const PUBLISHED: Self = Self { resolution: 224, patch: 14, width: 1024, layers: 24, heads: 16, outputs: 768 };
 }
 
 /// The tower.
@@ -79,9 +78,8 @@ impl ClipTower {
     /// # Errors
     /// When the colours cannot be cast to the dtype of the images.
     pub fn normalise(images: &Var) -> Result<Var> {
-        let [mean, deviation] = COLOURS.map(|values| {
-            super::constant(images, Tensor::from_vec(values.to_vec(), [1, 3, 1, 1]))
-        });
+        let [mean, deviation] =
+            COLOURS.map(|values| super::constant(images, Tensor::from_vec(values.to_vec(), [1, 3, 1, 1])));
         let in_unit_range = &(images + 1.0) * 0.5;
         Ok(&(&in_unit_range - &mean?) / &deviation?)
     }

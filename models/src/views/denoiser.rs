@@ -100,7 +100,9 @@ impl Denoiser {
     /// When a sample or view does not exist.
     #[track_caller]
     pub fn noise(&self, look: &Look, condition: &Condition, targets: &[Target], guidance: f64) -> Result<Var> {
-        let [_, _, latent, height, width] = look.noised.dims()[..] else { panic!("noised views are [b, views, c, h, w]") };
+        let [_, _, latent, height, width] = look.noised.dims()[..] else {
+            panic!("noised views are [b, views, c, h, w]")
+        };
         let count = targets.len();
         let of_view = |x: &Var| {
             let each = |t: &Target| x.slice(0, t.sample..t.sample + 1).slice(1, t.view..t.view + 1);
@@ -149,8 +151,7 @@ impl Denoiser {
     ) -> Result<[Var; 2]> {
         let noised = schedule.add_noise(x0, noise, times)?;
         let look = self.look(&noised, times, condition)?;
-        let targets: Vec<Target> =
-            views.iter().enumerate().map(|(sample, &view)| Target { sample, view }).collect();
+        let targets: Vec<Target> = views.iter().enumerate().map(|(sample, &view)| Target { sample, view }).collect();
         let predicted = self.noise(&look, condition, &targets, 1.0)?;
         let of_target = |t: &Target| noise.slice(0, t.sample..t.sample + 1).select(1, t.view);
         let wanted = stacked(&targets.iter().map(of_target).collect::<Vec<_>>());

@@ -1,6 +1,6 @@
 //! From a picture with a foreground mask to what the model sees: a square on white, in −1..1.
 
-use gradreel::{DType, Error, ErrorKind, Result, Tape, Tensor};
+use gradreel::{Error, ErrorKind, Result, Tape, Tensor, Var};
 
 use super::Bicubic;
 
@@ -97,14 +97,17 @@ impl Picture {
             }
             planes[3 * area + i] = alpha;
         }
+        // in whole grey levels between rows and columns, as image programs work
         let tape = Tape::new();
-        let planes = tape.constant(Tensor::from_vec(planes, [1, 4, self.height, self.width]).cast(DType::F64)?);
-        let resized = Bicubic::Area.resize(&planes, height, width)?;
+        let level = |x: &Var| (x + 0.5).floor().clamp(0.0, 255.0);
+        let planes = level(&tape.constant(Tensor::from_vec(planes, [1, 4, self.height, self.width])));
+        let wide = level(&Bicubic::Area.resize(&planes, self.height, width)?);
+        let resized = level(&Bicubic::Area.resize(&wide, height, width)?);
         let values = resized.value()?.slice::<f64>();
         let area = width * height;
         let byte = |v: f64| v.round().clamp(0.0, 255.0) as u8;
         let pixel = |i: usize| {
-            let alpha = values[3 * area + i].round().clamp(0.0, 255.0);
+            let alpha = values[3 * area + i];
             let colour = |channel: usize| {
                 let weighted = values[channel * area + i];
                 if alpha == 0.0 { 0 } else { byte(weighted * 255.0 / alpha) }

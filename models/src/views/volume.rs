@@ -82,7 +82,8 @@ impl VolumePath {
     /// When they cannot be moved there.
     pub fn viewpoints(&self, like: &Var, elevations: &[f64]) -> Result<Var> {
         let views = self.ring.views;
-        let of = |elevation: &f64| (0..views).flat_map(|view| self.ring.viewpoint(view, *elevation)).collect::<Vec<_>>();
+        let of =
+            |elevation: &f64| (0..views).flat_map(|view| self.ring.viewpoint(view, *elevation)).collect::<Vec<_>>();
         let values: Vec<f64> = elevations.iter().flat_map(of).collect();
         constant(like, Tensor::from_vec(values, [elevations.len(), views, 4]))
     }

@@ -76,9 +76,9 @@ fn a_picture_is_prepared_as_published() {
         let expected = file.get(name).unwrap().to_vec().unwrap();
         let found = prepare(&rgba, height, 64, crop).unwrap().to_vec().unwrap();
         let pixels = 64 * 64;
-        let errors: Vec<f64> =
-            (0..3 * pixels).map(|i| (found[i % 3 * pixels + i / 3] - expected[i]).abs()).collect();
-        let (worst, mean) = (errors.iter().fold(0.0f64, |m, e| m.max(*e)), errors.iter().sum::<f64>() / errors.len() as f64);
+        let errors: Vec<f64> = (0..3 * pixels).map(|i| (found[i % 3 * pixels + i / 3] - expected[i]).abs()).collect();
+        let (worst, mean) =
+            (errors.iter().fold(0.0f64, |m, e| m.max(*e)), errors.iter().sum::<f64>() / errors.len() as f64);
         assert!(worst <= 0.016 && mean < 0.002, "{name}: worst {worst}, mean {mean}");
     }
     assert!(prepare(&rgba[..4 * height - 4], height, 64, None).is_err());

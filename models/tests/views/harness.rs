@@ -25,7 +25,9 @@ pub fn places() -> Vec<Place> {
     let mut all = vec![cpu("f64", DType::F64), cpu("f32", DType::F32)];
     match Device::gpu() {
         Ok(device) => all.push(Place { name: "GPU", dtype: DType::F32, device }),
-        Err(error) if std::env::var("CI").is_ok_and(|ci| ci == "true") => panic!("the GPU must be tested here: {error}"),
+        Err(error) if std::env::var("CI").is_ok_and(|ci| ci == "true") => {
+            panic!("the GPU must be tested here: {error}")
+        }
         Err(error) => eprintln!("no GPU: {error}"),
     }
     all
@@ -134,12 +136,7 @@ impl Weights for Case<'_> {
 }
 
 /// Runs a network everywhere and compares. `strip` is the part of the weights' paths that gradients in the file leave out.
-pub fn check(
-    name: &str,
-    strip: &str,
-    tolerance: Tolerance,
-    run: impl Fn(&Case<'_>) -> Result<Vec<(String, Var)>>,
-) {
+pub fn check(name: &str, strip: &str, tolerance: Tolerance, run: impl Fn(&Case<'_>) -> Result<Vec<(String, Var)>>) {
     let file = load(name);
     for place in places() {
         let case = Case::new(&file, &place);
@@ -151,7 +148,9 @@ pub fn check(
                 close(&format!("{name} {} {result}", place.name), value.value().unwrap(), expected, tolerance.value);
                 compared += 1;
             }
-            if let Some(cotangent) = result.strip_prefix("out.").and_then(|short| file.get(&format!("cot.{short}")).ok()) {
+            if let Some(cotangent) =
+                result.strip_prefix("out.").and_then(|short| file.get(&format!("cot.{short}")).ok())
+            {
                 let cotangent = cotangent.cast(place.dtype).unwrap().to_device(&place.device).unwrap();
                 let part = (value * &case.tape.constant(cotangent)).sum_all();
                 loss = Some(loss.map_or(part.clone(), |sum| &sum + &part));

@@ -2,8 +2,8 @@
 
 use gradreel::Tensor;
 use gradreel_models::layers::{
-    DepthAttention, DepthAttentionSizes, Downsample, ResidualBlock, SpatialTransformer, TimeEmbedding, TransformerSizes,
-    Upsample,
+    DepthAttention, DepthAttentionSizes, Downsample, ResidualBlock, SpatialTransformer, TimeEmbedding,
+    TransformerSizes, Upsample,
 };
 
 use crate::harness::{Case, Tolerance, check, close, load, places};
@@ -79,7 +79,9 @@ fn time_embeddings() {
             close(name, of.sinusoid(expected.dims()[1]).value().unwrap(), expected, 1e-4);
         }
         for prefix in ["volume", "unet"] {
-            let [outputs, features] = case.shape(&format!("{prefix}_time_embed.0.weight"))[..] else { panic!("a matrix") };
+            let [outputs, features] = case.shape(&format!("{prefix}_time_embed.0.weight"))[..] else {
+                panic!("a matrix")
+            };
             let scope = case.scope().at(format_args!("{prefix}_time_embed"));
             let layer = TimeEmbedding::new(&scope, features, outputs).unwrap();
             let like = case.input("t");

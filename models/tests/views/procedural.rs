@@ -5,7 +5,8 @@ use gradreel::{Shape, Tensor};
 /// FNV-1a of the text, then SplitMix64 counters to numbers in −1..1.
 pub fn numbers(seed: &str, key: &str, count: usize) -> impl Iterator<Item = f32> {
     let text = format!("{seed}:{key}");
-    let hash = text.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |h, byte| (h ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3));
+    let hash =
+        text.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |h, byte| (h ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3));
     (1..=count as u64).map(move |i| {
         let mut z = hash.wrapping_add(i.wrapping_mul(0x9E37_79B9_7F4A_7C15));
         z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);

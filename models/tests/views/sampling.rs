@@ -99,8 +99,8 @@ fn a_denoising_step_of_all_views() {
             for guidance in [2.0, 1.0] {
                 // in two unequal groups, which must not matter
                 let targets: Vec<_> = (0..sizes.ring.views).map(|view| Target { sample: 0, view }).collect();
-                let parts = [&targets[..1], &targets[1..]]
-                    .map(|group| net.noise(&look, &condition, group, guidance).unwrap());
+                let parts =
+                    [&targets[..1], &targets[1..]].map(|group| net.noise(&look, &condition, group, guidance).unwrap());
                 let predicted = parts[0].concat(&[&parts[1]], 0).reshape(x.shape());
                 let next = ddim.step(index, &x, &predicted, &case.given(&format!("in.{turn}.noise")));
                 for (what, value) in [("eps", predicted), ("x_prev", next)] {
@@ -139,7 +139,8 @@ fn a_training_step() {
             let found = gradients.wrt(&case.leaf_of(path)).unwrap().to_vec().unwrap();
             let expected = expected.to_vec().unwrap();
             let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>().sqrt();
-            let error = norm(&mut found.iter().zip(&expected).map(|(a, b)| a - b)) / norm(&mut expected.iter().copied());
+            let error =
+                norm(&mut found.iter().zip(&expected).map(|(a, b)| a - b)) / norm(&mut expected.iter().copied());
             assert!(error < limit, "{name}: relative error {error:.1e}");
         }
     }

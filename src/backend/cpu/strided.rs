@@ -233,7 +233,7 @@ mod tests {
 
     #[test]
     fn every_kind_of_step_copies_the_right_elements() {
-        let values: Vec<f32> = (0..200_000).map(|i| i as f32).collect();
+        let values: Vec<f32> = (0..300_000).map(|i| i as f32).collect();
         let cases: [(usize, &[(usize, usize)]); 9] = [
             (0, &[(300, 1), (500, 300)]),
             (7, &[(3, 60_000), (17, 1), (5, 1700), (33, 20)]),

@@ -38,7 +38,7 @@ pub(crate) fn gradients<T: Real>(
         .collect();
     let count = if layers_wanted { starts[starts.len() - 1] } else { 0 };
     let spans = rows.div_ceil(SPAN).clamp(1, MOST_SPANS);
-    let length = rows.div_ceil(spans).next_multiple_of(BLOCK);
+    let length = rows.div_ceil(spans).next_multiple_of(BLOCK).max(BLOCK);
     let spans = rows.div_ceil(length).max(1);
     let mut sums = buffer::<T>(spans * count);
     sums.fill(T::ZERO);
