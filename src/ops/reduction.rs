@@ -157,7 +157,7 @@ impl Axes {
         let inner: usize = groups[1..].iter().map(|(size, _)| size).product();
         // parts have to begin at aligned places
         let mut least = 1;
-        while least * inner % GpuBuffer::ALIGNMENT != 0 {
+        while !(least * inner).is_multiple_of(GpuBuffer::ALIGNMENT) {
             least *= 2;
         }
         let most = gpu.part_len() / inner / least * least;

@@ -114,7 +114,7 @@ fn mooney_rivlin() -> Program {
 fn deformations() -> Vec<Vec<f32>> {
     let value = |p: usize, k: usize| {
         let size = [0.0, 0.02, 0.2][p % 3];
-        let rest = if k % 4 == 0 { 1.0 } else { 0.0 };
+        let rest = if k.is_multiple_of(4) { 1.0 } else { 0.0 };
         (rest + size * (1.7 * p as f64 + 2.3 * k as f64 + 0.01 * (p * k) as f64).sin()) as f32
     };
     (0..9).map(|k| (0..BLOCKS * BLOCK).map(|p| value(p, k)).collect()).collect()

@@ -59,7 +59,7 @@ impl UnetSizes {
 /// One of the numbered blocks on the way down.
 enum Down {
     First(Convolution),
-    Stage(ResidualBlock, Option<SpatialTransformer>),
+    Stage(Box<(ResidualBlock, Option<SpatialTransformer>)>),
     Half(Downsample),
 }
 
@@ -100,7 +100,7 @@ impl Unet {
                 let residual = ResidualBlock::new(&scope.at(0), channels, sizes.channels(level), embedding)?;
                 let transformer = (level < 3).then(|| sizes.transformer(&scope.at(1), level)).transpose()?;
                 channels = sizes.channels(level);
-                down.push(Down::Stage(residual, transformer));
+                down.push(Down::Stage(Box::new((residual, transformer))));
                 skips.push(channels);
             }
             if level < 3 {
@@ -182,7 +182,8 @@ impl Unet {
         for (number, block) in self.down.iter().enumerate() {
             h = match block {
                 Down::First(conv) => conv.forward(&h),
-                Down::Stage(residual, transformer) => {
+                Down::Stage(stage) => {
+                    let (residual, transformer) = &**stage;
                     let h = residual.forward(&h, &time);
                     transformer.as_ref().map_or(h.clone(), |t| t.forward(&h, context))
                 }

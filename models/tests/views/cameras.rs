@@ -27,7 +27,7 @@ fn poses_and_projections() {
         .flat_map(|view| {
             let pose = ring.pose(view);
             let to = |point: &[f64; 3]| ring.project(&pose, *point, 32).map(|x| x / 15.5 - 1.0);
-            voxels.iter().flat_map(to.clone()).collect::<Vec<_>>()
+            voxels.iter().flat_map(to).collect::<Vec<_>>()
         })
         .enumerate()
         .filter(|(i, _)| i % 3 < 2)

@@ -145,13 +145,16 @@ fn class(len: usize) -> usize {
     len.next_multiple_of(1 << (len.ilog2() - 2))
 }
 
+/// Buffers taken out, by the size of their numbers.
+type Evicted = (Vec<Vec<u16>>, Vec<Vec<u32>>, Vec<Vec<u64>>);
+
 impl Pool {
     fn bytes(&self) -> usize {
         self.pairs.bytes + self.words.bytes + self.doubles.bytes
     }
 
     /// Takes out the buffers that were not used for longest until `most` bytes are left.
-    fn evict(&mut self, most: usize) -> (Vec<Vec<u16>>, Vec<Vec<u32>>, Vec<Vec<u64>>) {
+    fn evict(&mut self, most: usize) -> Evicted {
         let mut evicted = (Vec::new(), Vec::new(), Vec::new());
         while self.bytes() > most {
             let oldest = [self.pairs.oldest(), self.words.oldest(), self.doubles.oldest()];

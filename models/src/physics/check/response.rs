@@ -77,8 +77,8 @@ impl<'a> Subject<'a> {
             // One side alone is accurate to the first order of the step only.
             let off = sides.into_iter().zip([1.0, 1e-2, 1e-2]).map(|(side, trust)| error(side) * trust);
             let off = off.fold(f64::INFINITY, f64::min);
-            // Written so that NaN is the worst.
-            if !(off <= worst.0) {
+            // NaN is the worst.
+            if off.is_nan() || off > worst.0 {
                 worst = (off, format!("at {}", self.law.program().inputs()[k]));
             }
         }

@@ -101,15 +101,6 @@ impl<'a, T> Out<'a, T> {
         Self { start: values.as_mut_ptr(), len: values.len(), row, column, values: PhantomData }
     }
 
-    /// A matrix within memory that others write elsewhere, as the heads of an attention do.
-    ///
-    /// # Safety
-    /// `start` must be valid for `len` elements for `'a`, and nobody else may touch the elements of this product
-    /// meanwhile.
-    pub(crate) unsafe fn shared(start: *mut T, len: usize, row: usize, column: usize) -> Self {
-        Self { start, len, row, column, values: PhantomData }
-    }
-
     fn transposed(self) -> Self {
         Self { row: self.column, column: self.row, ..self }
     }
@@ -151,11 +142,6 @@ impl<'a, T: Real> Gemm<'a, T> {
     /// `out = left · right` of the sizes `[m, k, n]`.
     pub(crate) fn new(sizes: [usize; 3]) -> Self {
         Self { sizes, scale: T::ONE, accumulate: false, epilogue: Epilogue::NONE }
-    }
-
-    /// Multiplies the product, but not the biases.
-    pub(crate) fn scale(self, scale: T) -> Self {
-        Self { scale, ..self }
     }
 
     /// Adds to what the output holds instead of writing over it.

@@ -80,9 +80,12 @@ fn products_of_all_layouts_are_those_of_the_definition() {
     products::<f64>();
 }
 
+/// An activation with its definition.
+type Defined = (Activation, fn(f64) -> f64);
+
 #[test]
 fn scale_accumulation_biases_and_activation_come_in_their_order() {
-    let functions: [(Activation, fn(f64) -> f64); 6] = [
+    let functions: [Defined; 6] = [
         (Activation::Identity, |x| x),
         (Activation::Relu, |x| x.max(0.0)),
         (Activation::Tanh, f64::tanh),
@@ -100,7 +103,10 @@ fn scale_accumulation_biases_and_activation_come_in_their_order() {
             for transposed in [false, true] {
                 let mut out = before.clone();
                 let place = if transposed { Out::strided(&mut out, 1, m) } else { Out::rows(&mut out, n) };
-                let gemm = Gemm::new(sizes).scale(0.5).accumulate().row_bias(Some(&rows)).column_bias(Some(&columns));
+                let gemm = Gemm { scale: 0.5, ..Gemm::new(sizes) }
+                    .accumulate()
+                    .row_bias(Some(&rows))
+                    .column_bias(Some(&columns));
                 gemm.activation(activation).run(&left, &right, place, Par::Threads);
                 for i in 0..m * n {
                     let at = if transposed { i % n * m + i / n } else { i };

@@ -53,9 +53,7 @@ impl<T: Real> Job<T> for Copy<'_, '_, T> {
                     unsafe { V::load(from.as_ptr().add(at + i)).store(into.as_mut_ptr().add(to + i)) };
                 }
             } else {
-                for i in 0..len {
-                    into[to + i] = from[at + i];
-                }
+                into[to..to + len].copy_from_slice(&from[at..at + len]);
             }
         }
     }
