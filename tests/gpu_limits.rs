@@ -25,22 +25,17 @@ fn small() -> Option<Device> {
 fn pointwise_ops_copies_and_reductions_run_by_parts() {
     let Some(gpu) = small() else { return };
     type Function = fn(&[Var]) -> Var;
-    let cases: [(&str, Vec<Vec<usize>>, Function); 16] = [
+    let cases: [(&str, Vec<Vec<usize>>, Function); 11] = [
         ("fits", vec![vec![256]], |v| v[0].exp()),
         ("map", vec![vec![1000]], |v| v[0].exp()),
         ("map of two", vec![vec![31, 33], vec![31, 33]], |v| &v[0] * &v[1]),
         ("map with a number", vec![vec![700], vec![1]], |v| &v[0] / &(&v[1] + 2.0)),
         ("map with a row", vec![vec![64, 16], vec![16]], |v| &v[0] * &v[1]),
         ("broadcast", vec![vec![4, 1]], |v| v[0].broadcast_to([4, 128])),
-        ("slice", vec![vec![50, 20]], |v| v[0].slice(0, 7..48)),
-        ("slice of rows", vec![vec![50, 20]], |v| v[0].slice(1, 3..18)),
-        ("permute", vec![vec![40, 5, 6]], |v| v[0].permute(&[0, 2, 1])),
-        ("flip", vec![vec![40, 20]], |v| v[0].flip(1)),
         ("sum of all", vec![vec![999]], |v| v[0].sum_all()),
         ("sum of rows", vec![vec![64, 16]], |v| v[0].sum(&[1])),
         ("sum of columns", vec![vec![64, 16]], |v| v[0].sum(&[0])),
         ("sum of the middle", vec![vec![32, 4, 8]], |v| v[0].sum(&[1])),
-        ("sum of both ends", vec![vec![2, 128, 4]], |v| v[0].sum(&[0, 2])),
         ("largest", vec![vec![64, 16]], |v| v[0].max(&[0])),
     ];
     for (name, shapes, function) in cases {
