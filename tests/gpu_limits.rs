@@ -25,7 +25,7 @@ fn small() -> Option<Device> {
 fn pointwise_ops_copies_and_reductions_run_by_parts() {
     let Some(gpu) = small() else { return };
     type Function = fn(&[Var]) -> Var;
-    let cases: [(&str, Vec<Vec<usize>>, Function); 11] = [
+    let cases: [(&str, Vec<Vec<usize>>, Function); 9] = [
         ("fits", vec![vec![256]], |v| v[0].exp()),
         ("map", vec![vec![1000]], |v| v[0].exp()),
         ("map of two", vec![vec![31, 33], vec![31, 33]], |v| &v[0] * &v[1]),
@@ -35,8 +35,6 @@ fn pointwise_ops_copies_and_reductions_run_by_parts() {
         ("sum of all", vec![vec![999]], |v| v[0].sum_all()),
         ("sum of rows", vec![vec![64, 16]], |v| v[0].sum(&[1])),
         ("sum of columns", vec![vec![64, 16]], |v| v[0].sum(&[0])),
-        ("sum of the middle", vec![vec![32, 4, 8]], |v| v[0].sum(&[1])),
-        ("largest", vec![vec![64, 16]], |v| v[0].max(&[0])),
     ];
     for (name, shapes, function) in cases {
         let names = ["x", "y"];
