@@ -8,7 +8,7 @@
 use std::ops::Range;
 
 use super::scratch;
-use super::tile::Strip;
+use super::tile::{Extent, Strip};
 use super::{Out, Task};
 use crate::scalar::{Path, Real};
 
@@ -34,7 +34,7 @@ pub(super) const fn depth_block<T>() -> usize {
 
 /// Makes the part `rows × columns` of a product, on the calling thread.
 pub(super) fn run<T: Real>(task: &Task<'_, T>, rows: Range<usize>, columns: Range<usize>, out: Out<'_, T>) {
-    let [tile_rows, tile_columns, _] = task.tile;
+    let Extent { rows: tile_rows, columns: tile_columns, .. } = task.tile;
     let depth_most = depth_block::<T>().min(task.depth.len());
     let block_columns = columns.len().min(COLUMNS).next_multiple_of(tile_columns);
     let one_block = columns.len() <= COLUMNS;
@@ -59,12 +59,13 @@ struct Part<'a, T> {
 
 impl<T: Real> Part<'_, T> {
     fn rows(&mut self, rows: Range<usize>, columns: Range<usize>) {
-        let [tile_rows, tile_columns, _] = self.task.tile;
+        let Extent { rows: tile_rows, rows_in_place, columns: tile_columns, .. } = self.task.tile;
         let in_place = self.task.left.strided().filter(|left| {
             let reused = columns.len().div_ceil(tile_columns) >= STRIPS;
             left.line == 1 && left.depth == 1
                 || (left.depth == 1 || left.line == 1 && rows.len() <= tile_rows) && !reused
         });
+        let height = if in_place.is_some_and(|left| left.line != 1) { rows_in_place } else { tile_rows };
         for depth in pieces(self.task.depth.len(), depth_block::<T>()) {
             let first = depth.start == 0;
             let last = depth.end == self.task.depth.len();
@@ -80,7 +81,7 @@ impl<T: Real> Part<'_, T> {
                 let end = columns.len().min(block.end * tile_columns);
                 let block = columns.start + block.start * tile_columns..columns.start + end;
                 self.pack_right(block.clone(), depth.clone());
-                for strip in pieces(rows.len(), tile_rows) {
+                for strip in pieces(rows.len(), height) {
                     let lines = rows.start + strip.start..rows.start + strip.end;
                     let (left, left_row, left_depth) = match in_place {
                         Some(left) => {
@@ -120,7 +121,7 @@ impl<T: Real> Part<'_, T> {
     }
 
     fn pack_right(&mut self, block: Range<usize>, depth: Range<usize>) {
-        let [_, tile_columns, vector] = self.task.tile;
+        let Extent { columns: tile_columns, vector, .. } = self.task.tile;
         for start in (0..block.len()).step_by(tile_columns) {
             let lines = block.start + start..block.end.min(block.start + start + tile_columns);
             // the last strip is as wide as the vectors that its columns fill

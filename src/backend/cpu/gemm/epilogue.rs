@@ -57,6 +57,11 @@ impl<T: Real> Epilogue<'_, T> {
         self.row_bias.is_none() && self.column_bias.is_none() && self.activation == Activation::Identity
     }
 
+    /// Whether it is cheap enough to happen before a tile is stored.
+    pub(super) fn is_simple(&self) -> bool {
+        self.row_bias.is_none() && matches!(self.activation, Activation::Identity | Activation::Relu)
+    }
+
     /// The same for the transposed product.
     pub(super) fn transposed(self) -> Self {
         Self { row_bias: self.column_bias, column_bias: self.row_bias, ..self }

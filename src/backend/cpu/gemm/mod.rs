@@ -32,9 +32,13 @@ use epilogue::Epilogue;
 pub(crate) use panel::{Panel, Strided};
 
 use crate::scalar::{Path, Real};
+use tile::{Extent, Measure};
 
 /// Multiply-adds below which a product is made by one thread.
 const SMALL: usize = 1 << 20;
+
+/// How much better columns must fill the vectors than rows, for the product to be made transposed.
+const TURN: f64 = 1.15;
 
 /// Who works on a product.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -134,8 +138,7 @@ struct Task<'a, T> {
     scale: T,
     accumulate: bool,
     epilogue: Epilogue<'a, T>,
-    /// Rows and columns of a tile, and the width of a vector.
-    tile: [usize; 3],
+    tile: Extent,
 }
 
 impl<'a, T: Real> Gemm<'a, T> {
@@ -190,9 +193,16 @@ impl<'a, T: Real> Gemm<'a, T> {
         let biases = [(epilogue.row_bias, m), (epilogue.column_bias, n)];
         assert!(biases.iter().all(|(bias, len)| bias.is_none_or(|bias| bias.len() >= *len)), "a bias is too short");
         // SAFETY: the best path is available.
-        let tile = unsafe { T::dispatch(Path::best(), tile::Extent) };
+        let tile = unsafe { T::dispatch(Path::best(), Measure) };
         let task = |left, right, epilogue| Task { left, right, depth: 0..k, scale, accumulate, epilogue, tile };
-        if out.column != 1 && out.row == 1 {
+        // rows of the product are vectors: those that fill them better, and lie together if both do alike
+        let filled = |lines: usize| lines as f64 / lines.next_multiple_of(tile.vector) as f64;
+        let turn = match (filled(m) / filled(n), k) {
+            (ratio, 8..) if ratio > TURN => true,
+            (ratio, 8..) if ratio < 1.0 / TURN => false,
+            _ => out.column != 1 && out.row == 1,
+        };
+        if turn {
             task(right, left, epilogue.transposed()).run([n, m], out.transposed(), par);
         } else {
             task(left, right, epilogue).run([m, n], out, par);
@@ -221,7 +231,7 @@ impl<T: Real> Task<'_, T> {
 
     /// Rows and columns of the parts that the threads take, whole tiles, as square as the product allows.
     fn grid(&self, m: usize, n: usize, k: usize, threads: usize) -> [usize; 2] {
-        let [tile_rows, tile_columns, _] = self.tile;
+        let Extent { rows: tile_rows, columns: tile_columns, .. } = self.tile;
         let mut part = [m, n];
         if threads == 1 {
             return part;

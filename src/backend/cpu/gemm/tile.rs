@@ -6,7 +6,7 @@
 
 use std::mem::MaybeUninit;
 
-use super::epilogue::{Epilogue, Finish};
+use super::epilogue::{Activation, Epilogue, Finish};
 use super::prefetch;
 use crate::scalar::{Job, Lane, Path, Real};
 
@@ -28,16 +28,34 @@ pub(super) const fn rows<V: Lane>() -> usize {
     if rows > MOST_ROWS { MOST_ROWS } else { rows }
 }
 
-/// Rows and columns of a full tile, and the width of a vector.
-pub(super) struct Extent;
+/// Rows of a full tile whose left factor is read in place: two steps along the depth at a time, so that an address serves
+/// twice, take more registers for the right factor.
+const fn rows_in_place<V: Lane>() -> usize {
+    let rows = (V::REGISTERS - 2 * vectors::<V>() - 1) / vectors::<V>();
+    if rows > MOST_ROWS { MOST_ROWS } else { rows }
+}
 
-impl<T: Real> Job<T> for Extent {
-    type Output = [usize; 3];
+/// The sizes of a full tile.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Extent {
+    pub(super) rows: usize,
+    pub(super) rows_in_place: usize,
+    pub(super) columns: usize,
+    /// The width of a vector.
+    pub(super) vector: usize,
+}
+
+/// Asks for the sizes of a tile.
+pub(super) struct Measure;
+
+impl<T: Real> Job<T> for Measure {
+    type Output = Extent;
 
     #[inline(always)]
-    unsafe fn run<V: Lane<Element = T>>(self) -> [usize; 3] {
+    unsafe fn run<V: Lane<Element = T>>(self) -> Extent {
         const { assert!(vectors::<V>() * V::WIDTH <= MOST_COLUMNS) };
-        [rows::<V>(), vectors::<V>() * V::WIDTH, V::WIDTH]
+        let columns = vectors::<V>() * V::WIDTH;
+        Extent { rows: rows::<V>(), rows_in_place: rows_in_place::<V>(), columns, vector: V::WIDTH }
     }
 }
 
@@ -74,62 +92,92 @@ impl<T: Real> Strip<'_, T> {
     /// # Safety
     /// The path must be available, the pointers valid for the sizes, and the output's elements distinct and nobody
     /// else's.
-    pub(super) unsafe fn run(&self, path: Path, [_, full, vector]: [usize; 3]) {
-        for column in (0..self.columns).step_by(full) {
-            let width = full.min(self.columns - column);
-            // SAFETY: the caller's promise; a whole strip of the right factor takes `depth · full` values.
-            unsafe { self.tile(path, column, width, width.next_multiple_of(vector), vector) }
+    pub(super) unsafe fn run(&self, path: Path, extent: Extent) {
+        let Extent { columns: full, vector, .. } = extent;
+        // rows of whole vectors are made where they belong
+        let whole = if self.out_column == 1 { self.columns / full } else { 0 };
+        // SAFETY: the caller's promise; a whole strip of the right factor takes `depth · full` values.
+        unsafe {
+            if whole > 0 {
+                let bias = self.column_bias(0, whole * full);
+                self.make(path, self.right, self.out, self.out_row, [whole, full / vector], bias);
+            }
+            for column in (whole * full..self.columns).step_by(full) {
+                self.beside(path, column, full.min(self.columns - column), vector);
+            }
         }
     }
 
-    /// Makes one tile where it belongs, or, where its rows are no whole vectors in memory, beside it.
-    unsafe fn tile(&self, path: Path, column: usize, width: usize, whole: usize, vector: usize) {
-        let in_place = self.out_column == 1 && width == whole;
+    /// The bias of some columns of the strip, where there is one to be added now.
+    fn column_bias(&self, column: usize, width: usize) -> Option<&[T]> {
+        let bias = self.epilogue?.column_bias?;
+        Some(&bias[self.first_column + column..][..width])
+    }
+
+    /// Makes a tile whose rows are no whole vectors in memory, in memory of its own.
+    unsafe fn beside(&self, path: Path, column: usize, width: usize, vector: usize) {
+        let row = width.next_multiple_of(vector);
         let out = self.out.wrapping_add(column * self.out_column);
-        let first_column = self.first_column + column;
-        let mut beside = MaybeUninit::<[T; MOST_ROWS * MOST_COLUMNS]>::uninit();
-        let (tile, row) = if in_place { (out, self.out_row) } else { (beside.as_mut_ptr().cast(), whole) };
-        // SAFETY: the caller's promise; a tile beside the output has room for its rows, and is written before it is read.
+        let mut memory = MaybeUninit::<[T; MOST_ROWS * MOST_COLUMNS]>::uninit();
+        let tile: *mut T = memory.as_mut_ptr().cast();
+        let mut padded = [T::ZERO; MOST_COLUMNS];
+        let bias = self.column_bias(column, width).map(|bias| {
+            padded[..width].copy_from_slice(bias);
+            &padded[..row]
+        });
+        // SAFETY: the caller's promise; the tile has room for its rows, and is written before it is read.
         unsafe {
-            if !in_place && self.accumulate {
+            if self.accumulate {
                 for r in 0..self.rows {
-                    for c in 0..whole {
+                    for c in 0..row {
                         let from = out.wrapping_add(r * self.out_row + c * self.out_column);
                         *tile.add(r * row + c) = if c < width { *from } else { T::ZERO };
                     }
                 }
             }
-            let right = self.right.add(column * self.depth);
-            let Self { depth, left, left_row, left_depth, scale, accumulate, .. } = *self;
-            let sums = Sums { depth, left, left_row, left_depth, right, out: tile, out_row: row, scale, accumulate };
-            sums.dispatch(path, self.rows, whole / vector);
-            if let Some(epilogue) = self.epilogue {
-                let mut padded = [T::ZERO; MOST_COLUMNS];
-                let bias = epilogue.column_bias.map(|bias| {
-                    let bias = &bias[first_column..first_column + width];
-                    if width == whole {
-                        return bias.as_ptr();
-                    }
-                    padded[..width].copy_from_slice(bias);
-                    padded.as_ptr()
-                });
-                let shape = [self.rows, whole / vector];
-                T::dispatch(path, Finish { epilogue, tile, row, first_row: self.first_row, shape, column_bias: bias });
-            }
-            if !in_place {
-                for r in 0..self.rows {
-                    for c in 0..width {
-                        *out.wrapping_add(r * self.out_row + c * self.out_column) = *tile.add(r * row + c);
-                    }
+            self.make(path, self.right.add(column * self.depth), tile, row, [1, row / vector], bias);
+            for r in 0..self.rows {
+                for c in 0..width {
+                    *out.wrapping_add(r * self.out_row + c * self.out_column) = *tile.add(r * row + c);
                 }
+            }
+        }
+    }
+
+    /// Makes `tiles` tiles side by side, of `vectors` vectors each.
+    unsafe fn make(
+        &self,
+        path: Path,
+        right: *const T,
+        out: *mut T,
+        out_row: usize,
+        [tiles, vectors]: [usize; 2],
+        column_bias: Option<&[T]>,
+    ) {
+        let Self { rows, depth, left, left_row, left_depth, scale, accumulate, .. } = *self;
+        // what is cheap happens in the registers, everything else afterwards
+        let simple = self.epilogue.is_none_or(Epilogue::is_simple);
+        let ending = self.epilogue.filter(|_| simple).map(|epilogue| Ending {
+            bias: column_bias.map_or(std::ptr::null(), <[T]>::as_ptr),
+            least: if epilogue.activation == Activation::Relu { T::ZERO } else { -T::INFINITY },
+        });
+        // SAFETY: the caller's promise.
+        unsafe {
+            Sums { tiles, depth, left, left_row, left_depth, right, out, out_row, scale, accumulate, ending }
+                .dispatch(path, rows, vectors);
+            if let Some(epilogue) = self.epilogue.filter(|_| !simple) {
+                let column_bias = column_bias.map(<[T]>::as_ptr);
+                let (shape, row, first_row) = ([rows, tiles * vectors], out_row, self.first_row);
+                T::dispatch(path, Finish { epilogue, tile: out, row, first_row, shape, column_bias });
             }
         }
     }
 }
 
-/// The sums of one tile, stored as rows of whole vectors; the fields are those of [`Strip`].
+/// The sums of tiles side by side, stored as rows of whole vectors; most fields are those of [`Strip`].
 #[derive(Clone, Copy)]
 struct Sums<T> {
+    tiles: usize,
     depth: usize,
     left: *const T,
     left_row: usize,
@@ -139,6 +187,16 @@ struct Sums<T> {
     out_row: usize,
     scale: T,
     accumulate: bool,
+    ending: Option<Ending<T>>,
+}
+
+/// What happens to complete sums in the registers: `max(least, sum + bias)`.
+#[derive(Clone, Copy)]
+struct Ending<T> {
+    /// One for each column, or null.
+    bias: *const T,
+    /// 0 for relu, else −∞.
+    least: T,
 }
 
 impl<T: Real> Sums<T> {
@@ -172,12 +230,26 @@ impl<T: Real, const ROWS: usize, const VECTORS: usize, const SIDE_BY_SIDE: bool>
 
     #[inline(always)]
     unsafe fn run<V: Lane<Element = T>>(self) {
-        if ROWS > rows::<V>() || VECTORS > vectors::<V>() {
+        let most = if SIDE_BY_SIDE { rows::<V>() } else { rows_in_place::<V>() };
+        if ROWS > most || VECTORS > vectors::<V>() {
             unreachable!("no tile of this processor is as large");
         }
-        let Sums { depth, mut left, left_row, left_depth, mut right, out, out_row, scale, accumulate } = self.0;
-        let left_row = if SIDE_BY_SIDE { 1 } else { left_row };
-        let left_depth = if SIDE_BY_SIDE { left_depth } else { 1 };
+        let sums = self.0;
+        for tile in 0..sums.tiles {
+            let column = tile * VECTORS * V::WIDTH;
+            // SAFETY: the caller's promise.
+            unsafe { self.tile::<V>(sums.right.add(column * sums.depth), sums.out.add(column), column) }
+        }
+    }
+}
+
+impl<T: Real, const ROWS: usize, const VECTORS: usize, const SIDE_BY_SIDE: bool>
+    Sized<T, ROWS, VECTORS, SIDE_BY_SIDE>
+{
+    #[inline(always)]
+    unsafe fn tile<V: Lane<Element = T>>(&self, mut right: *const T, out: *mut T, column: usize) {
+        let Sums { depth, mut left, left_row, left_depth, out_row, scale, accumulate, ending, .. } = self.0;
+        let step = VECTORS * V::WIDTH;
         // SAFETY: the caller's promise.
         unsafe {
             let mut sums = [[V::splat(T::ZERO); VECTORS]; ROWS];
@@ -186,12 +258,38 @@ impl<T: Real, const ROWS: usize, const VECTORS: usize, const SIDE_BY_SIDE: bool>
                     prefetch::<false, T>(out.wrapping_add(r * out_row + v * V::WIDTH));
                 }
             }
-            for _ in 0..depth {
-                for v in 0..VECTORS {
-                    prefetch::<true, T>(right.wrapping_add((AHEAD * VECTORS + v) * V::WIDTH));
+            let mut rest = depth;
+            if !SIDE_BY_SIDE {
+                while rest >= 2 {
+                    let mut b = [[V::splat(T::ZERO); VECTORS]; 2];
+                    for v in 0..VECTORS {
+                        prefetch::<true, T>(right.wrapping_add(AHEAD * step + v * V::WIDTH));
+                        prefetch::<true, T>(right.wrapping_add((AHEAD + 1) * step + v * V::WIDTH));
+                        b[0][v] = V::load(right.add(v * V::WIDTH));
+                        b[1][v] = V::load(right.add(step + v * V::WIDTH));
+                    }
+                    for r in 0..ROWS {
+                        let at = left.add(r * left_row);
+                        let a = V::splat(*at);
+                        for v in 0..VECTORS {
+                            sums[r][v] = a.mul_add(b[0][v], sums[r][v]);
+                        }
+                        let a = V::splat(*at.add(1));
+                        for v in 0..VECTORS {
+                            sums[r][v] = a.mul_add(b[1][v], sums[r][v]);
+                        }
+                    }
+                    left = left.wrapping_add(2);
+                    right = right.wrapping_add(2 * step);
+                    rest -= 2;
                 }
+            }
+            let left_row = if SIDE_BY_SIDE { 1 } else { left_row };
+            let left_depth = if SIDE_BY_SIDE { left_depth } else { 1 };
+            for _ in 0..rest {
                 let mut b = [V::splat(T::ZERO); VECTORS];
                 for v in 0..VECTORS {
+                    prefetch::<true, T>(right.wrapping_add(AHEAD * step + v * V::WIDTH));
                     b[v] = V::load(right.add(v * V::WIDTH));
                 }
                 for r in 0..ROWS {
@@ -201,18 +299,40 @@ impl<T: Real, const ROWS: usize, const VECTORS: usize, const SIDE_BY_SIDE: bool>
                     }
                 }
                 left = left.wrapping_add(left_depth);
-                right = right.wrapping_add(VECTORS * V::WIDTH);
+                right = right.wrapping_add(step);
             }
+            // the cases are told apart outside the loops, which are unrolled
             let scale = V::splat(scale);
-            for r in 0..ROWS {
-                for v in 0..VECTORS {
-                    let at = out.add(r * out_row + v * V::WIDTH);
-                    if accumulate {
-                        scale.mul_add(sums[r][v], V::load(at)).store(at);
-                    } else {
-                        scale.mul(sums[r][v]).store(at);
+            macro_rules! store {
+                (|$sum:ident, $at:ident, $v:ident| $value:expr) => {
+                    for r in 0..ROWS {
+                        for $v in 0..VECTORS {
+                            let ($sum, $at) = (sums[r][$v], out.add(r * out_row + $v * V::WIDTH));
+                            $value.store($at);
+                        }
                     }
+                };
+            }
+            let Some(Ending { bias, least }) = ending else {
+                if accumulate {
+                    store!(|sum, at, v| scale.mul_add(sum, V::load(at)));
+                } else {
+                    store!(|sum, at, v| scale.mul(sum));
                 }
+                return;
+            };
+            let mut biases = [V::splat(T::ZERO); VECTORS];
+            if !bias.is_null() {
+                for v in 0..VECTORS {
+                    biases[v] = V::load(bias.add(column + v * V::WIDTH));
+                }
+            }
+            // the larger of a pair is the second where either is NaN
+            let least = V::splat(least);
+            if accumulate {
+                store!(|sum, at, v| least.larger(scale.mul_add(sum, V::load(at)).add(biases[v])));
+            } else {
+                store!(|sum, at, v| least.larger(scale.mul(sum).add(biases[v])));
             }
         }
     }
