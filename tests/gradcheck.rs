@@ -64,7 +64,7 @@ impl Op for Power {
 
 const FAULTS: [Fault; 9] = [
     Fault::All(1e-3),
-    Fault::All(-1e-5),
+    Fault::All(-3e-5),
     Fault::One(0, -1.0),
     Fault::One(2, -1.0),
     Fault::One(2, 0.0),

@@ -81,8 +81,7 @@ type Function = fn(&[Var]) -> Var;
 
 /// As [`compare`], for operands of these shapes.
 fn check(name: &str, shapes: &[&[usize]], function: Function) {
-    let inputs: Vec<Tensor> =
-        shapes.iter().zip(1..).map(|(shape, seed)| uniform(seed, *shape, -1.0..1.0)).collect();
+    let inputs: Vec<Tensor> = shapes.iter().zip(1..).map(|(shape, seed)| uniform(seed, *shape, -1.0..1.0)).collect();
     compare(name, &inputs, 5e-5, |_, v| Ok(function(v)));
 }
 
@@ -116,9 +115,7 @@ fn products_agree() {
 #[test]
 fn convolutions_agree() {
     let plain: [(&str, &[&[usize]], Function); 9] = [
-        ("3x3", &[&[2, 17, 9, 14], &[18, 17, 3, 3], &[18]], |v| {
-            v[0].conv(&v[1], Some(&v[2]), &Conv::new().padding(1))
-        }),
+        ("3x3", &[&[2, 17, 9, 14], &[18, 17, 3, 3], &[18]], |v| v[0].conv(&v[1], Some(&v[2]), &Conv::new().padding(1))),
         ("3x3 of many channels", &[&[1, 40, 12, 12], &[36, 40, 3, 3]], |v| {
             v[0].conv(&v[1], None, &Conv::new().padding(1))
         }),

@@ -94,7 +94,8 @@ impl ArgExtremum {
             let seen = kept.bounds_with(&dropped, first, part.len());
             for (number, (begin, window)) in gpu.windows(x, seen).into_iter().enumerate() {
                 let (count, fresh) = (dropped.len(), usize::from(number == 0));
-                let mut sizes = words([part.len(), count, kept.rank(), dropped.rank(), 0, first, begin, fresh]).to_vec();
+                let mut sizes =
+                    words([part.len(), count, kept.rank(), dropped.rank(), 0, first, begin, fresh]).to_vec();
                 sizes.extend_from_slice(&axes);
                 gpu.dispatch(&FIND, &[&part, &window, &best], &sizes, Work::Invocations(part.len()))?;
             }

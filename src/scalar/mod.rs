@@ -83,8 +83,8 @@ mod x86;
 
 pub use evaluate::Lanes;
 pub use handle::{Condition, Scalar};
-pub use kernel::Path;
 pub(crate) use kernel::Job;
+pub use kernel::Path;
 pub(crate) use lanes::Lane;
 pub use mat3::Mat3;
 pub use principal::Principal;

@@ -165,9 +165,11 @@ impl GradCheck {
             let Some((first, others)) = flat.split_first() else {
                 return Ok(tape.constant(Tensor::zeros([0], DType::F64)));
             };
-            // no number is below itself: so that what is linear in an input has a gradient of zero, not none
             let joined = first.concat(&others.iter().collect::<Vec<_>>(), 0);
-            Ok(leaves.iter().fold(joined, |all, x| &all + &x.lt(x).sum_all()))
+            // zero times each input, whatever it holds (no number is below itself): so that what is linear in an input has
+            // a gradient of zero, not none
+            let zero = tape.constant(Tensor::scalar(0.0, DType::F64));
+            Ok(leaves.iter().fold(joined, |all, x| &all + &x.lt(x).choose(x, &zero).sum_all()))
         };
         self.function(name, inputs, |tape, vars| {
             if vars.iter().all(Var::is_differentiable) {
@@ -183,8 +185,16 @@ impl GradCheck {
         let largest = gradient.iter().fold(0.0f64, |most, g| most.max(g.abs()));
         let largest = samples.iter().filter(|s| s.size == 0.0).fold(largest, |most, s| most.max(s.found.slope.abs()));
         let (max_abs, at) = (0.0, Vec::new());
-        let mut row =
-            GradRow { input: input.to_owned(), entries, max_abs, max_rel: -1.0, at, tape: 0.0, difference: 0.0, passed: true };
+        let mut row = GradRow {
+            input: input.to_owned(),
+            entries,
+            max_abs,
+            max_rel: -1.0,
+            at,
+            tape: 0.0,
+            difference: 0.0,
+            passed: true,
+        };
         for Sample { at, tape, found, size } in samples {
             let Difference { slope, noise } = found;
             let scale = largest.max(size);
@@ -213,10 +223,13 @@ const EXPLAINED: f64 = 1e-5;
 /// The share of the largest gradient entry below which entries are compared to that share.
 const SMALL: f64 = 1e-6;
 
+/// How often an output may have been rounded, on both sides of a difference: it is the end of a few operations.
+const ROUNDINGS: f64 = 4.0;
+
 /// A central difference of a contracted result.
 struct Difference {
     slope: f64,
-    /// What one rounding of each output that changed makes of it.
+    /// What rounding of the outputs that changed may make of it.
     noise: f64,
 }
 
@@ -229,7 +242,7 @@ impl Difference {
         let typical = changed().map(|((a, b), _)| size(a, b)).sum::<f64>() / changed().count().max(1) as f64;
         let slope: f64 = changed().map(|((a, b), weight)| weight * (a - b)).sum();
         let noise: f64 = changed().map(|((a, b), weight)| weight * size(a, b).max(typical)).sum();
-        let noise = if noise.is_finite() { 2.0 * f64::EPSILON * noise } else { 0.0 };
+        let noise = if noise.is_finite() { 2.0 * ROUNDINGS * f64::EPSILON * noise } else { 0.0 };
         Self { slope: slope / distance, noise: noise / distance }
     }
 

@@ -40,7 +40,8 @@ impl Links {
         (0..self.rank)
             .map(|axis| {
                 let (stride, padding) = (self.stride[first + axis], self.padding[first + axis]);
-                let reach = self.dilation[first + axis].saturating_mul(kernel[axis].saturating_sub(1)).saturating_add(1);
+                let reach =
+                    self.dilation[first + axis].saturating_mul(kernel[axis].saturating_sub(1)).saturating_add(1);
                 let padded = x[axis].saturating_add(padding.saturating_mul(2));
                 padded.checked_sub(reach).map_or(0, |free| free / stride + 1)
             })
@@ -86,7 +87,9 @@ impl Links {
             let wanted = format!("a kernel that fits the padded image, and at most {most:?} places");
             return Err(wrong(wanted, "use a smaller kernel or dilation, or more padding"));
         }
-        let spatial = |dims: &[usize]| three(&dims[2..], 1).ok_or_else(|| wrong("at most 3 spatial axes".to_owned(), "merge axes"));
+        let spatial = |dims: &[usize]| {
+            three(&dims[2..], 1).ok_or_else(|| wrong("at most 3 spatial axes".to_owned(), "merge axes"))
+        };
         Ok(Geometry {
             batch: a[0],
             groups,

@@ -87,7 +87,8 @@ impl Conv {
     /// The links of `rank` spatial axes, or what the settings would have to be.
     fn links(&self, rank: usize) -> std::result::Result<Links, [&'static str; 2]> {
         let settings = [(&self.stride, 1), (&self.padding, 0), (&self.dilation, 1)];
-        let [Some(stride), Some(padding), Some(dilation)] = settings.map(|(setting, absent)| setting.three(rank, absent))
+        let [Some(stride), Some(padding), Some(dilation)] =
+            settings.map(|(setting, absent)| setting.three(rank, absent))
         else {
             return Err(["settings for as many axes as the weight has", "give one number, or one for each axis"]);
         };
@@ -133,7 +134,8 @@ impl Conv {
         let size = |axis: usize| {
             let (stride, dilation) = (links.stride[first + axis], links.dilation[first + axis]);
             let reach = y[axis].checked_sub(1)?.checked_mul(stride)?;
-            let whole = reach.checked_add(dilation.checked_mul(kernel[axis].checked_sub(1)?)?)?.checked_add(1 + extra[axis])?;
+            let whole =
+                reach.checked_add(dilation.checked_mul(kernel[axis].checked_sub(1)?)?)?.checked_add(1 + extra[axis])?;
             whole.checked_sub(links.padding[first + axis].checked_mul(2)?).filter(|&size| size > 0)
         };
         (0..links.rank)
