@@ -14,7 +14,7 @@ pub use error::{Error, ErrorKind, Result};
 pub use random::Key;
 pub use tape::devicecheck::{DeviceReport, DeviceRow, devicecheck};
 pub use tape::gradcheck::{GradCheck, GradReport, gradcheck};
-pub use tape::{Backward, Forward, Gradients, Memory, Op, Reads, Tape, Var};
+pub use tape::{Backward, Forward, Gradients, Memory, Op, Profile, ProfileRow, Reads, Tape, Var};
 pub use tensor::{DType, Device, Element, Shape, Spec, Tensor};
 
 /// The program in the README runs as a test.

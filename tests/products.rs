@@ -28,7 +28,8 @@ fn by_definition(a: &Tensor, b: &Tensor, turned: [bool; 2]) -> Vec<f64> {
     };
     let (x, y) = (turn(x, turned[0]), turn(y, turned[1]));
     let (rank, m, n) = (x.ndim().max(y.ndim()), x.shape()[x.ndim() - 2], y.shape()[y.ndim() - 1]);
-    let size = |x: &ndarray::ArrayD<f64>, axis: usize| (axis + x.ndim()).checked_sub(rank).map_or(1, |axis| x.shape()[axis]);
+    let size =
+        |x: &ndarray::ArrayD<f64>, axis: usize| (axis + x.ndim()).checked_sub(rank).map_or(1, |axis| x.shape()[axis]);
     let batch: Vec<usize> = (0..rank - 2).map(|axis| size(&x, axis).max(size(&y, axis))).collect();
     let stretch = |x: &ndarray::ArrayD<f64>| {
         let mut shape = batch.clone();
@@ -131,7 +132,8 @@ fn slopes(operands: &[Tensor], net: impl Fn(&[Var]) -> Var) -> Vec<Tensor> {
 fn a_perceptron_is_its_layers() {
     // rows beyond one block and one span; widths that are no whole vectors
     for (rows, widths) in [(5001, vec![3, 20, 17, 2]), (300, vec![39, 33]), (1, vec![2, 1, 3])] {
-        for hidden in [Activation::Relu, Activation::Tanh, Activation::Logistic, Activation::Softplus, Activation::Silu] {
+        for hidden in [Activation::Relu, Activation::Tanh, Activation::Logistic, Activation::Softplus, Activation::Silu]
+        {
             let operands = perceptron(rows, &widths);
             let found = slopes(&operands, |x| fused(x, hidden));
             let wanted = slopes(&operands, |x| composed(x, hidden));
@@ -164,7 +166,9 @@ fn the_number_of_threads_changes_no_bit_of_a_perceptron() {
         perceptron(9000, &[13, 40, 3]).into_iter().map(|x| x.cast(DType::F32).unwrap()).collect();
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| slopes(&operands, |x| fused(x, Activation::Relu)).iter().map(Tensor::to_vec).collect::<Vec<_>>())
+        pool.install(|| {
+            slopes(&operands, |x| fused(x, Activation::Relu)).iter().map(Tensor::to_vec).collect::<Vec<_>>()
+        })
     };
     let one: Vec<_> = on(1).into_iter().map(Result::unwrap).collect();
     for threads in [2, 5] {

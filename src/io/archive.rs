@@ -4,11 +4,12 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
+use std::sync::Arc;
 
 use crate::io::bytes::Bytes;
-use crate::io::element::{Stored, decode, decode_as, gather};
+use crate::io::element::{Stored, decode, decode_as, gather, is_dense};
 use crate::io::{TensorFile, checkpoint, npz, safetensors, zip};
-use crate::{DType, Error, ErrorKind, Result, Shape, Tensor};
+use crate::{DType, Error, ErrorKind, Result, Shape, Spec, Tensor};
 
 /// What an [`Archive`] was read from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -102,6 +103,15 @@ impl Entry {
         bytes
     }
 
+    /// Where the bytes of the elements lie in the file, if they lie there one behind the other in the order and the type of
+    /// the tensor that they become.
+    fn place(&self) -> Option<Range<usize>> {
+        let same = matches!(self.stored, Stored::F16 | Stored::F32 | Stored::F64);
+        let usable = same && !self.big_endian && is_dense(&self.shape, &self.strides);
+        let start = self.storage.start + self.offset * self.stored.size();
+        usable.then(|| start..start + self.shape.len() * self.stored.size())
+    }
+
     /// Bytes of the tensor once it is read (twice that for integers that become `f64`).
     pub fn bytes(&self) -> usize {
         self.shape.len() * self.stored.dtype().size()
@@ -131,7 +141,7 @@ const LARGEST_REPEAT: usize = 64;
 /// # Ok::<(), gradreel::Error>(())
 /// ```
 pub struct Archive {
-    bytes: Bytes,
+    pub(super) bytes: Arc<Bytes>,
     format: Format,
     contents: Contents,
 }
@@ -194,7 +204,7 @@ impl Archive {
             }
             _ => (Format::Safetensors, nested_only_in_checkpoints().and_then(|()| safetensors::list(&bytes))?),
         };
-        Ok(Self { bytes, format, contents })
+        Ok(Self { bytes: Arc::new(bytes), format, contents })
     }
 
     /// What the file is.
@@ -205,6 +215,11 @@ impl Archive {
     /// Every name, in order, including those of entries that cannot be read.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.contents.entries.keys().map(String::as_str)
+    }
+
+    /// Whether there is an entry of this name, readable or not.
+    pub fn has(&self, name: &str) -> bool {
+        self.contents.entries.contains_key(name)
     }
 
     /// Text and constants by name: the metadata of safetensors; of a PyTorch checkpoint the numbers and texts beside the
@@ -233,6 +248,33 @@ impl Archive {
     pub fn load(&self, name: &str) -> Result<Tensor> {
         let entry = self.entry(name)?;
         decode(entry.stored, &entry.numbers(&self.bytes), entry.shape.clone()).map_err(|e| e.at(name))
+    }
+
+    /// A tensor as [`Archive::load`] reads it, but where the file has its numbers as memory would (floats other than `bf16`,
+    /// contiguous, at a multiple of their size), it *is* the mapped file: nothing is copied, pages are read when they are
+    /// first used, and the system may drop them again. Otherwise it is read. The tensor keeps the file mapped after the
+    /// archive is gone; the file must not be changed for as long.
+    ///
+    /// ```
+    /// use gradreel::Tensor;
+    /// use gradreel::io::{Archive, TensorFile};
+    ///
+    /// let mut file = TensorFile::default();
+    /// file.tensors.insert("slope".into(), Tensor::from_vec(vec![1.0f32, 2.0], [2]));
+    /// let archive = Archive::from_bytes(file.to_bytes()?)?;
+    /// let slope = archive.map("slope")?;
+    /// drop(archive);
+    /// assert_eq!(slope.slice::<f32>(), [1.0, 2.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`Archive::load`].
+    pub fn map(&self, name: &str) -> Result<Tensor> {
+        let entry = self.entry(name)?;
+        let spec = Spec::new(&entry.shape, entry.stored.dtype());
+        let mapped = entry.place().and_then(|place| Tensor::in_file(&self.bytes, place, spec));
+        mapped.map_or_else(|| self.load(name), Ok)
     }
 
     /// Reads a tensor in another dtype: floats are rounded to the nearest, integers must be held exactly.

@@ -10,14 +10,15 @@ use memmap2::Mmap;
 use crate::{Error, Result};
 
 /// What a reader looks at. A mapped file is read from the disk page by page, where it is looked at.
-pub(super) enum Bytes {
+#[derive(Debug)]
+pub(crate) enum Bytes {
     Mapped(Mmap),
     Owned(Vec<u8>),
 }
 
 impl Bytes {
     /// Maps a file.
-    pub fn open(path: &Path) -> Result<Self> {
+    pub(super) fn open(path: &Path) -> Result<Self> {
         let fault = |e: std::io::Error| Error::io(path, "read the tensor file", &e);
         let file = File::open(path).map_err(fault)?;
         let about = file.metadata().map_err(fault)?;

@@ -139,6 +139,12 @@ fn integers<const N: usize>(
     })
 }
 
+/// Whether the elements lie one behind the other in row-major order.
+pub(super) fn is_dense(shape: &Shape, strides: &[usize]) -> bool {
+    let dense = shape.strides();
+    shape.dims().iter().zip(strides.iter().zip(&dense)).all(|(d, (s, t))| *d == 1 || s == t)
+}
+
 /// The elements of a view in row-major order. `strides` and `offset` count elements of `size` bytes; the caller has checked
 /// that the view lies within `storage`.
 pub(super) fn gather<'a>(
@@ -151,9 +157,7 @@ pub(super) fn gather<'a>(
     if shape.is_empty() {
         return Cow::Borrowed(&[]);
     }
-    let dense = shape.strides();
-    let contiguous = shape.dims().iter().zip(strides.iter().zip(&dense)).all(|(d, (s, t))| *d == 1 || s == t);
-    if contiguous {
+    if is_dense(shape, strides) {
         return Cow::Borrowed(&storage[offset * size..(offset + shape.len()) * size]);
     }
     let inner = shape.dims().last().copied().unwrap_or(1);

@@ -12,9 +12,11 @@ pub mod checkpoint;
 mod element;
 pub mod npy;
 mod npz;
+mod rewrite;
 pub mod safetensors;
 mod zip;
 
 pub use archive::{Archive, Entry, Format};
+pub(crate) use bytes::Bytes;
 pub use element::Stored;
 pub use safetensors::TensorFile;

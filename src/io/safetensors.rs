@@ -82,7 +82,7 @@ impl TensorFile {
     }
 }
 
-fn refused(e: safetensors::SafeTensorError) -> Error {
+pub(super) fn refused(e: safetensors::SafeTensorError) -> Error {
     Error::new(ErrorKind::Io, "cannot write a safetensors file").found(e)
 }
 

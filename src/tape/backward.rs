@@ -1,6 +1,7 @@
 //! The backward pass: one loop over the tape from the result to the leaves.
 
 use std::panic::Location;
+use std::time::Instant;
 
 use rayon::prelude::*;
 use smallvec::SmallVec;
@@ -244,7 +245,12 @@ impl Tape {
             live,
             anomaly: checked.is_some(),
         };
+        let begin = self.0.borrow().profile.as_ref().map(|profile| (Instant::now(), profile.total()));
         let cotangents = op.vjp(&cx)?;
+        if let (Some((begin, before)), Some(profile)) = (begin, &mut self.0.borrow_mut().profile) {
+            let alone = begin.elapsed().saturating_sub(profile.total() - before);
+            profile.add(format!("d {}", op.name()), inputs.iter().map(|(_, x)| x), alone);
+        }
         assert_eq!(cotangents.len(), inputs.len(), "{}: vjp must speak of every operand", op.name());
         let mut arrived = Arrived::new();
         for (index, cotangent) in cotangents.into_iter().enumerate() {

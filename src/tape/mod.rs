@@ -28,6 +28,7 @@ pub mod devicecheck;
 pub mod gradcheck;
 mod memory;
 mod op;
+mod profile;
 mod remat;
 mod var;
 
@@ -35,12 +36,14 @@ use std::cell::RefCell;
 use std::panic::Location;
 use std::rc::Rc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
 
 pub use backward::Gradients;
 pub(crate) use memory::AddressMap;
 use memory::Ledger;
 pub use memory::Memory;
 pub use op::{Backward, Forward, Op, Reads};
+pub use profile::{Profile, ProfileRow};
 use smallvec::SmallVec;
 pub use var::Var;
 
@@ -57,6 +60,8 @@ struct Record {
     nodes: Vec<Node>,
     ledger: Ledger,
     anomaly: bool,
+    /// The time of ops, where it is wanted.
+    profile: Option<Profile>,
     /// The first fault met by a method that cannot return it; every result is withheld after that.
     fault: Option<Error>,
 }
@@ -96,7 +101,8 @@ impl Tape {
         static NEXT: AtomicU64 = AtomicU64::new(0);
         let id = NEXT.fetch_add(1, Ordering::Relaxed);
         let ledger = Ledger::default();
-        Self(Rc::new(RefCell::new(Record { id, nodes: Vec::new(), ledger, anomaly: false, fault: None })))
+        let record = Record { id, nodes: Vec::new(), ledger, anomaly: false, profile: None, fault: None };
+        Self(Rc::new(RefCell::new(record)))
     }
 
     /// An empty tape that checks every value and gradient and names the first op that made one non-finite, with the
@@ -209,7 +215,11 @@ impl Tape {
     ) -> Result<Var> {
         let mut values = SmallVec::<[Tensor; 3]>::new();
         inputs.iter().for_each(|x| values.push(x.tensor().clone()));
+        let begin = self.0.borrow().profile.is_some().then(Instant::now);
         let Forward { output, residual, residual_bytes } = op.forward(&values)?;
+        if let (Some(begin), Some(profile)) = (begin, &mut self.0.borrow_mut().profile) {
+            profile.add(op.name().to_owned(), values.iter(), begin.elapsed());
+        }
         assert!(
             *output.shape() == expected.shape && output.dtype() == expected.dtype,
             "{}: the result {output:?} is not what its shape rule promised, {expected:?}",

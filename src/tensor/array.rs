@@ -1,6 +1,7 @@
 //! The tensor itself: a shape over shared, immutable storage.
 
 use std::fmt;
+use std::ops::Range;
 use std::sync::Arc;
 
 use half::f16;
@@ -8,7 +9,8 @@ use ndarray::{ArrayViewD, IxDyn};
 
 use crate::backend::cpu::{CHUNK, filled};
 use crate::backend::gpu::GpuBuffer;
-use crate::tensor::storage::Storage;
+use crate::io::Bytes;
+use crate::tensor::storage::{Buffer, Storage};
 use crate::tensor::{DType, Device, Element, Shape, Spec};
 
 /// A contiguous, row-major, immutable array; cloning copies a pointer.
@@ -82,6 +84,20 @@ impl Tensor {
     /// A tensor over a device buffer.
     pub(crate) fn from_gpu(buffer: GpuBuffer, spec: Spec) -> Self {
         Self::new(spec.shape, spec.dtype, Storage::Gpu(Arc::new(buffer)))
+    }
+
+    /// A tensor of numbers that lie in a file, in place; `None` where they do not lie there as this machine reads them.
+    pub(crate) fn in_file(file: &Arc<Bytes>, place: Range<usize>, spec: Spec) -> Option<Self> {
+        let (count, size) = (spec.shape.len(), spec.dtype.size());
+        if count < 2 || cfg!(target_endian = "big") {
+            return None;
+        }
+        let bytes = file.get(place.clone()).filter(|bytes| bytes.len() == count * size)?;
+        if !bytes.as_ptr().addr().is_multiple_of(size) {
+            return None;
+        }
+        let buffer = Buffer::Mapped(file.clone(), place);
+        Some(Self::new(spec.shape, spec.dtype, Storage::Cpu(Arc::new(buffer))))
     }
 
     /// Shape, dtype and device alone: what a tape keeps of a tensor whose numbers nobody will read. A single number is
@@ -212,7 +228,7 @@ impl Tensor {
     /// Whether it is on the CPU and no other tensor shares its numbers.
     pub(crate) fn is_unshared(&mut self) -> bool {
         match Arc::get_mut(&mut self.0).map(|inner| &mut inner.storage) {
-            Some(Storage::Cpu(buffer)) => Arc::get_mut(buffer).is_some(),
+            Some(Storage::Cpu(buffer)) => Arc::get_mut(buffer).is_some_and(|buffer| !buffer.is_mapped()),
             Some(Storage::One(_)) => true,
             _ => false,
         }

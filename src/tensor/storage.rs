@@ -1,5 +1,6 @@
 //! Where the numbers of tensors are.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use half::f16;
@@ -7,6 +8,7 @@ use half::f16;
 use crate::Element;
 use crate::backend::cpu::pool;
 use crate::backend::gpu::GpuBuffer;
+use crate::io::Bytes;
 use crate::tensor::{DType, Device};
 
 /// The numbers of a tensor on the device where they live; cloning shares them.
@@ -27,6 +29,8 @@ pub(super) enum Buffer {
     F32(Vec<f32>),
     F64(Vec<f64>),
     U32(Vec<u32>),
+    /// Numbers of any type where a file that is mapped into memory has them; read-only.
+    Mapped(Arc<Bytes>, Range<usize>),
 }
 
 impl Storage {
@@ -51,12 +55,18 @@ impl Storage {
 }
 
 impl Buffer {
+    /// Whether the numbers belong to a file, where nothing may write.
+    pub(super) fn is_mapped(&self) -> bool {
+        matches!(self, Self::Mapped(..))
+    }
+
     pub(super) fn slice<T: Element>(&self) -> &[T] {
         match self {
             Self::F16(values) => bytemuck::cast_slice(values),
             Self::F32(values) => bytemuck::cast_slice(values),
             Self::F64(values) => bytemuck::cast_slice(values),
             Self::U32(values) => bytemuck::cast_slice(values),
+            Self::Mapped(file, range) => bytemuck::cast_slice(&file[range.clone()]),
         }
     }
 
@@ -66,6 +76,7 @@ impl Buffer {
             Self::F32(values) => bytemuck::cast_slice_mut(values),
             Self::F64(values) => bytemuck::cast_slice_mut(values),
             Self::U32(values) => bytemuck::cast_slice_mut(values),
+            Self::Mapped(..) => unreachable!("what is mapped counts as shared, and is copied before it is written"),
         }
     }
 }
@@ -78,6 +89,7 @@ impl Drop for Buffer {
             Self::F32(values) => pool::give(std::mem::take(values)),
             Self::F64(values) => pool::give(std::mem::take(values)),
             Self::U32(values) => pool::give(std::mem::take(values)),
+            Self::Mapped(..) => {}
         }
     }
 }

@@ -98,9 +98,11 @@ impl Convolution {
     /// When the channels are not those of the layer, or the kernel does not fit.
     #[track_caller]
     pub fn forward(&self, x: &Var) -> Var {
+        let weight = self.weight.to_dtype(x.dtype());
+        let bias = self.bias.as_ref().map(|bias| bias.to_dtype(x.dtype()));
         match self.transposed {
-            false => x.conv(&self.weight, self.bias.as_ref(), &self.conv),
-            true => x.conv_transpose(&self.weight, self.bias.as_ref(), &self.conv),
+            false => x.conv(&weight, bias.as_ref(), &self.conv),
+            true => x.conv_transpose(&weight, bias.as_ref(), &self.conv),
         }
     }
 }

@@ -99,7 +99,7 @@ impl DepthAttention {
     /// query says: one vector for all pixels, `[1, inner, h, w]`.
     #[track_caller]
     fn gather_nothing(&self, x: &Var) -> Var {
-        let alike = self.proj_context.1.shift().relu();
+        let alike = self.proj_context.1.shift().to_dtype(x.dtype()).relu();
         let channels = alike.len();
         let found = self.value.forward(&alike.reshape([1, channels, 1, 1, 1]));
         let inner = found.len();

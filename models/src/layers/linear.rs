@@ -42,6 +42,7 @@ impl Linear {
     /// When the last axis is not `inputs` long.
     #[track_caller]
     pub fn forward(&self, x: &Var) -> Var {
-        x.linear(&self.weight, self.bias.as_ref())
+        let bias = self.bias.as_ref().map(|bias| bias.to_dtype(x.dtype()));
+        x.linear(&self.weight.to_dtype(x.dtype()), bias.as_ref())
     }
 }

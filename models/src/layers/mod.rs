@@ -1,7 +1,8 @@
 //! Layers: what the networks are made of, built from a scoped view of the parameters.
 //!
 //! A layer is built by `new(&scope, sizes)`, which looks its weights up by name, and applied by `forward`. Names below a
-//! scope are those of the published checkpoints, so that loading one needs no table. Images are
+//! scope are those of the published checkpoints, so that loading one needs no table. A weight may be stored in another
+//! type of floats than the layer computes in: it is cast where it is used. Images are
 //! `[batch, channels, height, width]`, volumes `[batch, channels, depth, height, width]`, tokens
 //! `[batch, token, channel]`.
 //!
@@ -31,6 +32,7 @@ mod residual;
 mod resampling;
 mod transformer;
 mod depth_attention;
+mod segment;
 
 pub use attention::{Attention, AttentionSizes};
 pub(crate) use attention::{merge_heads, split_heads};
@@ -42,5 +44,6 @@ pub use resampling::{Downsample, Upsample};
 pub use residual::ResidualBlock;
 pub(crate) use residual::per_channel;
 pub use scope::{Init, Scope, Weights, initialise, listing};
+pub use segment::Segment;
 pub use time_embedding::TimeEmbedding;
 pub use transformer::{SpatialTransformer, TransformerSizes};

@@ -29,7 +29,8 @@ impl GroupNorm {
     /// When the channels are not those of the layer, or the groups do not divide them.
     #[track_caller]
     pub fn forward(&self, x: &Var) -> Var {
-        x.group_norm(self.groups, self.epsilon, Some((&self.weight, &self.bias)))
+        let [weight, bias] = [&self.weight, &self.bias].map(|w| w.to_dtype(x.dtype()));
+        x.group_norm(self.groups, self.epsilon, Some((&weight, &bias)))
     }
 
     /// What it makes of a constant input: the learned shift `[channels]`.
@@ -43,7 +44,8 @@ impl GroupNorm {
     /// As [`GroupNorm::forward`].
     #[track_caller]
     pub fn silu(&self, x: &Var) -> Var {
-        x.group_norm_silu(self.groups, self.epsilon, Some((&self.weight, &self.bias)))
+        let [weight, bias] = [&self.weight, &self.bias].map(|w| w.to_dtype(x.dtype()));
+        x.group_norm_silu(self.groups, self.epsilon, Some((&weight, &bias)))
     }
 }
 
@@ -69,6 +71,7 @@ impl LayerNorm {
     /// When the last axis is not `channels` long.
     #[track_caller]
     pub fn forward(&self, x: &Var) -> Var {
-        x.layer_norm(1, 1e-5, Some((&self.weight, &self.bias)))
+        let [weight, bias] = [&self.weight, &self.bias].map(|w| w.to_dtype(x.dtype()));
+        x.layer_norm(1, 1e-5, Some((&weight, &bias)))
     }
 }

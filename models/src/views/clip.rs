@@ -93,14 +93,14 @@ impl ClipTower {
         let batch = images.dims()[0];
         let width = self.sizes.width;
         let patches = self.patches.forward(images).reshape([batch, width, self.places.dims()[0] - 1]);
-        let class = self.class.reshape([1, 1, width]).broadcast_to([batch, 1, width]);
-        let tokens = &class.concat(&[&patches.permute(&[0, 2, 1])], 1) + &self.places;
+        let class = self.class.to_dtype(images.dtype()).reshape([1, 1, width]).broadcast_to([batch, 1, width]);
+        let tokens = &class.concat(&[&patches.permute(&[0, 2, 1])], 1) + &self.places.to_dtype(images.dtype());
         let mut tokens = self.norm_in.forward(&tokens);
         for block in &self.blocks {
             tokens = block.forward(&tokens);
         }
         let first = tokens.slice(1, 0..1).reshape([batch, width]);
-        self.norm_out.forward(&first).matmul(&self.projection)
+        self.norm_out.forward(&first).matmul(&self.projection.to_dtype(images.dtype()))
     }
 }
 

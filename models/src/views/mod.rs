@@ -20,6 +20,7 @@ mod volume;
 mod denoiser;
 mod schedule;
 mod model;
+mod weights;
 
 pub use autoencoder::{Autoencoder, AutoencoderSizes, Posterior};
 pub use cameras::Ring;
@@ -34,6 +35,7 @@ pub use spatial_net::{SpatialNet, SpatialSizes};
 pub use target_encoder::{EncoderSizes, TargetEncoder};
 pub use unet::{Unet, UnetSizes};
 pub use volume::{VolumePath, VolumeSizes};
+pub use weights::{FileWeights, Report};
 
 use gradreel::{Result, Tensor, Var};
 

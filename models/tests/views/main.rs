@@ -2,6 +2,7 @@
 //! values and gradients, in `f64` and `f32` on the CPU and in `f32` on a GPU.
 
 mod cameras;
+mod fullsize;
 mod harness;
 mod keys;
 mod layers;
@@ -9,3 +10,4 @@ mod networks;
 mod procedural;
 mod sampling;
 mod volumes;
+mod weights;

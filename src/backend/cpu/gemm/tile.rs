@@ -243,9 +243,7 @@ impl<T: Real, const ROWS: usize, const VECTORS: usize, const SIDE_BY_SIDE: bool>
     }
 }
 
-impl<T: Real, const ROWS: usize, const VECTORS: usize, const SIDE_BY_SIDE: bool>
-    Sized<T, ROWS, VECTORS, SIDE_BY_SIDE>
-{
+impl<T: Real, const ROWS: usize, const VECTORS: usize, const SIDE_BY_SIDE: bool> Sized<T, ROWS, VECTORS, SIDE_BY_SIDE> {
     #[inline(always)]
     unsafe fn tile<V: Lane<Element = T>>(&self, mut right: *const T, out: *mut T, column: usize) {
         let Sums { depth, mut left, left_row, left_depth, out_row, scale, accumulate, ending, .. } = self.0;

@@ -1,0 +1,264 @@
+//! Weights in a file: looked up by path, left in place until a layer uses them.
+
+use std::cell::RefCell;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+
+use gradreel::io::Archive;
+use gradreel::{Device, Error, ErrorKind, Result, Shape, Tape, Tensor, Var};
+
+use super::UNUSED;
+use crate::layers::{Init, Weights};
+
+/// The weights of a safetensors file or a PyTorch checkpoint, as constants.
+///
+/// On the CPU a weight *is* the mapped file, in the type in which it is stored: nothing is read before a layer uses it, and
+/// the system may drop its pages again. Layers cast what is not in the type they compute in. Only `bf16` and weights that
+/// the file does not hold contiguously are read into memory, as `f32`. On a GPU each weight is uploaded once, when it is
+/// first asked for.
+///
+/// Names are those of the published checkpoint. Those of the single-view model it was made from are known, too: its image
+/// encoder is under `cond_stage_model`. The file must not be changed while it is in use.
+///
+/// ```
+/// use gradreel::io::TensorFile;
+/// use gradreel::{Device, Shape, Tape, Tensor};
+/// use gradreel_models::layers::{Linear, Scope};
+/// use gradreel_models::views::FileWeights;
+///
+/// let path = std::env::temp_dir().join("gradreel-file-weights.safetensors");
+/// let mut file = TensorFile::default();
+/// file.tensors.insert("head.weight".into(), Tensor::from_vec(vec![1.0f32, 2.0], [1, 2]));
+/// file.tensors.insert("head.bias".into(), Tensor::from_vec(vec![0.5f32], [1]));
+/// file.write(&path)?;
+///
+/// let weights = FileWeights::open(&path, &Device::Cpu)?;
+/// let head = Linear::new(&Scope::root(&weights).at("head"), 2, 1)?;
+/// let tape = Tape::new();
+/// let x = tape.constant(Tensor::from_vec(vec![3.0f32, 4.0], [1, 2]));
+/// assert_eq!(head.forward(&x).item()?, 11.5);
+///
+/// let wanted = [("head.weight".to_string(), Shape::from([2, 2])), ("head.scale".to_string(), Shape::from([1]))];
+/// let report = weights.check(&wanted);
+/// assert_eq!((report.missing.len(), report.unexpected.len(), report.misshaped.len()), (1, 1, 1));
+/// # Ok::<(), gradreel::Error>(())
+/// ```
+#[derive(Clone)]
+pub struct FileWeights {
+    file: Rc<File>,
+    tape: Tape,
+}
+
+struct File {
+    path: PathBuf,
+    archive: Archive,
+    device: Device,
+    /// What was uploaded or read, by name in the file.
+    kept: RefCell<BTreeMap<String, Tensor>>,
+}
+
+/// Where other checkpoints of the same family keep what the published one has under the first prefix.
+const ELSEWHERE: &[[&str; 2]] = &[["clip_image_encoder.model.", "cond_stage_model.model."]];
+
+/// Averaged copies of the weights that other checkpoints of the family have beside them.
+const AVERAGES: &str = "model_ema.";
+
+impl FileWeights {
+    /// Maps a safetensors file or a PyTorch checkpoint (its `state_dict` where it has one) and lists its weights.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] when the file is missing, damaged or of another format.
+    pub fn open(path: impl AsRef<Path>, device: &Device) -> Result<Self> {
+        let path = path.as_ref();
+        let archive = Archive::open(path)?;
+        let file = File { path: path.to_owned(), archive, device: device.clone(), kept: RefCell::default() };
+        Ok(Self { file: Rc::new(file), tape: Tape::new() })
+    }
+
+    /// The same weights as constants of this tape, for layers whose other weights are trained on it.
+    #[must_use]
+    pub fn on(&self, tape: &Tape) -> Self {
+        Self { file: self.file.clone(), tape: tape.clone() }
+    }
+
+    /// The file: its names, types and metadata.
+    pub fn archive(&self) -> &Archive {
+        &self.file.archive
+    }
+
+    /// Where the file is.
+    pub fn path(&self) -> &Path {
+        &self.file.path
+    }
+
+    /// Where the weights go.
+    pub fn device(&self) -> &Device {
+        &self.file.device
+    }
+
+    /// Compares the file with the weights that a model reads ([`super::ModelSizes::weights`]).
+    pub fn check(&self, wanted: &[(String, Shape)]) -> Report {
+        let mut left: BTreeSet<&str> = self.file.archive.names().collect();
+        let mut report = Report { path: self.file.path.clone(), wanted: wanted.len(), ..Report::default() };
+        for (path, shape) in wanted {
+            let Some(name) = self.file.name(path) else {
+                report.missing.push(path.clone());
+                continue;
+            };
+            left.remove(&*name);
+            match self.file.archive.entry(&name) {
+                Err(error) => report.unreadable.push((name, error.to_string())),
+                Ok(entry) if !entry.stored.is_float() => {
+                    report.unreadable.push((name, format!("it holds {}, not floats", entry.stored)));
+                }
+                Ok(entry) if entry.shape != *shape => {
+                    report.misshaped.push((name, entry.shape.clone(), shape.clone()));
+                }
+                Ok(_) => {}
+            }
+        }
+        let of_no_use = |name: &&str| {
+            let published = ELSEWHERE.iter().find_map(|[here, there]| Some((here, name.strip_prefix(there)?)));
+            let published = published.map_or((*name).to_owned(), |(here, rest)| format!("{here}{rest}"));
+            UNUSED.contains(&&*published) || name.starts_with(AVERAGES)
+        };
+        let (unused, unexpected): (Vec<&str>, Vec<&str>) = left.into_iter().partition(of_no_use);
+        report.unused = unused.into_iter().map(str::to_owned).collect();
+        report.unexpected = unexpected.into_iter().map(str::to_owned).collect();
+        report
+    }
+
+    /// A weight as it is stored.
+    ///
+    /// # Errors
+    /// As [`Weights::weight`].
+    pub fn tensor(&self, path: &str, shape: &Shape) -> Result<Tensor> {
+        let file = &*self.file;
+        let found = self.find(path, shape);
+        found.map_err(|e| e.within(file.path.display()))
+    }
+
+    fn find(&self, path: &str, shape: &Shape) -> Result<Tensor> {
+        let file = &*self.file;
+        let name = file.name(path).unwrap_or_else(|| path.to_owned());
+        if let Some(kept) = file.kept.borrow().get(&name) {
+            return Ok(kept.clone());
+        }
+        let entry = file.archive.entry(&name)?;
+        if entry.shape != *shape {
+            return Err(Error::new(ErrorKind::Shape, "a weight has another shape than its layer")
+                .at(name)
+                .found(&entry.shape)
+                .wanted(shape)
+                .fix("choose the checkpoint that belongs to this configuration"));
+        }
+        if !entry.stored.is_float() {
+            return Err(Error::new(ErrorKind::Input, "a weight is not of floats").at(name).found(entry.stored));
+        }
+        let stored = entry.stored;
+        let weight = file.archive.map(&name)?;
+        let weight = match file.device {
+            Device::Cpu => weight,
+            // a GPU holds no f64
+            Device::Gpu(_) if weight.dtype() == gradreel::DType::F64 => weight.cast(gradreel::DType::F32)?,
+            Device::Gpu(_) => weight,
+        };
+        let weight = weight.to_device(&file.device)?;
+        if file.device != Device::Cpu || stored == gradreel::io::Stored::Bf16 {
+            file.kept.borrow_mut().insert(name, weight.clone());
+        }
+        Ok(weight)
+    }
+}
+
+impl File {
+    /// The name in the file of the weight at a path.
+    fn name(&self, path: &str) -> Option<String> {
+        let has = |name: &str| self.archive.has(name);
+        if has(path) {
+            return Some(path.to_owned());
+        }
+        let elsewhere = |[here, there]: &[&str; 2]| Some(format!("{there}{}", path.strip_prefix(here)?));
+        ELSEWHERE.iter().find_map(elsewhere).filter(|name| has(name))
+    }
+}
+
+impl Weights for FileWeights {
+    fn weight(&self, path: &str, shape: &Shape, _: Init) -> Result<Var> {
+        Ok(self.tape.constant(self.tensor(path, shape)?))
+    }
+}
+
+impl fmt::Debug for FileWeights {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ({:?}) on {}", self.file.path.display(), self.file.archive, self.file.device)
+    }
+}
+
+/// How a file of weights differs from what a model reads. Printed, it is the whole list.
+#[derive(Debug, Clone, Default)]
+pub struct Report {
+    /// The file.
+    pub path: PathBuf,
+    /// Number of weights that the model reads.
+    pub wanted: usize,
+    /// Paths that the file does not have.
+    pub missing: Vec<String>,
+    /// Names in the file that the model does not know.
+    pub unexpected: Vec<String>,
+    /// Name, shape in the file, shape in the model.
+    pub misshaped: Vec<(String, Shape, Shape)>,
+    /// Name, and why it cannot be read.
+    pub unreadable: Vec<(String, String)>,
+    /// Names in the file that are known and of no use.
+    pub unused: Vec<String>,
+}
+
+impl Report {
+    /// Whether the model can be loaded: everything it reads is there. Names that it does not know do no harm.
+    pub fn is_complete(&self) -> bool {
+        self.missing.is_empty() && self.misshaped.is_empty() && self.unreadable.is_empty()
+    }
+
+    /// Whether there is no difference at all.
+    pub fn is_exact(&self) -> bool {
+        self.is_complete() && self.unexpected.is_empty()
+    }
+
+    /// An error with everything that is wrong, if the model cannot be loaded.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] with the whole list.
+    pub fn into_result(self) -> Result<()> {
+        if self.is_complete() {
+            return Ok(());
+        }
+        Err(Error::new(ErrorKind::Input, "the file does not hold the weights of this model")
+            .at(self.path.display())
+            .found(&self)
+            .wanted(format!("the {} weights of the model", self.wanted))
+            .fix("choose the checkpoint that belongs to this model; `gradreel weights check` lists what a file has"))
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let bad = self.missing.len() + self.misshaped.len() + self.unreadable.len();
+        writeln!(f, "{} of {} weights fit, {} more are of no use", self.wanted - bad, self.wanted, self.unused.len())?;
+        let mut list = |what: &str, rows: &[String]| {
+            if rows.is_empty() {
+                return Ok(());
+            }
+            writeln!(f, "{} {what}:", rows.len())?;
+            rows.iter().try_for_each(|row| writeln!(f, "    {row}"))
+        };
+        list("missing", &self.missing)?;
+        list("unexpected", &self.unexpected)?;
+        let shapes = self.misshaped.iter().map(|(name, found, wanted)| format!("{name}: {found}, not {wanted}"));
+        list("of another shape", &shapes.collect::<Vec<_>>())?;
+        let reasons = self.unreadable.iter().map(|(name, why)| format!("{name}: {why}"));
+        list("that cannot be read", &reasons.collect::<Vec<_>>())
+    }
+}
