@@ -34,9 +34,12 @@ pub struct Segment<M> {
     again: Option<Again<M>>,
 }
 
+/// Builds a part at a scope.
+type Build<M> = dyn Fn(&Scope<'_>) -> Result<M>;
+
 /// How to build a part once more, and its weights in the order in which it asked for them.
 struct Again<M> {
-    build: Rc<dyn Fn(&Scope<'_>) -> Result<M>>,
+    build: Rc<Build<M>>,
     weights: Rc<[String]>,
     values: Vec<Var>,
 }
