@@ -128,6 +128,8 @@ fn a_number_beyond_f16_is_refused_by_name_and_leaves_no_file() {
     file.tensors.insert("infinite".into(), Tensor::from_vec(vec![f32::INFINITY, 1.0], [2]));
     let archive = Archive::from_bytes(file.to_bytes().unwrap()).unwrap();
     let path = scratch("large.safetensors");
+    // of an earlier run
+    drop(std::fs::remove_file(&path));
     let error = archive.rewrite(&path, |_, _| Stored::F16, |_, _| ()).unwrap_err().to_string();
     assert!(error.contains("large") && error.contains("7e4"), "{error}");
     assert!(!path.exists());
