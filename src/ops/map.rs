@@ -182,7 +182,11 @@ impl Map {
 
     /// The result for operands of one element each.
     fn single<T: Real>(&self, inputs: &[Tensor]) -> T {
-        let lanes: SmallVec<[_; 4]> = inputs.iter().map(|x| Lanes::Same(x.slice::<T>()[0])).collect();
+        let values: SmallVec<[T; 4]> = inputs.iter().map(|x| x.slice::<T>()[0]).collect();
+        if let Some(result) = self.program.arithmetic(&values) {
+            return result;
+        }
+        let lanes: SmallVec<[_; 4]> = values.iter().map(|&x| Lanes::Same(x)).collect();
         let mut result = [T::ZERO];
         self.program.run(1, &lanes, &mut [&mut result]);
         result[0]

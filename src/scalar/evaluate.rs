@@ -6,8 +6,12 @@
 
 use std::cell::RefCell;
 
+use smallvec::SmallVec;
+
+use super::instruction::{Binary, Unary};
 use super::kernel::Path;
 use super::lanes::Port;
+use super::lower::Op;
 use super::program::Program;
 use super::real::Real;
 
@@ -71,6 +75,29 @@ impl Program {
         let mut outputs: Vec<&mut [T]> = values.chunks_mut(1).collect();
         self.run(1, &lanes, &mut outputs);
         values
+    }
+
+    /// The only output for one lane of a program that adds, subtracts, multiplies and divides: what [`Program::run`] gives,
+    /// bit by bit, as these are rounded alike everywhere. `None` for any other program.
+    pub(crate) fn arithmetic<T: Real>(&self, inputs: &[T]) -> Option<T> {
+        let code = self.code();
+        let (outputs, constants) = (inputs.len() + code.constants.len(), &code.constants);
+        let mut values = SmallVec::<[T; 16]>::from_slice(inputs);
+        values.extend(constants.iter().map(|&c| T::from_f64(c)));
+        values.resize(code.slots(), T::ZERO);
+        for step in &code.steps {
+            let (a, b) = (values[step.a as usize], values[step.b as usize]);
+            values[step.dst as usize] = match step.op {
+                Op::Copy => a,
+                Op::Unary(Unary::Neg) => -a,
+                Op::Binary(Binary::Add) => a + b,
+                Op::Binary(Binary::Sub) => a - b,
+                Op::Binary(Binary::Mul) => a * b,
+                Op::Binary(Binary::Div) => a / b,
+                _ => return None,
+            };
+        }
+        Some(values[outputs])
     }
 
     /// [`Program::run`] with a given instruction set, which must be available.

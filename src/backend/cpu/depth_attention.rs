@@ -13,6 +13,8 @@ use crate::scalar::{Job, Lane, Real};
 
 /// Pixels of a strip.
 const STRIP: usize = 1024;
+/// Bytes of a volume from which on cotangents are stored around the caches, which they would only sweep.
+const LARGE: usize = 16 << 20;
 /// Channels, or depths, that one pass over a row of scores takes in.
 const GROUP: usize = 4;
 
@@ -41,8 +43,10 @@ pub(crate) fn backward<T: Real>(sizes: Sizes, [q, k, v]: [&[T]; 3], weights: &[T
     let scale = T::from_f64(scale);
     let (mut dq, mut dk, mut dv) = (buffer::<T>(q.len()), buffer::<T>(k.len()), buffer::<T>(v.len()));
     let to = [Places::of(&mut dq), Places::of(&mut dk), Places::of(&mut dv)];
+    let aligned = [dk.as_ptr().addr(), dv.as_ptr().addr(), sizes.pixels * size_of::<T>()].iter().all(|at| at % 16 == 0);
+    let stream = aligned && size_of_val(k) >= LARGE;
     strips(sizes, |strip, scratch| {
-        vectorised(Backward { sizes, strip, operands: [q, k, v, weights, g], scale, to, scratch });
+        vectorised(Backward { sizes, strip, operands: [q, k, v, weights, g], scale, stream, to, scratch });
     });
     [dq, dk, dv]
 }
@@ -154,6 +158,8 @@ struct Backward<'a, T> {
     strip: Strip,
     operands: [&'a [T]; 5],
     scale: T,
+    /// Whether the cotangents of keys and values go around the caches.
+    stream: bool,
     to: [Places<T>; 3],
     scratch: &'a mut [T],
 }
@@ -163,7 +169,7 @@ impl<T: Real> Job<T> for Backward<'_, T> {
 
     #[inline(always)]
     unsafe fn run<V: Lane<Element = T>>(self) {
-        let Self { sizes, strip, operands: [q, k, v, weights, g], to: [dq, dk, dv], scratch, .. } = self;
+        let Self { sizes, strip, operands: [q, k, v, weights, g], to: [dq, dk, dv], stream, scratch, .. } = self;
         let (width, slopes) = (strip.width, scratch.as_mut_ptr());
         // SAFETY: strips lie within the operands, and do not overlap in the results.
         unsafe {
@@ -186,7 +192,7 @@ impl<T: Real> Job<T> for Backward<'_, T> {
                     while x < width {
                         let left = width - x;
                         let product = V::load_part(weight.add(x), left).mul(V::load_part(g.add(x), left));
-                        product.store_part(to.add(x), left);
+                        put(product, to.add(x), left, stream);
                         x += V::WIDTH;
                     }
                 }
@@ -213,14 +219,22 @@ impl<T: Real> Job<T> for Backward<'_, T> {
                     let mut x = 0;
                     while x < width {
                         let product = V::load(slopes.add(depth * STRIP + x)).mul(V::load_part(query.add(x), width - x));
-                        product.store_part(to.add(x), width - x);
+                        put(product, to.add(x), width - x, stream);
                         x += V::WIDTH;
                     }
                 }
                 mix::<V>(sizes, strip, channel, k, slopes, dq.at(sizes.map(strip, channel)));
             }
+            V::streamed();
         }
     }
+}
+
+/// Stores the first `count` values, around the caches where asked to and whole vectors are left.
+#[inline(always)]
+unsafe fn put<V: Lane>(values: V, to: *mut V::Element, count: usize, stream: bool) {
+    // SAFETY: as the caller.
+    unsafe { if stream && count >= V::WIDTH { values.stream(to) } else { values.store_part(to, count) } }
 }
 
 /// `scores[depth] += Σ map[channel] · volume[channel][depth]` over `N` channels; the first ones begin at 0.

@@ -146,3 +146,18 @@ fn a_missing_output_is_refused() {
     let program = Program::trace("f", &["a"], &["b", "c"], |x| vec![x[0], x[0]]);
     program.run(1, &[Lanes::Same(1.0)], &mut [&mut [0.0_f32; 1]]);
 }
+
+/// The way of one lane through a program of exactly rounded steps.
+#[test]
+fn arithmetic_of_one_lane_has_the_bits_of_a_run() {
+    let program = Program::trace("ratio", &["x", "y"], &["z"], |v| vec![(v[0] - v[1]) * 3.1 / -(v[0] * v[1])]);
+    let fused = Program::trace("fused", &["x", "y"], &["z"], |v| vec![v[0] * v[1] + v[0].exp()]);
+    for (x, y) in [(0.7, 1.3), (1e-30, -3e8), (f64::NAN, 1.0), (1.0, 0.0), (f64::INFINITY, 2.0)] {
+        let one = program.arithmetic(&[x, y]).expect("arithmetic alone");
+        assert_eq!(one.to_bits(), program.eval(&[x, y])[0].to_bits(), "({x}, {y})");
+        let narrow = [x as f32, y as f32];
+        let one = program.arithmetic(&narrow).expect("arithmetic alone");
+        assert_eq!(one.to_bits(), program.eval(&narrow)[0].to_bits(), "({x}, {y}) in f32");
+        assert!(fused.arithmetic(&[x, y]).is_none());
+    }
+}

@@ -26,7 +26,7 @@ fn layouts<T: Real>(values: &[T], lines: usize, depth: usize) -> [Strided<'_, T>
     [Strided::lines(values, depth), Strided::side_by_side(values, lines)]
 }
 
-const SHAPES: [[usize; 3]; 17] = [
+const SHAPES: [[usize; 3]; 18] = [
     [1, 1, 1],
     [1, 7, 9],
     [9, 7, 1],
@@ -44,6 +44,7 @@ const SHAPES: [[usize; 3]; 17] = [
     [2100, 11, 4],
     [60, 400, 650],
     [150, 129, 131],
+    [120, 400, 650],
 ];
 
 fn products<T: Real>() {
