@@ -9,5 +9,6 @@ mod layers;
 mod networks;
 mod procedural;
 mod sampling;
+mod training;
 mod volumes;
 mod weights;
