@@ -3,6 +3,7 @@
 mod check;
 mod gradcheck;
 mod reconstruct;
+mod weights;
 
 use clap::{Parser, Subcommand};
 use gradreel::{ErrorKind, Result};
@@ -34,6 +35,8 @@ enum Command {
     Check(check::Arguments),
     /// Check derivatives of ops and materials against central differences, and print the tables
     Gradcheck(gradcheck::Arguments),
+    /// Check and convert files of the multi-view model's weights
+    Weights(weights::Arguments),
 }
 
 /// Runs the command line and returns the exit code.
@@ -42,6 +45,7 @@ pub fn main() -> u8 {
         Command::Reconstruct(arguments) => reconstruct::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
         Command::Gradcheck(arguments) => gradcheck::run(&arguments),
+        Command::Weights(arguments) => weights::run(&arguments),
     };
     exit_code(outcome)
 }

@@ -8,3 +8,4 @@ mod interrupted;
 mod resumed;
 mod results;
 mod scene;
+mod weights;

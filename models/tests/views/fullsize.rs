@@ -1,14 +1,18 @@
 //! The published sizes, with weights made from their paths, against an independent implementation.
 //!
 //! The UNet needs 5 GB and is run on demand:
-//! `cargo test --release -p gradreel-models --test views -- --ignored --nocapture fullsize`
+//! `cargo test --release -p gradreel-models --test views -- --ignored --nocapture fullsize_unet`
+//!
+//! So is the same from a file, which `models/tests/views/write_checkpoint.py` writes with PyTorch:
+//! `GRADREEL_CHECKPOINT=FILE cargo test --release -p gradreel-models --test views -- --ignored --nocapture fullsize_file`
 
 use std::time::Instant;
 
-use gradreel::{DType, Tape, Tensor, Var};
-use gradreel_models::layers::Scope;
+use gradreel::{DType, Device, Tape, Tensor, Var};
+use gradreel_models::layers::{Scope, Weights};
 use gradreel_models::views::{
-    Autoencoder, AutoencoderSizes, ClipSizes, ClipTower, Ring, Unet, UnetSizes, VolumePath, VolumeSizes,
+    Autoencoder, AutoencoderSizes, ClipSizes, ClipTower, FileWeights, ModelSizes, Ring, Unet, UnetSizes, VolumePath,
+    VolumeSizes,
 };
 
 use crate::harness::load;
@@ -59,19 +63,38 @@ fn compare(name: &str, found: &Var, steps: &[usize], begin: Instant) {
     assert!(error <= TOLERANCE * largest, "{name}: {error} of {largest}");
 }
 
-/// The most memory this process had, where the system says so.
+/// The most memory this process had, and how much of what it has now are pages of files and how much is its own, where the
+/// system says so.
 fn peak() -> String {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    status.lines().find(|line| line.starts_with("VmHWM")).unwrap_or("memory unknown").to_owned()
+    let line = |name: &&str| status.lines().find(|line| line.starts_with(*name)).map(|l| l.replace('\t', " "));
+    ["VmHWM", "RssFile", "RssAnon"].iter().filter_map(line).collect::<Vec<_>>().join(", ")
 }
 
 #[test]
 #[ignore = "needs 5 GB and half a minute"]
 fn fullsize_unet() {
+    unet(&source());
+}
+
+#[test]
+#[ignore = "needs a file of 5.6 GB"]
+fn fullsize_file() {
     let begin = Instant::now();
-    let source = source();
-    let tape = &source.tape;
-    let net = Unet::new(&Scope::root(&source).at("model.diffusion_model"), &UnetSizes::PUBLISHED).unwrap();
+    let path = std::env::var_os("GRADREEL_CHECKPOINT").expect("GRADREEL_CHECKPOINT: the file to use");
+    let weights = FileWeights::open(path, &Device::Cpu).unwrap();
+    let report = weights.check(&ModelSizes::published().weights().unwrap());
+    assert!(report.is_exact(), "{report}");
+    assert_eq!(weights.archive().names().count(), 1618);
+    println!("{report}opened and compared: {:.2} s, {}", begin.elapsed().as_secs_f64(), peak());
+    decoder(&weights);
+    unet(&weights);
+}
+
+fn unet(source: &dyn Weights) {
+    let begin = Instant::now();
+    let tape = &Tape::new();
+    let net = Unet::new(&Scope::root(source).at("model.diffusion_model"), &UnetSizes::PUBLISHED).unwrap();
     println!("weights: {:.2} s", begin.elapsed().as_secs_f64());
     let volume = |width: usize, channels: usize| {
         given(tape, &format!("unet.volume_{width}"), [1, channels, width * 3 / 2, width, width])
@@ -81,6 +104,13 @@ fn fullsize_unet() {
     let begin = Instant::now();
     let noise = net.forward(&x, &[501.0], &context, Some(&volumes)).unwrap();
     compare("unet.eps", &noise, &[], begin);
+}
+
+fn decoder(source: &dyn Weights) {
+    let begin = Instant::now();
+    let tape = &Tape::new();
+    let net = Autoencoder::new(&Scope::root(source).at("first_stage_model"), &AutoencoderSizes::published()).unwrap();
+    compare("vae.decoded_stride8", &net.decode(&given(tape, "vae.z", [1, 4, 32, 32])), &[1, 1, 8, 8], begin);
 }
 
 #[test]
@@ -108,10 +138,10 @@ fn fullsize_volumes() {
 fn fullsize_autoencoder() {
     let begin = Instant::now();
     let source = source();
+    decoder(&source);
     let tape = &source.tape;
     let scope = Scope::root(&source).at("first_stage_model");
     let net = Autoencoder::new(&scope, &AutoencoderSizes::published()).unwrap();
-    compare("vae.decoded_stride8", &net.decode(&given(tape, "vae.z", [1, 4, 32, 32])), &[1, 1, 8, 8], begin);
     let image = given(tape, "vae.image", [1, 3, 256, 256]);
     let image = &image / 3f64.sqrt();
     compare("vae.moments", &net.moments(&image), &[], begin);
