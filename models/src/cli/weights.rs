@@ -94,7 +94,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
 }
 
 fn check(arguments: &Check) -> Result<()> {
-    let weights = FileWeights::open(&arguments.file, &Device::Cpu)?;
+    let weights = FileWeights::open(&arguments.file, &Device::Cpu).map_err(with_a_way_out)?;
     let archive = weights.archive();
     describe(&arguments.file, archive);
     if arguments.list {
@@ -134,6 +134,10 @@ fn check(arguments: &Check) -> Result<()> {
         .found(format!("{}; they are listed above", problems.join(", ")))
         .wanted(format!("the {} weights of the model", report.wanted))
         .fix("choose the checkpoint of the multi-view model, or get it again if it is damaged"))
+}
+
+fn with_a_way_out(error: Error) -> Error {
+    error.fix("give the path of a safetensors file or of what PyTorch's torch.save has written")
 }
 
 /// Tensors that hold NaN or infinity. One tensor is read at a time.
@@ -191,7 +195,7 @@ fn convert(arguments: &Convert) -> Result<()> {
             .at(to.display())
             .fix("choose another name, or replace it with --force"));
     }
-    let archive = Archive::open(from)?;
+    let archive = Archive::open(from).map_err(with_a_way_out)?;
     if archive.names().next().is_none() {
         return Err(Error::new(ErrorKind::Input, "the file holds no tensors")
             .at(from.display())

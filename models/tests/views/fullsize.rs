@@ -11,8 +11,8 @@ use std::time::Instant;
 use gradreel::{DType, Device, Tape, Tensor, Var};
 use gradreel_models::layers::{Scope, Weights};
 use gradreel_models::views::{
-    Autoencoder, AutoencoderSizes, ClipSizes, ClipTower, FileWeights, ModelSizes, Ring, Unet, UnetSizes, VolumePath,
-    VolumeSizes,
+    Autoencoder, AutoencoderSizes, Batch, ClipSizes, ClipTower, DenoiserSizes, FileWeights, ModelSizes, Plan, Ring,
+    Training, Unet, UnetSizes, VolumePath, VolumeSizes,
 };
 
 use crate::harness::load;
@@ -89,6 +89,34 @@ fn fullsize_file() {
     println!("{report}opened and compared: {:.2} s, {}", begin.elapsed().as_secs_f64(), peak());
     decoder(&weights);
     unet(&weights);
+}
+
+/// One training step of the published model: `GRADREEL_CHECKPOINT` as above, `GRADREEL_RECOMPUTED=no` to keep all values.
+#[test]
+#[ignore = "needs a file of 5.6 GB and as much memory"]
+fn fullsize_training() {
+    let path = std::env::var_os("GRADREEL_CHECKPOINT").expect("GRADREEL_CHECKPOINT: the file to use");
+    let kept = std::env::var("GRADREEL_RECOMPUTED").is_ok_and(|recomputed| recomputed == "no");
+    let weights = FileWeights::open(path, &Device::Cpu).unwrap();
+    let plan = Plan { recomputed: !kept, ..Plan::published() };
+    let mut training = Training::new(weights, DenoiserSizes::published(), plan).unwrap();
+    let count: usize = training.params().iter().map(|(_, weight)| weight.len()).sum();
+    println!("{count} numbers trained, {}", peak());
+    assert_eq!(count, 57_321_472 + 131_584 + 48_567_552);
+    let made = |name: &str, shape: &[usize]| input(SEED, name, shape);
+    let batch = Batch {
+        latents: made("training.latents", &[1, 16, 4, 32, 32]),
+        embeddings: made("training.embeddings", &[1, 1, 768]),
+        images: made("training.images", &[1, 4, 32, 32]),
+        elevations: vec![0.2],
+    };
+    for _ in 0..2 {
+        let begin = Instant::now();
+        let step = training.step(&batch).unwrap();
+        assert!(step.loss.is_finite() && step.update.gradient_norm > 0.0);
+        let (seconds, held) = (begin.elapsed().as_secs_f64(), step.memory.peak as f64 * 1e-9);
+        println!("loss {:.3}: {seconds:.1} s, the tape held {held:.2} GB, {}", step.loss, peak());
+    }
 }
 
 fn unet(source: &dyn Weights) {

