@@ -269,6 +269,24 @@ fn what_is_not_told_has_no_influence() {
 }
 
 #[test]
+fn everything_can_be_trained() {
+    let path = file("everything.safetensors", SEED, &tiny());
+    for trained in ["", "model.diffusion_model"] {
+        let mut training = begin(&path, Plan { trained: vec![(trained.into(), 1e-3)], ..plan() });
+        let before = params(&training);
+        training.step(&batch(1)).unwrap();
+        let still = |(path, value): (&str, &Tensor)| before[path].slice::<f32>() == value.slice::<f32>();
+        assert_eq!(training.params().iter().filter(|x| still(*x)).count(), 0);
+        assert_eq!(before.contains_key("cc_projection.bias"), trained.is_empty());
+        let of_block = |name: &str| format!("model.diffusion_model.input_blocks.1.1.transformer_blocks.0.{name}");
+        assert!(
+            before.contains_key(&of_block("attn1.to_q.weight")) && before.contains_key(&of_block("attn2.to_v.weight"))
+        );
+        assert!(!before.contains_key(&of_block("attn2.to_q.weight")));
+    }
+}
+
+#[test]
 fn a_single_view_model_gets_fresh_volumes() {
     let path = file("whole.safetensors", SEED, &tiny());
     let mut single = TensorFile::read(&path).unwrap();

@@ -48,7 +48,14 @@ impl Plan {
     }
 
     /// Whether the weight at a path is trained.
+    ///
+    /// Never are those that have no influence: what queries and keys of the cross-attention say about its single token, and
+    /// the normalisation before it.
     pub fn trains(&self, path: &str) -> bool {
+        let idle = |rest: &str| ["attn2.to_q.", "attn2.to_k.", "norm2."].iter().any(|name| rest.starts_with(name));
+        if path.split_once("transformer_blocks.0.").is_some_and(|(_, rest)| idle(rest)) {
+            return false;
+        }
         self.trained.iter().any(|(prefix, _)| {
             path.strip_prefix(&**prefix)
                 .is_some_and(|rest| rest.is_empty() || prefix.is_empty() || rest.starts_with('.'))
