@@ -201,6 +201,12 @@ fn convert(arguments: &Convert) -> Result<()> {
             .at(from.display())
             .fix("choose a file of weights"));
     }
+    for name in archive.names() {
+        archive.entry(name).map_err(|e| {
+            e.within(from.display())
+                .fix("choose another file; `gradreel weights check --list` shows what this one holds")
+        })?;
+    }
     describe(from, &archive);
     let floats = arguments.floats.wanted();
     let stage = Progress::new(arguments.quiet).stage("writing", 1000);

@@ -1,7 +1,7 @@
 //! Convolutions in two and three dimensions.
 
 use gradreel::ops::Conv;
-use gradreel::{Result, Var};
+use gradreel::{DType, Result, Var};
 
 use super::{Init, Scope};
 
@@ -90,6 +90,13 @@ impl Convolution {
         let conv = Conv::new().stride(k.stride).padding(k.padding);
         let conv = if transposed { conv.output_padding(k.stride - 1) } else { conv };
         Ok(Self { weight, bias, conv, transposed })
+    }
+
+    /// The weight of a pointwise convolution as matrices of some rows each: `[outputs / rows, rows, inputs]`.
+    #[track_caller]
+    pub(crate) fn matrices(&self, rows: usize, dtype: DType) -> Var {
+        let [outputs, inputs] = [self.weight.dims()[0], self.weight.dims()[1]];
+        self.weight.to_dtype(dtype).reshape([outputs / rows, rows, inputs])
     }
 
     /// Applies it.

@@ -85,14 +85,16 @@ impl DepthAttention {
     fn gather(&self, x: &Var, volume: &Var) -> Var {
         let a = self.proj_in.1.silu(&self.proj_in.0.forward(x));
         let context = self.proj_context.1.forward(&self.proj_context.0.forward(volume)).relu();
-        let heads = |x: &Var| {
-            let mut shape = vec![x.dims()[0], HEADS, self.head];
-            shape.extend(&x.dims()[2..]);
-            x.reshape(shape)
+        let &[batch, channels, depth, height, width] = context.dims() else {
+            panic!("volumes are [b, c, d, h, w], not {}", context.shape())
         };
-        let [query, key, value] =
-            [self.query.forward(&a), self.key.forward(&context), self.value.forward(&context)].map(|x| heads(&x));
-        query.depth_attention(&key, &value, (self.head as f64).powf(-0.5)).reshape(a.shape())
+        // q · (K c) = (Kᵀ q) · c and Σ w (V c) = V (Σ w c): the many depth samples need neither keys nor values
+        let [key, value] = [&self.key, &self.value].map(|conv| conv.matrices(self.head, x.dtype()));
+        let query = self.query.forward(&a).reshape([batch, HEADS, self.head, height * width]);
+        let asked = key.transposed_matmul(&query).reshape([batch, HEADS, channels, height, width]);
+        let context = context.reshape([batch, 1, channels, depth, height, width]);
+        let found = asked.depth_attention(&context, &context, (self.head as f64).powf(-0.5));
+        value.matmul(&found.reshape([batch, HEADS, channels, height * width])).reshape(a.shape())
     }
 
     /// What they find in a volume of zeros. All depth bins are alike there, so that the softmax is uniform whatever the
