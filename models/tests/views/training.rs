@@ -60,7 +60,11 @@ fn file(name: &str, seed: &str, sizes: &DenoiserSizes) -> PathBuf {
 }
 
 fn begin(path: &PathBuf, plan: Plan) -> Training {
-    Training::new(FileWeights::open(path, &Device::Cpu).unwrap(), tiny(), plan).unwrap()
+    begin_on(&Device::Cpu, path, plan)
+}
+
+fn begin_on(device: &Device, path: &PathBuf, plan: Plan) -> Training {
+    Training::new(FileWeights::open(path, device).unwrap(), tiny(), plan).unwrap()
 }
 
 /// Rates for a few steps of a tiny model.
@@ -237,6 +241,27 @@ fn a_batch_in_parts_equals_the_whole() {
         assert!(difference(&whole, &parts) < 1e-4, "{}", difference(&whole, &parts));
         assert!(parts.memory.peak < whole.memory.peak);
     }
+}
+
+#[test]
+fn a_gpu_takes_the_same_steps() {
+    let path = file("gpu.safetensors", SEED, &tiny());
+    let Some(place) = places().into_iter().find(|place| place.device != Device::Cpu) else { return };
+    let plan = Plan { average: Some(0.5), recomputed: true, ..plan() };
+    let [mut here, mut there] = [&Device::Cpu, &place.device].map(|device| begin_on(device, &path, plan.clone()));
+    let (a, b) = (here.gradients(&batch(1)).unwrap(), there.gradients(&batch(1)).unwrap());
+    assert!((a.loss - b.loss).abs() < 1e-4 * a.loss, "{} for {}", b.loss, a.loss);
+    assert!(difference(&a, &b) < 2e-3, "{}", difference(&a, &b));
+    assert!(there.params().iter().all(|(_, weight)| weight.device() == place.device));
+    for training in [&mut here, &mut there] {
+        training.step(&batch(1)).unwrap();
+    }
+    let saved = scratch("gpu-saved.safetensors");
+    there.save(&saved).unwrap();
+    here.resume(&saved).unwrap();
+    assert!(here.params().iter().all(|(_, weight)| weight.device() == Device::Cpu));
+    let [a, b] = [&here, &there].map(|training| training.validate(&batch(1), 0).unwrap());
+    assert!((a - b).abs() < 1e-4 * a, "{b} for {a}");
 }
 
 #[test]
