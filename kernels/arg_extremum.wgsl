@@ -1,5 +1,6 @@
 // Where the largest or smallest element behind each result is, counted along the dropped axes: the first one on a tie,
-// the first NaN if there is one. `rows` gives each result to one invocation, `tree` to one workgroup.
+// the first NaN if there is one. `rows` gives each result to one invocation, `tree` to one workgroup; `find` looks for
+// extrema that are known, in one window of the operand after the other.
 #import "shared/linear.wgsl"
 #import "shared/is_nan.wgsl"
 
@@ -12,6 +13,10 @@ struct Layout {
     dropped_rank: u32,
     // 1: the largest, 0: the smallest
     largest: u32,
+    // in windows: the numbers of the first result and of the first element of x, and 1 where no window came before
+    y_first: u32,
+    x_first: u32,
+    fresh: u32,
     kept: array<vec4<u32>, 8>,
     dropped: array<vec4<u32>, 8>,
 }
@@ -32,8 +37,8 @@ fn base_of(result: u32) -> u32 {
     return place;
 }
 
-// The element behind a result with this number, so turned that the largest is sought.
-fn element(base: u32, number: u32) -> f32 {
+// Where the element behind a result with this number is.
+fn place_of(base: u32, number: u32) -> u32 {
     var rest = number;
     var place = base;
     for (var axis = sizes.dropped_rank; axis > 0u; axis--) {
@@ -41,7 +46,13 @@ fn element(base: u32, number: u32) -> f32 {
         place += rest % extent.x * extent.y;
         rest /= extent.x;
     }
-    return select(-x[place], x[place], sizes.largest == 1u);
+    return place;
+}
+
+// That element, so turned that the largest is sought.
+fn element(base: u32, number: u32) -> f32 {
+    let value = x[place_of(base, number)];
+    return select(-value, value, sizes.largest == 1u);
 }
 
 // Whether an element comes before the best so far.
@@ -112,4 +123,35 @@ fn tree(
     if local == 0u {
         y[i] = places[0];
     }
+}
+
+@group(0) @binding(3) var<storage, read> best: array<f32>;
+
+@compute @workgroup_size(WORKGROUP)
+fn find(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let i = linear_group(group, groups) * WORKGROUP + local;
+    if i >= sizes.results {
+        return;
+    }
+    // places in front of the window wrap around to large numbers
+    let base = base_of(sizes.y_first + i) - sizes.x_first;
+    let sought = best[i];
+    var first = 0xffffffffu;
+    if sizes.fresh == 0u {
+        first = y[i];
+    }
+    for (var number = 0u; number < min(sizes.count, first); number++) {
+        let place = place_of(base, number);
+        if place < arrayLength(&x) {
+            let value = x[place];
+            if value == sought || (scalar_is_nan(value) && scalar_is_nan(sought)) {
+                first = number;
+            }
+        }
+    }
+    y[i] = first;
 }

@@ -7,6 +7,9 @@ struct Sizes {
     x_row: u32,
     y_row: u32,
     start: u32,
+    // where x and y are windows, the numbers of their first elements
+    x_first: u32,
+    y_first: u32,
 }
 
 @group(0) @binding(0) var<uniform> sizes: Sizes;
@@ -23,5 +26,10 @@ fn main(
     if i >= sizes.len {
         return;
     }
-    y[i / sizes.x_row * sizes.y_row + sizes.start + i % sizes.x_row] = x[i];
+    let number = sizes.x_first + i;
+    // a place in front of the window wraps around to a large number
+    let place = number / sizes.x_row * sizes.y_row + sizes.start + number % sizes.x_row - sizes.y_first;
+    if place < arrayLength(&y) {
+        y[place] = x[i];
+    }
 }

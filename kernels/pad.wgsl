@@ -7,6 +7,9 @@ struct Sizes {
     x_row: u32,
     y_row: u32,
     before: u32,
+    // where y and x are windows, the numbers of their first elements
+    y_first: u32,
+    x_first: u32,
 }
 
 @group(0) @binding(0) var<uniform> sizes: Sizes;
@@ -23,11 +26,16 @@ fn main(
     if i >= sizes.len {
         return;
     }
+    let number = sizes.y_first + i;
     // wraps around to a large number in front of x
-    let place = i % sizes.y_row - sizes.before;
-    var value = 0u;
-    if place < sizes.x_row {
-        value = x[i / sizes.y_row * sizes.x_row + place];
+    let place = number % sizes.y_row - sizes.before;
+    if place >= sizes.x_row {
+        y[i] = 0u;
+        return;
     }
-    y[i] = value;
+    // and here in front of its window
+    let source = number / sizes.y_row * sizes.x_row + place - sizes.x_first;
+    if source < arrayLength(&x) {
+        y[i] = x[source];
+    }
 }

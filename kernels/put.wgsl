@@ -5,6 +5,9 @@
 struct Layout {
     len: u32,
     rank: u32,
+    // where y and the rows are windows, the numbers of their first elements
+    y_first: u32,
+    row_first: u32,
     axes: array<vec4<u32>, 8>,
 }
 
@@ -23,8 +26,9 @@ fn main(
     if i >= sizes.len {
         return;
     }
-    var rest = i;
-    var row = 0u;
+    var rest = sizes.y_first + i;
+    // a row in front of the window wraps around to a large number
+    var row = 0u - sizes.row_first;
     var number = 0u;
     for (var axis = sizes.rank; axis > 0u; axis--) {
         let extent = sizes.axes[axis - 1u];
@@ -32,5 +36,7 @@ fn main(
         number += rest % extent.x * extent.z;
         rest /= extent.x;
     }
-    y[i] = select(0u, x[row], index[row] == number);
+    if row < arrayLength(&index) {
+        y[i] = select(0u, x[row], index[row] == number);
+    }
 }

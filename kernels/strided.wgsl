@@ -1,4 +1,5 @@
 // y[i - first] = x[start + sum over axes of index * step]: the kernel of broadcast_to (some steps are 0), permute and slice.
+// Where x is a window of the operand, elements outside of it are left as they are; `start` may be in front of it.
 //
 // Elements are copied as bits, so that any type of four bytes goes through unchanged, NaN included.
 #import "shared/linear.wgsl"
@@ -34,5 +35,8 @@ fn main(
         place += rest % extent.x * extent.y;
         rest /= extent.x;
     }
-    y[i] = x[place];
+    // a place in front of the window wraps around to a large number
+    if place < arrayLength(&x) {
+        y[i] = x[place];
+    }
 }

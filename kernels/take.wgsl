@@ -6,6 +6,9 @@ struct Layout {
     len: u32,
     kept_rank: u32,
     dropped_rank: u32,
+    // where y and x are windows, the numbers of their first elements
+    y_first: u32,
+    x_first: u32,
     kept: array<vec4<u32>, 8>,
     dropped: array<vec4<u32>, 8>,
 }
@@ -25,8 +28,9 @@ fn main(
     if i >= sizes.len {
         return;
     }
-    var place = 0u;
-    var rest = i;
+    // a place in front of the window wraps around to a large number
+    var place = 0u - sizes.x_first;
+    var rest = sizes.y_first + i;
     for (var axis = sizes.kept_rank; axis > 0u; axis--) {
         let extent = sizes.kept[axis - 1u];
         place += rest % extent.x * extent.y;
@@ -38,5 +42,7 @@ fn main(
         place += rest % extent.x * extent.y;
         rest /= extent.x;
     }
-    y[i] = x[place];
+    if place < arrayLength(&x) {
+        y[i] = x[place];
+    }
 }

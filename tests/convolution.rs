@@ -1,6 +1,8 @@
 //! Convolutions, pooling and resizing against PyTorch in values, gradients and gradients of gradients; on any number of
 //! threads; and at their edges.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
 use gradreel::io::safetensors::TensorFile;
 use gradreel::ops::{Conv, Pool, Resampling, uniform};
 use gradreel::{DType, Tape, Tensor, Var};
@@ -144,5 +146,56 @@ fn results_do_not_depend_on_the_thread_count() {
     for (x, w, settings, transposed) in cases {
         let one = bits(1, x, w, &settings, transposed);
         assert!(one == bits(3, x, w, &settings, transposed), "image {x:?}, weight {w:?}");
+    }
+}
+
+#[test]
+fn what_does_not_fit_is_refused_with_reasons() {
+    let refused = |run: &dyn Fn(&Tape)| {
+        let panic = catch_unwind(AssertUnwindSafe(|| run(&Tape::new()))).unwrap_err();
+        panic.downcast_ref::<String>().cloned().unwrap()
+    };
+    let ones = |tape: &Tape, shape: &[usize]| tape.leaf(Tensor::full(1.0, shape, DType::F32));
+    let conv = |x: &'static [usize], w: &'static [usize], settings: Conv| {
+        refused(&move |tape| drop(ones(tape, x).conv(&ones(tape, w), None, &settings)))
+    };
+    let up = |x: &'static [usize], w: &'static [usize], settings: Conv| {
+        refused(&move |tape| drop(ones(tape, x).conv_transpose(&ones(tape, w), None, &settings)))
+    };
+    let (x, w): (&[usize], &[usize]) = (&[1, 3, 5, 5], &[4, 3, 3, 3]);
+    let cases = [
+        (conv(x, &[4, 2, 3, 3], Conv::new()), "weight of [4, 3, kernel"),
+        (conv(x, &[4, 3, 7, 7], Conv::new()), "kernel that fits"),
+        (conv(x, &[4, 3, 0, 3], Conv::new()), "kernel that fits"),
+        (conv(x, w, Conv::new().dilation(3)), "kernel that fits"),
+        (conv(x, w, Conv::new().dilation(usize::MAX)), "kernel that fits"),
+        (conv(x, w, Conv::new().stride([1, 1, 1])), "settings for as many"),
+        (conv(x, w, Conv::new().padding([1])), "settings for as many"),
+        (conv(x, w, Conv::new().stride(0)), "at least 1"),
+        (conv(x, w, Conv::new().dilation([1, 0])), "at least 1"),
+        (conv(&[3, 5, 5], w, Conv::new()), "as many for the image as for the weight"),
+        (conv(x, &[4, 3], Conv::new()), "one to three spatial axes"),
+        (conv(&[1, 3, 2, 2, 2, 2], &[4, 3, 1, 1, 1, 1], Conv::new()), "one to three spatial axes"),
+        (conv(&[1, 4, 5, 5], &[4, 1, 3, 3], Conv::new().groups(3)), "multiples of 3 groups"),
+        (conv(&[1, 4, 5, 5], &[5, 2, 3, 3], Conv::new().groups(2)), "multiples of 2 groups"),
+        (conv(x, w, Conv::new().groups(0)), "divides both numbers of channels"),
+        (refused(&|tape| drop(ones(tape, x).conv(&ones(tape, w), Some(&ones(tape, &[3])), &Conv::new()))), "f32[4]"),
+        (up(&[1, 2, 4], &[2, 2, 3], Conv::new().stride(2).output_padding(2)), "output padding below"),
+        (up(&[1, 2, 4], &[2, 2, 3], Conv::new().stride(2).output_padding([1, 1])), "output padding for as many"),
+        (up(&[1, 2, 4], &[2, 2, 3], Conv::new().stride(0)), "at least 1"),
+        (up(&[1, 2, 4], &[2, 2, 3], Conv::new().dilation(0)), "at least 1"),
+        (up(&[1, 2, 4], &[2, 2, 3], Conv::new().padding(3)), "at least one place"),
+        (up(&[1, 2, 0], &[2, 2, 3], Conv::new()), "at least one place"),
+        (up(&[1, 3, 4], &[2, 2, 3], Conv::new()), "weight of [3, 2, kernel"),
+        (up(&[1, 2, 4], &[2, 2, 3], Conv::new().groups(0)), "divides both numbers of channels"),
+        (refused(&|tape| drop(ones(tape, &[1, 2, 4]).max_pool(&Pool::new(3).padding(2)))), "half of one"),
+        (refused(&|tape| drop(ones(tape, &[1, 2, 4]).max_pool(&Pool::new(3).stride(0)))), "strides of at least 1"),
+        (refused(&|tape| drop(ones(tape, &[1, 2, 4]).average_pool(&Pool::new(5)))), "windows that fit"),
+        (refused(&|tape| drop(ones(tape, &[1, 2, 4]).resize([0], Resampling::Linear))), "at least 1"),
+    ];
+    for (message, expected) in cases {
+        for part in [expected, "found", "wanted", "fix"] {
+            assert!(message.contains(part), "{part} is not in: {message}");
+        }
     }
 }

@@ -2,6 +2,7 @@
 
 use gradreel::ops::{Activation, uniform};
 use gradreel::{DType, Tape, Tensor, Var, gradcheck};
+use ndarray::Array3;
 
 fn random(seed: u64, shape: &[usize]) -> Tensor {
     uniform(seed, shape, -1.0..1.0)
@@ -36,8 +37,8 @@ fn by_definition(a: &Tensor, b: &Tensor, turned: [bool; 2]) -> Vec<f64> {
         shape.extend(&x.shape()[x.ndim() - 2..]);
         let count: usize = batch.iter().product();
         let matrix = [shape[rank - 2], shape[rank - 1]];
-        let wide = x.broadcast(shape).unwrap().to_owned();
-        wide.into_shape_with_order((count, matrix[0], matrix[1])).unwrap()
+        let wide = x.broadcast(shape).unwrap();
+        Array3::from_shape_vec((count, matrix[0], matrix[1]), wide.iter().copied().collect()).unwrap()
     };
     let (x, y) = (stretch(&x), stretch(&y));
     let terms = |i: usize, r: usize, c: usize| (0..x.shape()[2]).map(|d| x[[i, r, d]] * y[[i, d, c]]).sum::<f64>();

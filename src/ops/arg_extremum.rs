@@ -8,7 +8,7 @@ use crate::backend::gpu::{Gpu, Kernel, Strides, Work, words};
 use crate::ops::max::Largest;
 use crate::ops::min::Smallest;
 use crate::ops::put::Put;
-use crate::ops::reduction::Axes;
+use crate::ops::reduction::{Axes, Join};
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
 use crate::tape::{Backward, Forward, Op, Reads, Var};
@@ -39,6 +39,8 @@ const TEXT: &str = include_str!("../../kernels/arg_extremum.wgsl");
 pub(super) static ROWS: Kernel = Kernel::new("arg_extremum", "rows", TEXT, &["y", "x"]);
 /// One workgroup for each result.
 pub(super) static TREE: Kernel = Kernel::new("arg_extremum", "tree", TEXT, &["y", "x"]);
+/// Known extrema, in windows of an operand that does not fit one binding.
+pub(super) static FIND: Kernel = Kernel::new("arg_extremum", "find", TEXT, &["y", "x", "best"]);
 
 /// Elements behind a result from which on a workgroup works on it.
 const LONG: usize = 256;
@@ -77,6 +79,28 @@ impl ArgExtremum {
                 }
             },
         )
+    }
+}
+
+impl ArgExtremum {
+    /// The extrema first, by parts; then where they are.
+    fn by_windows(&self, gpu: &Gpu, x: &Tensor) -> Result<Tensor> {
+        let join = if self.largest { Join::Max } else { Join::Min };
+        let best = self.axes.on_gpu(gpu, self.name(), x, join)?;
+        let (kept, dropped) = (self.axes.walk(x.shape(), false), self.axes.walk(x.shape(), true));
+        let axes = [kept.words(self.name())?, dropped.words(self.name())?].concat();
+        let y = gpu.empty(self.infer(&[x.spec()])?)?;
+        for ((first, part), (_, best)) in gpu.windows(&y, 0..y.len()).into_iter().zip(gpu.windows(&best, 0..y.len())) {
+            let seen = kept.bounds_with(&dropped, first, part.len());
+            for (number, (begin, window)) in gpu.windows(x, seen).into_iter().enumerate() {
+                let (count, fresh) = (dropped.len(), usize::from(number == 0));
+                let mut sizes =
+                    words([part.len(), count, kept.rank(), dropped.rank(), 0, first, begin, fresh]).to_vec();
+                sizes.extend_from_slice(&axes);
+                gpu.dispatch(&FIND, &[&part, &window, &best], &sizes, Work::Invocations(part.len()))?;
+            }
+        }
+        Ok(y)
     }
 }
 
@@ -176,6 +200,9 @@ impl Op for ArgExtremum {
     fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
         let x = &inputs[0];
         let (kept, dropped) = (self.axes.walk(x.shape(), false), self.axes.walk(x.shape(), true));
+        if x.len() > gpu.part_len() {
+            return Ok(self.by_windows(gpu, x)?.into());
+        }
         let (results, count) = (kept.len(), dropped.len());
         let largest = usize::from(self.largest);
         let mut sizes = words([results, count, kept.rank(), dropped.rank(), largest, 0, 0, 0]).to_vec();

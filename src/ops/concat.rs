@@ -48,7 +48,14 @@ pub(super) fn join(gpu: &Gpu, inputs: &[Tensor], axis: usize) -> Result<Tensor> 
     let mut start = 0;
     for x in inputs {
         let from: usize = x.dims()[axis..].iter().product();
-        gpu.dispatch(&KERNEL, &[&y, x], &words([x.len(), from, to, start]), Work::Invocations(x.len()))?;
+        let place = |i: usize| i / from * to + start + i % from;
+        for (first, part) in gpu.windows(x, 0..x.len()).into_iter().filter(|(_, part)| !part.is_empty()) {
+            let written = place(first)..place(first + part.len() - 1) + 1;
+            for (begin, window) in gpu.windows(&y, written) {
+                let sizes = words([part.len(), from, to, start, first, begin]);
+                gpu.dispatch(&KERNEL, &[&window, &part], &sizes, Work::Invocations(part.len()))?;
+            }
+        }
         start += from;
     }
     Ok(y)

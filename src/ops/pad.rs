@@ -67,9 +67,17 @@ impl Op for Pad {
         let result = self.infer(&[x.spec()])?;
         let (from, inner) = self.rows(x);
         let to = result.shape.dims()[self.axis] * inner;
-        let len = result.shape.len();
-        let sizes = words([len, from, to, self.before * inner]);
-        Ok(gpu.launch(&KERNEL, &[x], &sizes, result, Work::Invocations(len))?.into())
+        let before = self.before * inner;
+        // elements of x in front of a place of the result
+        let ahead = |i: usize| i / to * from + (i % to).saturating_sub(before).min(from);
+        let y = gpu.empty(result)?;
+        for (first, part) in gpu.windows(&y, 0..y.len()).into_iter().filter(|(_, part)| !part.is_empty()) {
+            for (begin, window) in gpu.windows(x, ahead(first)..ahead(first + part.len())) {
+                let sizes = words([part.len(), from, to, before, first, begin]);
+                gpu.dispatch(&KERNEL, &[&part, &window], &sizes, Work::Invocations(part.len()))?;
+            }
+        }
+        Ok(y.into())
     }
 
     fn reads(&self, _wanted: &[bool]) -> Reads {

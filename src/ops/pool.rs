@@ -67,8 +67,10 @@ impl Pool {
             Error::new(ErrorKind::Shape, format!("{op}: the settings do not fit"))
                 .found(format!("{image:?}, {self:?}"))
                 .wanted(
-                    "batch, channels and one to three spatial axes, windows that fit, padding of at most half of one",
+                    "batch, channels and one to three spatial axes, windows that fit, strides of at least 1, padding of \
+                     at most half of one",
                 )
+                .fix("use smaller windows or less padding; one number sets all axes")
         })
     }
 }

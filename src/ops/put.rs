@@ -4,7 +4,7 @@
 use std::rc::Rc;
 
 use crate::backend::cpu::{CHUNK, filled};
-use crate::backend::gpu::{Gpu, Kernel, Work, words};
+use crate::backend::gpu::{Gpu, Kernel, Strides, Work, words};
 use crate::ops::index_select::check_rows;
 use crate::ops::reduction::Axes;
 use crate::ops::take::Take;
@@ -115,11 +115,17 @@ impl Op for Put {
     fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
         let [x, index] = inputs else { unreachable!("put has two operands") };
         let groups = self.groups()?;
-        let len = self.shape.len();
-        let mut sizes = words([len, groups.len(), 0, 0]).to_vec();
-        groups.into_iter().for_each(|group| sizes.extend(words(group)));
-        let result = Spec::new(&self.shape, x.dtype());
-        Ok(gpu.launch(&KERNEL, &[x, index], &sizes, result, Work::Invocations(len))?.into())
+        let rows = Strides::new(groups.iter().map(|[size, row, ..]| (*size, *row)));
+        let y = gpu.empty(Spec::new(&self.shape, x.dtype()))?;
+        for (first, part) in gpu.windows(&y, 0..y.len()) {
+            let seen = rows.bounds(0, first, part.len());
+            for ((begin, x), (_, index)) in gpu.windows(x, seen.clone()).into_iter().zip(gpu.windows(index, seen)) {
+                let mut sizes = words([part.len(), groups.len(), first, begin]).to_vec();
+                groups.iter().for_each(|group| sizes.extend(words(*group)));
+                gpu.dispatch(&KERNEL, &[&part, &x, &index], &sizes, Work::Invocations(part.len()))?;
+            }
+        }
+        Ok(y.into())
     }
 
     fn reads(&self, _wanted: &[bool]) -> Reads {

@@ -142,8 +142,9 @@ impl Axes {
 }
 
 impl Axes {
-    /// Reduces parts of the operand along its outermost axis. Where that axis is kept, these are parts of the result;
-    /// where it is dropped, they are reduced once more.
+    /// Reduces an operand that does not fit one binding. Blocks along its outermost axis are taken as they lie: where that
+    /// axis is kept, they give parts of the result; where it is dropped, their results are reduced once more. Where a block
+    /// would not fit or not begin where parts may, slices along the outermost axis that is kept are copied.
     fn by_parts(&self, gpu: &Gpu, op: &str, x: &Tensor, join: Join) -> Result<Tensor> {
         // neighbouring axes of the same kind as one
         let mut groups: Vec<(usize, bool)> = Vec::new();
@@ -153,35 +154,39 @@ impl Axes {
                 _ => groups.push((size, self.contains(axis))),
             }
         }
+        let axes = Self((0..groups.len()).filter(|&axis| groups[axis].1).collect());
         let (rows, dropped) = groups[0];
         let inner: usize = groups[1..].iter().map(|(size, _)| size).product();
-        // parts have to begin at aligned places
         let mut least = 1;
-        while !(least * inner).is_multiple_of(GpuBuffer::ALIGNMENT) {
+        while !(least * inner * x.dtype().size()).is_multiple_of(GpuBuffer::ALIGNMENT) {
             least *= 2;
         }
-        let most = gpu.part_len() / inner / least * least;
-        if most == 0 {
-            return Err(Error::new(
-                ErrorKind::Device,
-                format!("{op}: the operand does not fit one binding of this GPU"),
-            )
-            .at(gpu.name())
-            .found(format!("{:?} over axes {:?}", x.spec(), self.0))
-            .wanted(format!("at most {} bytes behind {least} steps of an axis", gpu.limits().binding_bytes))
-            .fix("reduce it in steps, or move it to the CPU with to_device(&Device::Cpu)"));
-        }
-        let tail = groups[1..].iter().map(|(size, _)| *size);
-        let axes = Self((0..groups.len()).filter(|&axis| groups[axis].1).collect());
+        let block = gpu.part_len() / inner / least * least;
         let mut parts = Vec::new();
-        for start in (0..rows).step_by(most) {
-            let shape: Vec<usize> = std::iter::once(most.min(rows - start)).chain(tail.clone()).collect();
-            let part = axes.on_gpu(gpu, op, &x.gpu_part(start * inner, shape), join)?;
-            parts.push(if dropped { part.reshape([vec![1], part.dims().to_vec()].concat()) } else { part });
+        // one row of a dropped axis in a block would be no reduction
+        if block >= if dropped { 2 } else { 1 } {
+            for start in (0..rows).step_by(block) {
+                let mut shape: Vec<usize> = groups.iter().map(|(size, _)| *size).collect();
+                shape[0] = block.min(rows - start);
+                let part = axes.on_gpu(gpu, op, &x.gpu_part(start * inner, shape), join)?;
+                parts.push(if dropped { part.reshape([vec![1], part.dims().to_vec()].concat()) } else { part });
+            }
+            let joined = concat::join(gpu, &parts, 0)?;
+            let whole = if dropped { Self(vec![0]).on_gpu(gpu, op, &joined, join)? } else { joined };
+            return Ok(whole.reshape(self.kept(x.shape())));
         }
-        let joined = concat::join(gpu, &parts, 0)?;
-        let whole = if dropped { Self(vec![0]).on_gpu(gpu, op, &joined, join)? } else { joined };
-        Ok(whole.reshape(self.kept(x.shape())))
+        let axis = groups.iter().position(|(_, dropped)| !dropped).expect("blocks of a single axis fit");
+        let volume = |groups: &[(usize, bool)]| groups.iter().map(|(size, _)| size).product::<usize>();
+        let (before, size, after) = (volume(&groups[..axis]), groups[axis].0, volume(&groups[axis + 1..]));
+        let block = (gpu.part_len() / (before * after)).clamp(1, size);
+        for start in (0..size).step_by(block) {
+            let mut shape: Vec<usize> = groups.iter().map(|(size, _)| *size).collect();
+            shape[axis] = block.min(size - start);
+            let walk = Strides::new([(before, size * after), (shape[axis] * after, 1)]);
+            let slice = walk.gather(gpu, op, x, start * after, Spec::new(shape, x.dtype()))?;
+            parts.push(axes.on_gpu(gpu, op, &slice, join)?);
+        }
+        Ok(concat::join(gpu, &parts, 0)?.reshape(self.kept(x.shape())))
     }
 }
 

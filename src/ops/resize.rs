@@ -60,7 +60,8 @@ fn resize(x: &Var, size: &[usize], scales: &[f64], interpolation: Resampling) ->
 fn refuse(x: &Var, what: String) -> ! {
     let error = Error::new(ErrorKind::Shape, "resize: the size does not fit")
         .found(format!("{:?} to {what}", x.spec()))
-        .wanted("batch, channels and spatial axes of at least 1, and a size of at least 1 for each");
+        .wanted("batch, channels and spatial axes of at least 1, and a size of at least 1 for each")
+        .fix("give one size for all axes, or one for each");
     panic!("{error}");
 }
 

@@ -83,12 +83,16 @@ impl Op for Take {
     fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
         let [x, index] = inputs else { unreachable!("take has two operands") };
         let (kept, dropped) = (self.axes.walk(x.shape(), false), self.axes.walk(x.shape(), true));
-        let len = kept.len();
-        let mut sizes = words([len, kept.rank(), dropped.rank(), 0]).to_vec();
-        sizes.extend(kept.words(self.name())?);
-        sizes.extend(dropped.words(self.name())?);
-        let result = Spec::new(index.shape(), x.dtype());
-        Ok(gpu.launch(&KERNEL, &[x, index], &sizes, result, Work::Invocations(len))?.into())
+        let axes = [kept.words(self.name())?, dropped.words(self.name())?].concat();
+        let y = gpu.empty(Spec::new(index.shape(), x.dtype()))?;
+        for ((first, part), (_, index)) in gpu.windows(&y, 0..y.len()).into_iter().zip(gpu.windows(index, 0..y.len())) {
+            for (begin, window) in gpu.windows(x, kept.bounds_with(&dropped, first, part.len())) {
+                let mut sizes = words([part.len(), kept.rank(), dropped.rank(), first, begin, 0, 0, 0]).to_vec();
+                sizes.extend_from_slice(&axes);
+                gpu.dispatch(&KERNEL, &[&part, &window, &index], &sizes, Work::Invocations(part.len()))?;
+            }
+        }
+        Ok(y.into())
     }
 
     fn reads(&self, _wanted: &[bool]) -> Reads {

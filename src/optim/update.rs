@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
-use crate::backend::cpu;
+use crate::backend::cpu::{self, Work, widest};
 use crate::optim::{ByPrefix, Clip, Params, Schedule};
 use crate::scalar::Real;
 use crate::tensor::for_real;
@@ -103,34 +103,30 @@ const CHUNK: usize = 1 << 15;
 /// A sum of squares in sixteen running sums, which any vector width adds up alike. The square of a NaN or an infinity makes
 /// it not finite; that of an `f32` cannot overflow.
 fn squares<T: Real>(values: &[T]) -> f64 {
+    widest(Squares(values))
+}
+
+struct Squares<'a, T>(&'a [T]);
+
+impl<T: Real> Work for Squares<'_, T> {
+    type Output = f64;
+
     #[inline(always)]
-    fn body<T: Real>(values: &[T]) -> f64 {
+    fn run(self) -> f64 {
         let mut sums = [0.0f64; 16];
-        let (rows, rest) = values.as_chunks::<16>();
+        let (rows, rest) = self.0.as_chunks::<16>();
         for row in rows {
-            for (sum, x) in sums.iter_mut().zip(row) {
-                let x = x.to_f64();
-                *sum += x * x;
+            for i in 0..16 {
+                let x = row[i].to_f64();
+                sums[i] += x * x;
             }
         }
-        for (sum, x) in sums.iter_mut().zip(rest) {
-            let x = x.to_f64();
-            *sum += x * x;
+        for i in 0..rest.len() {
+            let x = rest[i].to_f64();
+            sums[i] += x * x;
         }
         sums.iter().sum()
     }
-    #[cfg(target_arch = "x86_64")]
-    {
-        #[target_feature(enable = "avx2")]
-        fn avx2<T: Real>(values: &[T]) -> f64 {
-            body(values)
-        }
-        if is_x86_feature_detected!("avx2") {
-            // SAFETY: the instruction set was detected.
-            return unsafe { avx2(values) };
-        }
-    }
-    body(values)
 }
 
 /// The new value and the new states of one element.
@@ -188,13 +184,22 @@ pub(super) fn update<T: Real, const STATES: usize>(
 }
 
 fn run<T: Real, const STATES: usize>(rule: impl Rule<T, STATES>, x: &mut [T], g: &[T], states: [&mut [T]; STATES]) {
+    widest(Elements { rule, x, g, states });
+}
+
+struct Elements<'a, R, T, const STATES: usize> {
+    rule: R,
+    x: &'a mut [T],
+    g: &'a [T],
+    states: [&'a mut [T]; STATES],
+}
+
+impl<R: Rule<T, STATES>, T: Real, const STATES: usize> Work for Elements<'_, R, T, STATES> {
+    type Output = ();
+
     #[inline(always)]
-    fn body<T: Real, const STATES: usize>(
-        rule: impl Rule<T, STATES>,
-        x: &mut [T],
-        g: &[T],
-        states: [&mut [T]; STATES],
-    ) {
+    fn run(self) {
+        let Self { rule, x, g, states } = self;
         let len = x.len();
         let g = &g[..len];
         let states = states.map(|state| &mut state[..len]);
@@ -210,23 +215,6 @@ fn run<T: Real, const STATES: usize>(rule: impl Rule<T, STATES>, x: &mut [T], g:
             }
         }
     }
-    #[cfg(target_arch = "x86_64")]
-    {
-        #[target_feature(enable = "avx2")]
-        fn avx2<T: Real, const STATES: usize>(
-            rule: impl Rule<T, STATES>,
-            x: &mut [T],
-            g: &[T],
-            states: [&mut [T]; STATES],
-        ) {
-            body(rule, x, g, states);
-        }
-        if is_x86_feature_detected!("avx2") {
-            // SAFETY: the instruction set was detected.
-            return unsafe { avx2(rule, x, g, states) };
-        }
-    }
-    body(rule, x, g, states);
 }
 
 /// The states of a parameter, zeros at first.

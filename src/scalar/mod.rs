@@ -62,6 +62,8 @@ mod kernel;
 mod lanes;
 mod lower;
 mod mat3;
+#[cfg(target_arch = "aarch64")]
+mod neon;
 mod operators;
 mod portable;
 mod principal;
@@ -81,7 +83,8 @@ mod x86;
 
 pub use evaluate::Lanes;
 pub use handle::{Condition, Scalar};
-pub(crate) use kernel::{Job, Path};
+pub(crate) use kernel::Job;
+pub use kernel::Path;
 pub(crate) use lanes::Lane;
 pub use mat3::Mat3;
 pub use principal::Principal;

@@ -86,7 +86,7 @@ impl Tape {
     ///
     /// let tape = Tape::with_profile();
     /// let x = tape.leaf(Tensor::zeros([4, 8], DType::F32));
-    /// x.matmul(&x.t()).square().sum_all().backward()?;
+    /// x.matmul_transposed(&x).square().sum_all().backward()?;
     /// let profile = tape.profile();
     /// assert!(profile.by_op().iter().any(|(op, calls, _)| op == "matmul" && *calls == 3));
     /// println!("{profile}");

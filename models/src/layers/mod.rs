@@ -32,6 +32,7 @@ mod residual;
 mod resampling;
 mod transformer;
 mod depth_attention;
+mod segment;
 
 pub use attention::{Attention, AttentionSizes};
 pub(crate) use attention::{merge_heads, split_heads};
@@ -43,5 +44,6 @@ pub use resampling::{Downsample, Upsample};
 pub use residual::ResidualBlock;
 pub(crate) use residual::per_channel;
 pub use scope::{Init, Scope, Weights, initialise, listing};
+pub use segment::Segment;
 pub use time_embedding::TimeEmbedding;
 pub use transformer::{SpatialTransformer, TransformerSizes};

@@ -47,19 +47,36 @@ impl Weights for Bound {
 pub struct Scope<'a> {
     weights: &'a dyn Weights,
     path: String,
+    recomputed: bool,
 }
 
 impl<'a> Scope<'a> {
     /// The root of a source.
     pub fn root(weights: &'a dyn Weights) -> Self {
-        Self { weights, path: String::new() }
+        Self { weights, path: String::new(), recomputed: false }
     }
 
     /// One or more names deeper.
     #[must_use]
     pub fn at(&self, name: impl Display) -> Self {
         let path = if self.path.is_empty() { name.to_string() } else { format!("{}.{name}", self.path) };
-        Self { weights: self.weights, path }
+        Self { weights: self.weights, path, recomputed: self.recomputed }
+    }
+
+    /// The same place; the parts built there are recomputed in the backward pass ([`super::Segment`]).
+    #[must_use]
+    pub fn recomputed(&self) -> Self {
+        Self { recomputed: true, ..self.clone() }
+    }
+
+    /// Whether parts built here are recomputed.
+    pub(crate) fn is_recomputed(&self) -> bool {
+        self.recomputed
+    }
+
+    /// The source.
+    pub(crate) fn weights(&self) -> &'a dyn Weights {
+        self.weights
     }
 
     /// The path of this place; empty at the root.

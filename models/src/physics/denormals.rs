@@ -1,21 +1,29 @@
 //! Flushing of denormal numbers to zero while a worker computes.
 //!
 //! Numbers below 1e-38 (`f32`) cost several times as much as others and carry no information here. Worker closures hold a
-//! [`Flush`] while they run; the thread's previous state returns when it is dropped. Elsewhere than on x86-64 it does
-//! nothing.
+//! [`Flush`] while they run; the thread's previous state returns when it is dropped. Elsewhere than on x86-64 and
+//! 64-bit ARM it does nothing.
 
 /// While it lives, this thread treats denormal operands and results as zero.
 pub(crate) struct Flush {
-    #[cfg(target_arch = "x86_64")]
-    before: u32,
+    #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+    before: Register,
 }
+
+#[cfg(target_arch = "x86_64")]
+type Register = u32;
+#[cfg(target_arch = "aarch64")]
+type Register = u64;
 
 /// Flush to zero (bit 15) and denormals are zero (bit 6) of the control register.
 #[cfg(target_arch = "x86_64")]
-const FLUSH: u32 = (1 << 15) | (1 << 6);
+const FLUSH: Register = (1 << 15) | (1 << 6);
+/// Flush to zero (bit 24), which is for operands and results.
+#[cfg(target_arch = "aarch64")]
+const FLUSH: Register = 1 << 24;
 
 impl Flush {
-    #[cfg(target_arch = "x86_64")]
+    #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
     #[inline]
     pub fn start() -> Self {
         let before = read();
@@ -25,13 +33,13 @@ impl Flush {
         Self { before }
     }
 
-    #[cfg(not(target_arch = "x86_64"))]
+    #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
     pub fn start() -> Self {
         Self {}
     }
 }
 
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 impl Drop for Flush {
     #[inline]
     fn drop(&mut self) {
@@ -43,8 +51,8 @@ impl Drop for Flush {
 
 #[cfg(target_arch = "x86_64")]
 #[inline]
-fn read() -> u32 {
-    let mut state = 0_u32;
+fn read() -> Register {
+    let mut state: Register = 0;
     // SAFETY: stores 4 bytes to a local.
     unsafe { core::arch::asm!("stmxcsr [{}]", in(reg) &raw mut state, options(nostack, preserves_flags)) };
     state
@@ -52,12 +60,28 @@ fn read() -> u32 {
 
 #[cfg(target_arch = "x86_64")]
 #[inline]
-fn write(state: u32) {
+fn write(state: Register) {
     // SAFETY: only the two denormal bits differ from what the thread had.
     unsafe { core::arch::asm!("ldmxcsr [{}]", in(reg) &raw const state, options(nostack, preserves_flags)) };
 }
 
-#[cfg(all(test, target_arch = "x86_64"))]
+#[cfg(target_arch = "aarch64")]
+#[inline]
+fn read() -> Register {
+    let state: Register;
+    // SAFETY: reads a register that every thread has.
+    unsafe { core::arch::asm!("mrs {}, fpcr", out(reg) state, options(nomem, nostack, preserves_flags)) };
+    state
+}
+
+#[cfg(target_arch = "aarch64")]
+#[inline]
+fn write(state: Register) {
+    // SAFETY: only the denormal bit differs from what the thread had.
+    unsafe { core::arch::asm!("msr fpcr, {}", in(reg) state, options(nostack, preserves_flags)) };
+}
+
+#[cfg(all(test, any(target_arch = "x86_64", target_arch = "aarch64")))]
 mod tests {
     use super::*;
 

@@ -87,7 +87,7 @@ impl Denoiser {
         let time = self.time.forward(noised, &times)?;
         let viewpoints = self.volumes.viewpoints(noised, &condition.elevations)?;
         let unprojected = self.volumes.unproject(noised, &time, &viewpoints)?;
-        let volume = self.volumes.spatial_volume(&unprojected, &time);
+        let volume = self.volumes.spatial_volume(&unprojected, &time)?;
         Ok(Look { noised: noised.clone(), times, time, viewpoints, volume })
     }
 
@@ -120,7 +120,7 @@ impl Denoiser {
             self.volumes.frustum_samples(&look.volume.slice(0, sample..sample + 1), &views, width)
         };
         let samples: Vec<Var> = targets.chunk_by(|a, b| a.sample == b.sample).map(seen).collect::<Result<_>>()?;
-        let pyramid = self.volumes.pyramid(&stacked(&samples), &of_sample(&look.time), &viewpoints);
+        let pyramid = self.volumes.pyramid(&stacked(&samples), &of_sample(&look.time), &viewpoints)?;
         let times: Vec<f64> = targets.iter().map(|t| look.times[t.sample]).collect();
         let token = self.tokens(&of_sample(&condition.embedding), &viewpoints);
         let image = of_sample(&condition.latent);

@@ -2,7 +2,7 @@
 
 use gradreel::{Result, Var};
 
-use crate::layers::{Convolution, GroupNorm, Kernel, Scope, per_channel};
+use crate::layers::{Convolution, GroupNorm, Kernel, Scope, Segment, per_channel};
 
 /// The sizes of the network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -20,8 +20,8 @@ pub struct FrustumSizes {
 /// An encoder and decoder on frustum volumes, told the time and the viewpoint at every stage.
 pub struct FrustumNet {
     into: Convolution,
-    down: [[Unit; 2]; 3],
-    up: [Unit; 3],
+    down: [[Segment<Unit>; 2]; 3],
+    up: [Segment<Unit>; 3],
 }
 
 /// `conv(SiLU(GN(x + t + v)))`, without residual.
@@ -56,20 +56,22 @@ impl FrustumNet {
     pub fn new(scope: &Scope<'_>, sizes: FrustumSizes) -> Result<Self> {
         let widths = sizes.widths;
         let unit = |name: &str, inputs, outputs, stride| {
-            let scope = scope.at(name);
-            let kernel = Kernel::volume(inputs, outputs, 3).stride(stride);
-            let conv = Convolution::new(&scope.at("conv"), kernel)?;
-            Unit::new(&scope, &sizes, inputs, "bn", conv)
+            Segment::new(&scope.at(name), move |scope| {
+                let kernel = Kernel::volume(inputs, outputs, 3).stride(stride);
+                let conv = Convolution::new(&scope.at("conv"), kernel)?;
+                Unit::new(scope, &sizes, inputs, "bn", conv)
+            })
         };
-        let down = |level: usize, names: [&str; 2]| -> Result<[Unit; 2]> {
+        let down = |level: usize, names: [&str; 2]| -> Result<[Segment<Unit>; 2]> {
             let [from, to] = [widths[level], widths[level + 1]];
             Ok([unit(names[0], from, to, 2)?, unit(names[1], to, to, 1)?])
         };
         let up = |level: usize, name: &str| {
             let [from, to] = [widths[level + 1], widths[level]];
-            let scope = scope.at(name);
-            let conv = Convolution::doubling(&scope.at("conv"), Kernel::volume(from, to, 3))?;
-            Unit::new(&scope, &sizes, from, "norm", conv)
+            Segment::new(&scope.at(name), move |scope| {
+                let conv = Convolution::doubling(&scope.at("conv"), Kernel::volume(from, to, 3))?;
+                Unit::new(scope, &sizes, from, "norm", conv)
+            })
         };
         Ok(Self {
             into: Convolution::new(&scope.at("conv0"), Kernel::volume(sizes.inputs, widths[0], 3))?,
@@ -81,19 +83,25 @@ impl FrustumNet {
     /// `x [b, inputs, d, h, w]`, time vectors `[b, time]` and viewpoint embeddings `[b, view]` to four volumes, the widest
     /// first: `[b, widths[i], d/2ⁱ, h/2ⁱ, w/2ⁱ]`.
     ///
+    /// # Errors
+    /// As [`Segment::run`].
+    ///
     /// # Panics
     /// When the sizes are not those of the network.
     #[track_caller]
-    pub fn forward(&self, x: &Var, time: &Var, view: &Var) -> [Var; 4] {
+    pub fn forward(&self, x: &Var, time: &Var, view: &Var) -> Result<[Var; 4]> {
         let [time, view] = [time, view].map(|vectors| per_channel(vectors, 3));
         let x0 = self.into.forward(x);
-        let deeper = |x: &Var, units: &[Unit; 2]| units[1].forward(&units[0].forward(x, &time, &view), &time, &view);
-        let x1 = deeper(&x0, &self.down[0]);
-        let x2 = deeper(&x1, &self.down[1]);
-        let x3 = deeper(&x2, &self.down[2]);
-        let y2 = &self.up[0].forward(&x3, &time, &view) + &x2;
-        let y1 = &self.up[1].forward(&y2, &time, &view) + &x1;
-        let y0 = &self.up[2].forward(&y1, &time, &view) + &x0;
-        [y0, y1, y2, x3]
+        let run = |unit: &Segment<Unit>, x: &Var| {
+            unit.run(&[x, &time, &view], |unit, inputs| unit.forward(&inputs[0], &inputs[1], &inputs[2]))
+        };
+        let deeper = |x: &Var, units: &[Segment<Unit>; 2]| run(&units[1], &run(&units[0], x)?);
+        let x1 = deeper(&x0, &self.down[0])?;
+        let x2 = deeper(&x1, &self.down[1])?;
+        let x3 = deeper(&x2, &self.down[2])?;
+        let y2 = &run(&self.up[0], &x3)? + &x2;
+        let y1 = &run(&self.up[1], &y2)? + &x1;
+        let y0 = &run(&self.up[2], &y1)? + &x0;
+        Ok([y0, y1, y2, x3])
     }
 }

@@ -2,7 +2,7 @@
 
 use gradreel::{Result, Var};
 
-use crate::layers::{Convolution, GroupNorm, Kernel, Scope, per_channel};
+use crate::layers::{Convolution, GroupNorm, Kernel, Scope, Segment, per_channel};
 
 /// The sizes of the network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,9 +18,9 @@ pub struct SpatialSizes {
 /// An encoder and decoder on volumes, told the time at every stage; skips are sums.
 pub struct SpatialNet {
     into: Convolution,
-    first: Unit,
-    down: [[Unit; 3]; 3],
-    up: [Unit; 3],
+    first: Segment<Unit>,
+    down: [[Segment<Unit>; 3]; 3],
+    up: [Segment<Unit>; 3],
 }
 
 /// `conv(SiLU(GN(x + t)))`, without residual.
@@ -60,13 +60,17 @@ impl SpatialNet {
     pub fn new(scope: &Scope<'_>, sizes: SpatialSizes) -> Result<Self> {
         let SpatialSizes { inputs, widths, time } = sizes;
         let unit = |name: &str, inputs, outputs, stride| {
-            Unit::new(&scope.at(name), time, Kernel::volume(inputs, outputs, 3).stride(stride), inputs)
+            let kernel = Kernel::volume(inputs, outputs, 3).stride(stride);
+            Segment::new(&scope.at(name), move |scope| Unit::new(scope, time, kernel, inputs))
         };
-        let down = |level: usize, names: [&str; 3]| -> Result<[Unit; 3]> {
+        let down = |level: usize, names: [&str; 3]| -> Result<[Segment<Unit>; 3]> {
             let [from, to] = [widths[level], widths[level + 1]];
             Ok([unit(names[0], from, to, 2)?, unit(names[1], to, to, 1)?, unit(names[2], to, to, 1)?])
         };
-        let up = |level: usize, name: &str| Unit::up(&scope.at(name), time, widths[level + 1], widths[level]);
+        let up = |level: usize, name: &str| {
+            let [from, to] = [widths[level + 1], widths[level]];
+            Segment::new(&scope.at(name), move |scope| Unit::up(scope, time, from, to))
+        };
         Ok(Self {
             into: Convolution::new(&scope.at("init_conv"), Kernel::volume(inputs, widths[0], 3))?,
             first: unit("conv0", widths[0], widths[0], 1)?,
@@ -81,23 +85,28 @@ impl SpatialNet {
 
     /// `x [b, inputs, v, v, v]` and time vectors `[b, time]` to `[b, widths[0], v, v, v]`; v is a multiple of 8.
     ///
+    /// # Errors
+    /// As [`Segment::run`].
+    ///
     /// # Panics
     /// When the sizes are not those of the network.
     #[track_caller]
-    pub fn forward(&self, x: &Var, time: &Var) -> Var {
+    pub fn forward(&self, x: &Var, time: &Var) -> Result<Var> {
         let time = per_channel(time, 3);
-        let mut levels = vec![self.first.forward(&self.into.forward(x), &time)];
+        let run =
+            |unit: &Segment<Unit>, x: &Var| unit.run(&[x, &time], |unit, inputs| unit.forward(&inputs[0], &inputs[1]));
+        let mut levels = vec![run(&self.first, &self.into.forward(x))?];
         for units in &self.down {
             let mut h = levels[levels.len() - 1].clone();
             for unit in units {
-                h = unit.forward(&h, &time);
+                h = run(unit, &h)?;
             }
             levels.push(h);
         }
         let mut y = levels.pop().expect("four levels");
         for (unit, skip) in self.up.iter().zip(levels.iter().rev()) {
-            y = skip + &unit.forward(&y, &time);
+            y = skip + &run(unit, &y)?;
         }
-        y
+        Ok(y)
     }
 }

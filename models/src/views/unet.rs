@@ -4,7 +4,7 @@ use gradreel::{Result, Var};
 use serde::{Deserialize, Serialize};
 
 use crate::layers::{
-    Convolution, DepthAttention, DepthAttentionSizes, Downsample, GroupNorm, Kernel, ResidualBlock, Scope,
+    Convolution, DepthAttention, DepthAttentionSizes, Downsample, GroupNorm, Kernel, ResidualBlock, Scope, Segment,
     SpatialTransformer, TimeEmbedding, TransformerSizes, Upsample,
 };
 
@@ -50,35 +50,75 @@ impl UnetSizes {
         SpatialTransformer::new(scope, TransformerSizes { channels, heads, context })
     }
 
+    /// A residual block from these channels to those of a level, and the level's transformer.
+    fn stage(self, scope: &Scope<'_>, level: usize, channels: usize) -> Result<Segment<Stage>> {
+        Segment::new(scope, move |scope| {
+            Ok(Stage {
+                residual: ResidualBlock::new(&scope.at(0), channels, self.channels(level), 4 * self.base)?,
+                transformer: (level < 3).then(|| self.transformer(&scope.at(1), level)).transpose()?,
+            })
+        })
+    }
+
+    fn middle(self, scope: &Scope<'_>) -> Result<Segment<Middle>> {
+        let channels = self.channels(3);
+        Segment::new(scope, move |scope| {
+            let block = |name: usize| ResidualBlock::new(&scope.at(name), channels, channels, 4 * self.base);
+            Ok(Middle(block(0)?, self.transformer(&scope.at(1), 3)?, block(2)?))
+        })
+    }
+
     /// The block after a stage of these channels, which attends to the volume of a level. A head is half as wide as the
     /// volume.
-    fn depth_attention(&self, scope: &Scope<'_>, channels: usize, level: usize) -> Result<DepthAttention> {
+    fn depth_attention(&self, scope: &Scope<'_>, channels: usize, level: usize) -> Result<Segment<DepthAttention>> {
         let context = self.volumes[level];
-        DepthAttention::new(scope, DepthAttentionSizes { channels, head: context / 2, context })
+        let sizes = DepthAttentionSizes { channels, head: context / 2, context };
+        Segment::new(scope, move |scope| DepthAttention::new(scope, sizes))
     }
 }
 
 /// One of the numbered blocks on the way down.
 enum Down {
     First(Convolution),
-    Stage(Box<(ResidualBlock, Option<SpatialTransformer>)>),
+    Stage(Box<Segment<Stage>>),
     Half(Downsample),
 }
 
 /// One of the numbered blocks on the way up, with the depth-wise attention that follows it.
 struct Up {
+    stage: Segment<Stage>,
+    twice: Option<Upsample>,
+    depth: Option<(Segment<DepthAttention>, usize)>,
+}
+
+struct Stage {
     residual: ResidualBlock,
     transformer: Option<SpatialTransformer>,
-    twice: Option<Upsample>,
-    depth: Option<(DepthAttention, usize)>,
+}
+
+impl Stage {
+    fn forward(&self, x: &Var, time: &Var, context: &Var) -> Var {
+        let h = self.residual.forward(x, time);
+        self.transformer.as_ref().map_or_else(|| h.clone(), |transformer| transformer.forward(&h, context))
+    }
+}
+
+struct Middle(ResidualBlock, SpatialTransformer, ResidualBlock);
+
+/// Depth-wise attention to the volume of a level, if there are volumes.
+fn attend(depth: &Segment<DepthAttention>, x: &Var, volume: Option<&Var>) -> Result<Var> {
+    match volume {
+        Some(volume) => depth.run(&[x, volume], |depth, inputs| depth.forward(&inputs[0], Some(&inputs[1]))),
+        None => depth.run(&[x], |depth, inputs| depth.forward(&inputs[0], None)),
+    }
 }
 
 /// The noise predictor ε(x, t, token, volumes).
 pub struct Unet {
     time: TimeEmbedding,
     down: Vec<Down>,
-    middle: (ResidualBlock, SpatialTransformer, ResidualBlock),
-    middle_depth: DepthAttention,
+    middle: Segment<Middle>,
+    middle_depth: Segment<DepthAttention>,
     up: Vec<Up>,
     norm: GroupNorm,
     out: Convolution,
@@ -99,10 +139,8 @@ impl Unet {
         for level in 0..4 {
             for _ in 0..2 {
                 let scope = scope.at(format_args!("input_blocks.{}", down.len()));
-                let residual = ResidualBlock::new(&scope.at(0), channels, sizes.channels(level), embedding)?;
-                let transformer = (level < 3).then(|| sizes.transformer(&scope.at(1), level)).transpose()?;
+                down.push(Down::Stage(Box::new(sizes.stage(&scope, level, channels)?)));
                 channels = sizes.channels(level);
-                down.push(Down::Stage(Box::new((residual, transformer))));
                 skips.push(channels);
             }
             if level < 3 {
@@ -111,9 +149,7 @@ impl Unet {
                 skips.push(channels);
             }
         }
-        let middle = scope.at("middle_block");
-        let block = |name: usize| ResidualBlock::new(&middle.at(name), channels, channels, embedding);
-        let middle = (block(0)?, sizes.transformer(&middle.at(1), 3)?, block(2)?);
+        let middle = sizes.middle(&scope.at("middle_block"))?;
         let middle_depth = sizes.depth_attention(&scope.at("middle_conditions"), channels, 3)?;
         let mut up = Vec::new();
         for level in (0..4).rev() {
@@ -121,12 +157,10 @@ impl Unet {
                 let number = up.len();
                 let block = scope.at(format_args!("output_blocks.{number}"));
                 let skip = skips.pop().expect("as many blocks up as down");
-                let width = sizes.channels(level);
-                let residual = ResidualBlock::new(&block.at(0), channels + skip, width, embedding)?;
-                let transformer = (level < 3).then(|| sizes.transformer(&block.at(1), level)).transpose()?;
-                channels = width;
+                let stage = sizes.stage(&block, level, channels + skip)?;
+                channels = sizes.channels(level);
                 let grows = turn == 2 && level > 0;
-                let place = 1 + usize::from(transformer.is_some());
+                let place = 1 + usize::from(level < 3);
                 let twice = grows.then(|| Upsample::new(&block.at(place), channels)).transpose()?;
                 let volume = level - usize::from(grows);
                 let depth = |number: usize| {
@@ -134,7 +168,7 @@ impl Unet {
                     Ok::<_, gradreel::Error>((sizes.depth_attention(&scope, channels, volume)?, volume))
                 };
                 let depth = number.checked_sub(3).map(depth).transpose()?;
-                up.push(Up { residual, transformer, twice, depth });
+                up.push(Up { stage, twice, depth });
             }
         }
         Ok(Self {
@@ -184,33 +218,31 @@ impl Unet {
         for (number, block) in self.down.iter().enumerate() {
             h = match block {
                 Down::First(conv) => conv.forward(&h),
-                Down::Stage(stage) => {
-                    let (residual, transformer) = &**stage;
-                    let h = residual.forward(&h, &time);
-                    transformer.as_ref().map_or(h.clone(), |t| t.forward(&h, context))
-                }
+                Down::Stage(stage) => stage
+                    .run(&[&h, &time, context], |stage, inputs| stage.forward(&inputs[0], &inputs[1], &inputs[2]))?,
                 Down::Half(half) => half.forward(&h),
             };
             watch(&format!("input_blocks.{number}"), &h);
             skips.push(h.clone());
         }
-        let (first, transformer, second) = &self.middle;
-        h = second.forward(&transformer.forward(&first.forward(&h, &time), context), &time);
+        h = self.middle.run(&[&h, &time, context], |Middle(first, transformer, second), inputs| {
+            let [x, time, context] = inputs else { unreachable!("three operands") };
+            second.forward(&transformer.forward(&first.forward(x, time), context), time)
+        })?;
         watch("middle_block", &h);
-        h = self.middle_depth.forward(&h, volumes.map(|v| &v[3]));
+        h = attend(&self.middle_depth, &h, volumes.map(|v| &v[3]))?;
         watch("middle_conditions", &h);
         for (number, block) in self.up.iter().enumerate() {
             let skip = skips.pop().expect("as many blocks up as down");
-            h = block.residual.forward(&h.concat(&[&skip], 1), &time);
-            if let Some(transformer) = &block.transformer {
-                h = transformer.forward(&h, context);
-            }
+            h = block.stage.run(&[&h, &skip, &time, context], |stage, inputs| {
+                stage.forward(&inputs[0].concat(&[&inputs[1]], 1), &inputs[2], &inputs[3])
+            })?;
             if let Some(twice) = &block.twice {
                 h = twice.forward(&h);
             }
             watch(&format!("output_blocks.{number}"), &h);
             if let Some((depth, level)) = &block.depth {
-                h = depth.forward(&h, volumes.map(|v| &v[*level]));
+                h = attend(depth, &h, volumes.map(|v| &v[*level]))?;
                 watch(&format!("output_conditions.{}", number - 3), &h);
             }
         }

@@ -133,10 +133,13 @@ impl VolumePath {
 
     /// The un-projected volume and time vectors to the spatial volume `[b, spatial[0], v, v, v]`.
     ///
+    /// # Errors
+    /// As [`crate::layers::Segment::run`].
+    ///
     /// # Panics
     /// When the sizes are not those of the path.
     #[track_caller]
-    pub fn spatial_volume(&self, unprojected: &Var, time: &Var) -> Var {
+    pub fn spatial_volume(&self, unprojected: &Var, time: &Var) -> Result<Var> {
         self.spatial.forward(unprojected, time)
     }
 
@@ -166,10 +169,13 @@ impl VolumePath {
     /// Frustum samples `[n, c, depth, w, w]`, time vectors `[n, time]` and viewpoints `[n, 4]` to the pyramid, the widest
     /// first.
     ///
+    /// # Errors
+    /// As [`crate::layers::Segment::run`].
+    ///
     /// # Panics
     /// When the sizes are not those of the path.
     #[track_caller]
-    pub fn pyramid(&self, samples: &Var, time: &Var, viewpoints: &Var) -> [Var; 4] {
+    pub fn pyramid(&self, samples: &Var, time: &Var, viewpoints: &Var) -> Result<[Var; 4]> {
         self.frustum.forward(samples, time, viewpoints)
     }
 }

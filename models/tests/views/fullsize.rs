@@ -94,10 +94,10 @@ fn fullsize_volumes() {
     let time = given(tape, "vol.t_embed", [1, 256]);
     let viewpoints = given(tape, "vol.v_embed", [1, 16, 4]);
     let unprojected = path.unproject(&noised, &time, &viewpoints).unwrap();
-    let volume = path.spatial_volume(&unprojected, &time);
+    let volume = path.spatial_volume(&unprojected, &time).unwrap();
     compare("vol.spatial_volume_stride4", &volume, &[1, 1, 4, 4, 4], begin);
     let samples = path.frustum_samples(&volume, &[3], 32).unwrap();
-    let pyramid = path.pyramid(&samples, &time, &viewpoints.slice(1, 3..4).reshape([1, 4]));
+    let pyramid = path.pyramid(&samples, &time, &viewpoints.slice(1, 3..4).reshape([1, 4])).unwrap();
     for ((width, steps), level) in [(32, [6, 4, 4]), (16, [6, 2, 2]), (8, [3, 2, 2]), (4, [1; 3])].iter().zip(&pyramid)
     {
         compare(&format!("vol.frustum_{width}_view3"), level, &[&[1, 1], &steps[..]].concat(), begin);

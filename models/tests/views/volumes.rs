@@ -27,7 +27,7 @@ fn spatial_net() {
         let inputs = case.shape("init_conv.weight")[1];
         let sizes = SpatialSizes { inputs, widths: case.sizes("dims"), time: case.size("time_dim") };
         let net = SpatialNet::new(&case.scope(), sizes)?;
-        Ok(vec![("out.y".into(), net.forward(&case.input("x"), &case.input("t")))])
+        Ok(vec![("out.y".into(), net.forward(&case.input("x"), &case.input("t"))?)])
     });
 }
 
@@ -37,7 +37,7 @@ fn frustum_net() {
         let (time, view) = (case.size("time_dim"), case.size("view_dim"));
         let sizes = FrustumSizes { inputs: case.size("in_dim"), widths: case.sizes("dims"), time, view };
         let net = FrustumNet::new(&case.scope(), sizes)?;
-        let pyramid = net.forward(&case.input("x"), &case.input("t"), &case.input("v"));
+        let pyramid = net.forward(&case.input("x"), &case.input("t"), &case.input("v"))?;
         Ok(pyramid.into_iter().map(|level| (format!("out.level_{}", level.dims()[4]), level)).collect())
     });
 }
@@ -64,13 +64,13 @@ fn from_noised_views_to_frustum_volumes() {
         let time = time.forward(&noised, &case.numbers("t"))?;
         let viewpoints = path.viewpoints(&noised, &case.numbers("elevation"))?;
         let unprojected = path.unproject(&noised, &time, &viewpoints)?;
-        let volume = path.spatial_volume(&unprojected, &time);
+        let volume = path.spatial_volume(&unprojected, &time)?;
         let views: Vec<usize> = case.numbers("target_index").iter().map(|v| *v as usize).collect();
         let samples = path.frustum_samples(&volume, &views, noised.dims()[4])?;
         let times = time.broadcast_to([views.len(), time.dims()[1]]);
         let of_views: Vec<_> = views.iter().map(|&v| viewpoints.slice(1, v..v + 1)).collect();
         let told = of_views[0].concat(&of_views[1..].iter().collect::<Vec<_>>(), 1).reshape([views.len(), 4]);
-        let pyramid = path.pyramid(&samples, &times, &told);
+        let pyramid = path.pyramid(&samples, &times, &told)?;
         let mut results = vec![
             ("out.t_embed".into(), time.clone()),
             ("out.v_embed".into(), viewpoints.clone()),

@@ -9,8 +9,6 @@ use gradreel_models::views::FileWeights;
 
 use crate::harness::{close, load};
 
-const SIZES: TransformerSizes = TransformerSizes { channels: 64, heads: 4, context: 24 };
-
 fn scratch(name: &str) -> PathBuf {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("weights");
     std::fs::create_dir_all(&folder).unwrap();
@@ -28,10 +26,9 @@ fn file(name: &str) -> (PathBuf, TransformerSizes) {
     }
     let path = scratch(name);
     file.write(&path).unwrap();
-    let channels = file.tensors["norm.weight"].len();
-    let context = file.tensors["transformer_blocks.0.attn2.to_k.weight"].dims()[1];
     let settings: serde_json::Value = serde_json::from_str(&vectors.metadata["hyperparameters"]).unwrap();
-    let heads = settings["heads"].as_u64().or(settings["n_heads"].as_u64()).unwrap_or(SIZES.heads as u64) as usize;
+    let [channels, heads, context] =
+        ["channels", "heads", "context_dim"].map(|name| settings[name].as_u64().unwrap() as usize);
     (path, TransformerSizes { channels, heads, context })
 }
 
@@ -131,6 +128,8 @@ fn a_number_beyond_f16_is_refused_by_name_and_leaves_no_file() {
     file.tensors.insert("infinite".into(), Tensor::from_vec(vec![f32::INFINITY, 1.0], [2]));
     let archive = Archive::from_bytes(file.to_bytes().unwrap()).unwrap();
     let path = scratch("large.safetensors");
+    // of an earlier run
+    drop(std::fs::remove_file(&path));
     let error = archive.rewrite(&path, |_, _| Stored::F16, |_, _| ()).unwrap_err().to_string();
     assert!(error.contains("large") && error.contains("7e4"), "{error}");
     assert!(!path.exists());

@@ -12,7 +12,7 @@ use super::{Places, buffer, vectorised};
 use crate::scalar::{Job, Lane, Real};
 
 /// Pixels of a strip.
-const STRIP: usize = 512;
+const STRIP: usize = 1024;
 /// Channels, or depths, that one pass over a row of scores takes in.
 const GROUP: usize = 4;
 

@@ -24,9 +24,7 @@ use rayon::prelude::*;
 pub(crate) use partition::{Bins, partition};
 pub(crate) use strided::Places;
 pub(crate) use temporary::Temporary;
-pub(crate) use widest::{Work, widest};
-
-use crate::scalar::{Job, Path, Real};
+pub(crate) use widest::{Work, vectorised, widest};
 
 /// Elements per work item of a pointwise loop: large enough to hide scheduling, small enough to stay in cache.
 pub(crate) const CHUNK: usize = 1 << 14;
@@ -45,10 +43,4 @@ pub(crate) fn filled<T: Pod + Send>(len: usize, chunk: usize, fill: impl Fn(usiz
         values.par_chunks_mut(chunk).enumerate().for_each(|(i, part)| fill(i * chunk, part));
     }
     values
-}
-
-/// Runs a job with the widest vectors that the processor has.
-pub(crate) fn vectorised<T: Real, J: Job<T>>(job: J) -> J::Output {
-    // SAFETY: the path is available; jobs given to this function ask for nothing else.
-    unsafe { T::dispatch(Path::best(), job) }
 }

@@ -1,6 +1,15 @@
-//! Running a piece of plain Rust with the widest vectors that the processor has.
+//! Running loops with the widest vectors that the processor has.
+//!
+//! [`vectorised`] runs a [`Job`], a loop over explicit vectors; [`widest`] runs a [`Work`], a plain loop that the compiler
+//! turns into vectors. The instruction set is picked in one place for both: where jobs are dispatched.
 
-use crate::scalar::Path;
+use crate::scalar::{Job, Lane, Path, Real};
+
+/// Runs a job with the widest vectors that the processor has.
+pub(crate) fn vectorised<T: Real, J: Job<T>>(job: J) -> J::Output {
+    // SAFETY: the path is available; jobs given to this function ask for nothing else.
+    unsafe { T::dispatch(Path::best(), job) }
+}
 
 /// A piece of work that the compiler turns into vectors of the instruction set it is compiled for.
 ///
@@ -13,23 +22,17 @@ pub(crate) trait Work {
 
 /// Runs the work compiled for the widest available instruction set. Sums keep their order: the results are the same.
 pub(crate) fn widest<W: Work>(work: W) -> W::Output {
-    #[cfg(target_arch = "x86_64")]
-    {
-        #[target_feature(enable = "avx512f,avx2,fma")]
-        unsafe fn avx512<W: Work>(work: W) -> W::Output {
-            work.run()
-        }
-        #[target_feature(enable = "avx2,fma")]
-        unsafe fn avx2<W: Work>(work: W) -> W::Output {
-            work.run()
-        }
-        match Path::best() {
-            // SAFETY: the path was found to be available.
-            Path::Avx512 => return unsafe { avx512(work) },
-            // SAFETY: as above.
-            Path::Avx2 => return unsafe { avx2(work) },
-            Path::Portable => {}
-        }
+    vectorised::<f32, _>(Plain(work))
+}
+
+/// Work as a job that makes no use of the vector type.
+struct Plain<W>(W);
+
+impl<W: Work> Job<f32> for Plain<W> {
+    type Output = W::Output;
+
+    #[inline(always)]
+    unsafe fn run<V: Lane<Element = f32>>(self) -> W::Output {
+        self.0.run()
     }
-    work.run()
 }

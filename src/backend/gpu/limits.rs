@@ -1,7 +1,7 @@
 //! How much a GPU takes at once.
 
-/// Limits of an opened GPU. Where a tensor is larger than one binding, pointwise ops, copies and reductions run part by
-/// part; other ops refuse it with an error.
+/// Limits of an opened GPU. Where a tensor is larger than one binding, pointwise ops, copies, reductions and extrema run
+/// part by part; other ops refuse it with an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct GpuLimits {
     /// Bytes of the largest tensor.

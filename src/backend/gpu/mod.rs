@@ -17,6 +17,7 @@ mod recorder;
 mod sort;
 mod source;
 mod strides;
+mod windows;
 
 pub use buffer::GpuBuffer;
 pub(crate) use cast::{NARROW, WIDEN};

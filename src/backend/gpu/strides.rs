@@ -1,6 +1,8 @@
 //! Axes as kernels walk them: sizes and steps, with neighbours merged.
 
-use crate::backend::gpu::{Gpu, GpuBuffer, Kernel, Work};
+use std::ops::Range;
+
+use crate::backend::gpu::{Gpu, Kernel, Work};
 use crate::{Error, ErrorKind, Result, Spec, Tensor};
 
 /// The kernel of every op that copies elements from places at regular steps.
@@ -68,43 +70,29 @@ impl Strides {
         Ok(words)
     }
 
-    /// Copies the elements at `start` plus these steps into a new tensor.
-    ///
-    /// Where the result does not fit one binding, by parts; where `x` does not, from the part of it that each of those
-    /// reads, if that is small enough.
+    /// Copies the elements at `start` plus these steps into a new tensor, by windows where they do not fit one binding.
     pub(crate) fn gather(&self, gpu: &Gpu, op: &str, x: &Tensor, start: usize, result: Spec) -> Result<Tensor> {
         let axes = self.words(op)?;
-        let (y, len) = (gpu.empty(result)?, self.len());
-        let most = gpu.part_len();
-        let mut step = len.min(most).max(1);
-        if x.len() > most {
-            let span = |first: usize, step: usize| {
-                let (low, high) = self.bounds(start, first, step.min(len - first));
-                high + 1 - low / GpuBuffer::ALIGNMENT * GpuBuffer::ALIGNMENT
-            };
-            while step > GpuBuffer::ALIGNMENT && (0..len).step_by(step).any(|first| span(first, step) > most) {
-                step = (step / 2).next_multiple_of(GpuBuffer::ALIGNMENT);
+        let y = gpu.empty(result)?;
+        for (first, to) in gpu.windows(&y, 0..y.len()) {
+            for (begin, from) in gpu.windows(x, self.bounds(start, first, to.len())) {
+                let start = start.wrapping_sub(begin);
+                let mut parameters = words([to.len(), start, self.rank(), first]).to_vec();
+                parameters.extend_from_slice(&axes);
+                gpu.dispatch(&STRIDED, &[&to, &from], &parameters, Work::Invocations(to.len()))?;
             }
-        }
-        for first in (0..len).step_by(step) {
-            let count = step.min(len - first);
-            let (from, begin) = if x.len() <= most {
-                (x.clone(), start)
-            } else {
-                let (low, high) = self.bounds(start, first, count);
-                let begin = low / GpuBuffer::ALIGNMENT * GpuBuffer::ALIGNMENT;
-                (x.gpu_part(begin, [high + 1 - begin]), start.wrapping_sub(begin))
-            };
-            let to = if count == len { y.clone() } else { y.gpu_part(first, [count]) };
-            let mut parameters = words([count, begin, self.rank(), first]).to_vec();
-            parameters.extend_from_slice(&axes);
-            gpu.dispatch(&STRIDED, &[&to, &from], &parameters, Work::Invocations(count))?;
         }
         Ok(y)
     }
 
-    /// The least and the largest place among `count` of them from the number `first` on; `start` is where number 0 is.
-    fn bounds(&self, start: usize, first: usize, count: usize) -> (usize, usize) {
+    /// As [`Strides::bounds`] from place 0 on, when any place of `behind` is added. No step is negative.
+    pub(crate) fn bounds_with(&self, behind: &Self, first: usize, count: usize) -> Range<usize> {
+        let bounds = self.bounds(0, first, count);
+        bounds.start..bounds.end + behind.bounds(0, 0, behind.len()).end - 1
+    }
+
+    /// From the least to the largest place among `count` of them from the number `first` on; `start` is where number 0 is.
+    pub(crate) fn bounds(&self, start: usize, first: usize, count: usize) -> Range<usize> {
         let (mut low, mut high) = (start as isize, start as isize);
         let (mut first, mut last) = (first, first + count.max(1) - 1);
         let (mut inner, mut bounds) = (self.len(), Vec::with_capacity(self.rank()));
@@ -120,12 +108,12 @@ impl Strides {
         for (a, b) in bounds {
             (low, high) = (low + a.min(b), high + a.max(b));
         }
-        (low as usize, high as usize)
+        low as usize..high as usize + 1
     }
 }
 
-/// Sizes as the 32-bit words of a parameter struct. A tensor on a GPU has fewer than 2^32 elements: its bytes fit one
-/// binding.
+/// Sizes as the 32-bit words of a parameter struct. A tensor on a GPU has fewer than 2^32 elements:
+/// [`GpuLimits`](crate::backend::gpu::GpuLimits) sees to it.
 #[allow(clippy::cast_possible_truncation)]
 pub(crate) fn words<const N: usize>(sizes: [usize; N]) -> [u32; N] {
     sizes.map(|size| size as u32)
@@ -150,9 +138,10 @@ mod tests {
             for first in 0..walk.len() {
                 for count in 1..=walk.len() - first {
                     let within = &places[first..first + count];
-                    let (low, high) = walk.bounds(1000, first, count);
-                    assert!(within.iter().all(|place| (low..=high).contains(place)), "{walk:?} {first} {count}");
-                    assert!(places.contains(&low) && places.contains(&high), "{walk:?} {first} {count}");
+                    let bounds = walk.bounds(1000, first, count);
+                    assert!(within.iter().all(|place| bounds.contains(place)), "{walk:?} {first} {count}");
+                    let ends = places.contains(&bounds.start) && places.contains(&(bounds.end - 1));
+                    assert!(ends, "{walk:?} {first} {count}");
                 }
             }
         }

@@ -40,8 +40,10 @@ impl Links {
         (0..self.rank)
             .map(|axis| {
                 let (stride, padding) = (self.stride[first + axis], self.padding[first + axis]);
-                let reach = self.dilation[first + axis] * kernel[axis].saturating_sub(1) + 1;
-                (x[axis] + 2 * padding).checked_sub(reach).map_or(0, |free| free / stride + 1)
+                let reach =
+                    self.dilation[first + axis].saturating_mul(kernel[axis].saturating_sub(1)).saturating_add(1);
+                let padded = x[axis].saturating_add(padding.saturating_mul(2));
+                padded.checked_sub(reach).map_or(0, |free| free / stride + 1)
             })
             .collect()
     }
@@ -51,34 +53,43 @@ impl Links {
     /// # Errors
     /// [`ErrorKind::Shape`] when they do not.
     pub(crate) fn fit(&self, op: &str, x: &Spec, weight: &Spec, y: &Spec) -> Result<Geometry> {
-        let wrong = |wanted: String| {
+        // what is an image to one op is a result to its transpose
+        let [image, result] = if op.starts_with("transposed") { ["result", "image"] } else { ["image", "result"] };
+        let wrong = |wanted: String, fix: &str| {
             Error::new(ErrorKind::Shape, format!("{op}: the operands do not fit"))
-                .found(format!("image {x:?}, weight {weight:?}, result {y:?}, groups {}", self.groups))
+                .found(format!("{image} {x:?}, weight {weight:?}, {result} {y:?}, groups {}", self.groups))
                 .wanted(wanted)
+                .fix(fix)
         };
         let (a, w, b) = (x.shape.dims(), weight.shape.dims(), y.shape.dims());
         if a.len() != self.rank + 2 || w.len() != self.rank + 2 || b.len() != self.rank + 2 {
-            return Err(wrong(format!("batch, channels and {} spatial axes", self.rank)));
+            return Err(wrong(format!("batch, channels and {} spatial axes", self.rank), "reshape the operands"));
         }
         if x.dtype != weight.dtype || x.dtype != y.dtype || !x.dtype.is_real() {
-            return Err(wrong("all of f32, or all of f64".to_owned()));
+            return Err(wrong("all of f32, or all of f64".to_owned(), "cast one of them"));
         }
         let groups = self.groups;
         if groups == 0 || a[1] % groups != 0 || b[1] % groups != 0 {
-            return Err(wrong(format!("numbers of channels that are multiples of {groups} groups")));
+            let wanted = format!("numbers of channels that are multiples of {} groups", groups.max(1));
+            return Err(wrong(wanted, "choose a number of groups that divides both numbers of channels"));
         }
         if w[0] != b[1] || w[1] != a[1] / groups || a[0] != b[0] {
             let [inputs, outputs] = [a[1] / groups, b[1]];
-            return Err(wrong(format!("a weight of [{outputs}, {inputs}, kernel…] and equal batches")));
+            let wanted = format!("a weight of [{outputs}, {inputs}, kernel…] and equal batches");
+            return Err(wrong(wanted, "permute the weight's first axes, or set the groups"));
         }
         if [self.stride, self.dilation].iter().flatten().any(|&n| n == 0) {
-            return Err(wrong("strides and dilations of at least 1".to_owned()));
+            let fix = "a stride or dilation of 1 takes every place";
+            return Err(wrong("strides and dilations of at least 1".to_owned(), fix));
         }
         let most = self.places(&a[2..], &w[2..]);
         if w[2..].contains(&0) || most.contains(&0) || b[2..].iter().zip(&most).any(|(b, most)| b > most) {
-            return Err(wrong(format!("a kernel that fits the padded image, and at most {most:?} places")));
+            let wanted = format!("a kernel that fits the padded image, and at most {most:?} places");
+            return Err(wrong(wanted, "use a smaller kernel or dilation, or more padding"));
         }
-        let spatial = |dims: &[usize]| three(&dims[2..], 1).ok_or_else(|| wrong("at most 3 spatial axes".to_owned()));
+        let spatial = |dims: &[usize]| {
+            three(&dims[2..], 1).ok_or_else(|| wrong("at most 3 spatial axes".to_owned(), "merge axes"))
+        };
         Ok(Geometry {
             batch: a[0],
             groups,

@@ -84,38 +84,74 @@ impl Conv {
         self
     }
 
-    /// The links of `rank` spatial axes, or `None` when a setting is for another number of axes.
-    fn links(&self, rank: usize) -> Option<Links> {
-        Some(Links {
-            rank,
-            groups: self.groups,
-            stride: self.stride.three(rank, 1)?,
-            padding: self.padding.three(rank, 0)?,
-            dilation: self.dilation.three(rank, 1)?,
-        })
+    /// The links of `rank` spatial axes, or what the settings would have to be.
+    fn links(&self, rank: usize) -> std::result::Result<Links, [&'static str; 2]> {
+        let settings = [(&self.stride, 1), (&self.padding, 0), (&self.dilation, 1)];
+        let [Some(stride), Some(padding), Some(dilation)] =
+            settings.map(|(setting, absent)| setting.three(rank, absent))
+        else {
+            return Err(["settings for as many axes as the weight has", "give one number, or one for each axis"]);
+        };
+        if [stride, dilation].iter().flatten().any(|&step| step == 0) {
+            return Err(["strides and dilations of at least 1", "a stride or dilation of 1 takes every place"]);
+        }
+        Ok(Links { rank, groups: self.groups, stride, padding, dilation })
     }
 
-    /// The size of a transposed convolution's result.
-    fn transposed_size(&self, links: &Links, y: &[usize], kernel: &[usize]) -> Option<Vec<usize>> {
-        let extra = self.output_padding.resolve(links.rank)?;
+    /// The links between an image and a weight that have as many axes.
+    #[track_caller]
+    fn links_of(&self, op: &str, image: &Var, weight: &Var) -> Links {
+        let rank = weight.dims().len().saturating_sub(2);
+        let links = if (1..=3).contains(&rank) && image.dims().len() == rank + 2 {
+            self.links(rank)
+        } else {
+            Err([
+                "batch, channels and one to three spatial axes, as many for the image as for the weight",
+                "reshape one of them; an axis of size 1 changes nothing",
+            ])
+        };
+        links.unwrap_or_else(|reason| refuse(op, self, image, weight, reason))
+    }
+
+    /// The size of a transposed convolution's result, or what the settings would have to be.
+    fn transposed_size(
+        &self,
+        links: &Links,
+        y: &[usize],
+        kernel: &[usize],
+    ) -> std::result::Result<Vec<usize>, [&'static str; 2]> {
+        let Some(extra) = self.output_padding.resolve(links.rank) else {
+            return Err(["an output padding for as many axes as the weight has", "give one number, or one for each"]);
+        };
         let first = 3 - links.rank;
+        let most = |axis: usize| links.stride[first + axis].max(links.dilation[first + axis]);
+        if (0..links.rank).any(|axis| extra[axis] >= most(axis)) {
+            return Err([
+                "an output padding below the larger of stride and dilation on each axis",
+                "pad the result, or enlarge the stride",
+            ]);
+        }
+        let size = |axis: usize| {
+            let (stride, dilation) = (links.stride[first + axis], links.dilation[first + axis]);
+            let reach = y[axis].checked_sub(1)?.checked_mul(stride)?;
+            let whole =
+                reach.checked_add(dilation.checked_mul(kernel[axis].checked_sub(1)?)?)?.checked_add(1 + extra[axis])?;
+            whole.checked_sub(links.padding[first + axis].checked_mul(2)?).filter(|&size| size > 0)
+        };
         (0..links.rank)
-            .map(|axis| {
-                let (stride, dilation) = (links.stride[first + axis], links.dilation[first + axis]);
-                let reach = y[axis].checked_sub(1)? * stride + dilation * kernel[axis].checked_sub(1)? + 1;
-                let fits = extra[axis] < stride.max(dilation);
-                (reach + extra[axis]).checked_sub(2 * links.padding[first + axis]).filter(|&size| size > 0 && fits)
-            })
-            .collect()
+            .map(size)
+            .collect::<Option<_>>()
+            .ok_or(["a result of at least one place on each axis", "use less padding, or a larger image or kernel"])
     }
 }
 
 /// A wrong setting is the programmer's mistake.
 #[track_caller]
-fn refuse(op: &str, settings: &Conv, image: &Var, weight: &Var) -> ! {
+fn refuse(op: &str, settings: &Conv, image: &Var, weight: &Var, [wanted, fix]: [&str; 2]) -> ! {
     let error = Error::new(ErrorKind::Shape, format!("{op}: the settings do not fit"))
         .found(format!("image {:?}, weight {:?}, {settings:?}", image.spec(), weight.spec()))
-        .wanted("batch, channels and one to three spatial axes, settings for as many, output padding below stride or dilation");
+        .wanted(wanted)
+        .fix(fix);
     panic!("{error}");
 }
 
@@ -149,9 +185,7 @@ impl Var {
     #[track_caller]
     #[must_use]
     pub fn conv(&self, weight: &Self, bias: Option<&Self>, settings: &Conv) -> Self {
-        let rank = weight.dims().len().saturating_sub(2);
-        let links = settings.links(rank).filter(|_| (1..=3).contains(&rank) && self.dims().len() == rank + 2);
-        let Some(links) = links else { refuse("convolution", settings, self, weight) };
+        let links = settings.links_of("convolution", self, weight);
         let size = links.places(&self.dims()[2..], &weight.dims()[2..]);
         let operands = [self, weight].into_iter().chain(bias).collect::<Vec<_>>();
         Self::run(Rc::new(Convolution { links, size }), &operands)
@@ -177,11 +211,10 @@ impl Var {
     #[track_caller]
     #[must_use]
     pub fn conv_transpose(&self, weight: &Self, bias: Option<&Self>, settings: &Conv) -> Self {
-        let rank = weight.dims().len().saturating_sub(2);
-        let links = settings.links(rank).filter(|_| (1..=3).contains(&rank) && self.dims().len() == rank + 2);
-        let sized = links
-            .and_then(|links| Some((links, settings.transposed_size(&links, &self.dims()[2..], &weight.dims()[2..])?)));
-        let Some((links, size)) = sized else { refuse("transposed_convolution", settings, self, weight) };
+        let op = "transposed_convolution";
+        let links = settings.links_of(op, self, weight);
+        let size = settings.transposed_size(&links, &self.dims()[2..], &weight.dims()[2..]);
+        let size = size.unwrap_or_else(|reason| refuse(op, settings, self, weight, reason));
         let operands = [self, weight].into_iter().chain(bias).collect::<Vec<_>>();
         Self::run(Rc::new(TransposedConvolution { links, size }), &operands)
     }
@@ -193,7 +226,8 @@ fn check_bias(op: &str, bias: Option<&crate::Spec>, result: &crate::Spec) -> cra
         Some(bias) if bias.shape.dims() != &result.shape.dims()[1..2] || bias.dtype != result.dtype => {
             Err(Error::new(ErrorKind::Shape, format!("{op}: the bias does not fit"))
                 .found(format!("{bias:?} for {result:?}"))
-                .wanted(format!("{}[{}]", result.dtype, result.shape.dims()[1])))
+                .wanted(format!("{}[{}]", result.dtype, result.shape.dims()[1]))
+                .fix("give one number for each channel of the result"))
         }
         _ => Ok(()),
     }

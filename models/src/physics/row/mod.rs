@@ -88,6 +88,7 @@ pub trait Row<T>: Copy {
 
 /// An instruction set the transfers are compiled for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(not(target_arch = "x86_64"), allow(dead_code))]
 pub enum Level {
     /// AVX-512 F, VL and DQ.
     Avx512,

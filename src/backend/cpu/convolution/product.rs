@@ -238,21 +238,23 @@ pub(super) fn transposed<T: Real>(
 ) -> Vec<T> {
     let [pixels, _, _] = g.volumes();
     let mut image = buffer(g.batch * g.groups * g.inputs * pixels);
-    if let [walk] = walks
-        && walk.is_dense()
-    {
-        let source = walk.pad(result);
-        let product = Product { g, walk, taps: walk.taps(g.kernel), source: &source, weight, bias, turned: true };
-        product.dense(&mut image);
+    let Some(first) = walks.first() else {
+        return image;
+    };
+    // all walks go over the same padded planes
+    let source = first.pad(result);
+    let product =
+        |walk| Product { g, walk, taps: Walk::taps(walk, g.kernel), source: &source, weight, bias, turned: true };
+    if first.is_dense() {
+        product(first).dense(&mut image);
         return image;
     }
     let parts: Vec<_> = walks
-        .iter()
+        .par_iter()
+        .with_max_len(1)
         .map(|walk| {
-            let source = walk.pad(result);
-            let product = Product { g, walk, taps: walk.taps(g.kernel), source: &source, weight, bias, turned: true };
             let mut part = Temporary::new(g.batch * g.groups * g.inputs * walk.count());
-            product.dense(&mut part);
+            product(walk).dense(&mut part);
             (walk, part)
         })
         .collect();

@@ -58,10 +58,24 @@ impl Axis {
         }
     }
 
+    /// The same walk over a source with more zeros around it.
+    fn widened(self, before: usize, after: usize) -> Self {
+        let more = before - self.before;
+        let taps = self.taps.into_iter().map(|(tap, offset)| (tap, offset + more)).collect();
+        Self { taps, before, after, ..self }
+    }
+
     /// Places of the padded source.
     pub(super) fn padded(&self) -> usize {
         self.before + self.source + self.after
     }
+}
+
+/// The walks of all phases of an axis over one padded source, so that it is padded once.
+fn alike(walks: Vec<Axis>) -> Vec<Axis> {
+    let most = |zeros: fn(&Axis) -> usize| walks.iter().map(zeros).max().unwrap_or(0);
+    let (before, after) = (most(|axis| axis.before), most(|axis| axis.after));
+    walks.into_iter().map(|axis| axis.widened(before, after)).collect()
 }
 
 /// A walk along all axes.
@@ -90,7 +104,7 @@ impl Walk {
     pub(super) fn transposed(g: &Geometry) -> Vec<Self> {
         let axes = [0, 1, 2].map(|axis| {
             let walks = g.phases(axis).into_iter().map(|phase| Axis::transposed(g, axis, phase));
-            walks.collect::<Vec<_>>()
+            alike(walks.collect())
         });
         let mut walks = Vec::new();
         for d in &axes[0] {

@@ -20,6 +20,10 @@ const COLUMNS: usize = 320;
 const ROWS: usize = 2048;
 /// Strips of the right factor from which on packing a strip of the left one pays, where it could be read in place.
 const STRIPS: usize = 12;
+/// The same where neighbouring rows are this many bytes apart or more: they then compete for the same places of the
+/// first-level cache.
+const FEW_STRIPS: usize = 3;
+const FAR: usize = 2048;
 
 /// Cuts `0..length` into even pieces of at most `most`, at least one.
 pub(super) fn pieces(length: usize, most: usize) -> impl Iterator<Item = Range<usize>> + Clone {
@@ -61,7 +65,8 @@ impl<T: Real> Part<'_, T> {
     fn rows(&mut self, rows: Range<usize>, columns: Range<usize>) {
         let Extent { rows: tile_rows, rows_in_place, columns: tile_columns, .. } = self.task.tile;
         let in_place = self.task.left.strided().filter(|left| {
-            let reused = columns.len().div_ceil(tile_columns) >= STRIPS;
+            let far = left.line * size_of::<T>() >= FAR;
+            let reused = columns.len().div_ceil(tile_columns) >= if far { FEW_STRIPS } else { STRIPS };
             left.line == 1 && left.depth == 1
                 || (left.depth == 1 || left.line == 1 && rows.len() <= tile_rows) && !reused
         });

@@ -1,0 +1,126 @@
+//! Parts of a network that can be recomputed in the backward pass instead of remembered.
+
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::rc::Rc;
+
+use gradreel::{Error, ErrorKind, Result, Shape, Var};
+
+use super::{Init, Scope, Weights};
+
+/// Part of a network. Built at a scope that asks for it ([`Scope::recomputed`]), its inner values are not kept for the
+/// backward pass, which runs the part once more; no number changes by that.
+///
+/// ```
+/// use gradreel::{DType, Key, Tape, Tensor};
+/// use gradreel_models::layers::{Linear, Scope, Segment, initialise};
+///
+/// let params = initialise(Key::new(1), DType::F64, |scope| Linear::new(scope, 3, 2))?;
+/// let gradient = |recomputed: bool| {
+///     let tape = Tape::new();
+///     let bound = params.bind(&tape);
+///     let scope = Scope::root(&bound);
+///     let scope = if recomputed { scope.recomputed() } else { scope };
+///     let part = Segment::new(&scope, |scope| Linear::new(scope, 3, 2))?;
+///     let x = tape.constant(Tensor::full(0.5, [4, 3], DType::F64));
+///     let y = part.run(&[&x], |linear, inputs| linear.forward(&inputs[0]).silu())?;
+///     bound.gradients(&y.sum_all().backward()?)
+/// };
+/// assert_eq!(gradient(false)?["weight"].slice::<f64>(), gradient(true)?["weight"].slice::<f64>());
+/// # Ok::<(), gradreel::Error>(())
+/// ```
+pub struct Segment<M> {
+    module: M,
+    again: Option<Again<M>>,
+}
+
+/// Builds a part at a scope.
+type Build<M> = dyn Fn(&Scope<'_>) -> Result<M>;
+
+/// How to build a part once more, and its weights in the order in which it asked for them.
+struct Again<M> {
+    build: Rc<Build<M>>,
+    weights: Rc<[String]>,
+    values: Vec<Var>,
+}
+
+impl<M: 'static> Segment<M> {
+    /// The part at a scope. `build` is called again with the same scope for every recomputation.
+    ///
+    /// # Errors
+    /// What `build` returns.
+    pub fn new(scope: &Scope<'_>, build: impl Fn(&Scope<'_>) -> Result<M> + 'static) -> Result<Self> {
+        if !scope.is_recomputed() {
+            return Ok(Self { module: build(scope)?, again: None });
+        }
+        let watched = Watched { inner: scope.weights(), asked: RefCell::default() };
+        // names below this place, so that it does not matter where the part is
+        let module = build(&Scope::root(&Below { path: scope.path(), inner: &watched }))?;
+        let (weights, values): (Vec<String>, Vec<Var>) = watched.asked.into_inner().into_iter().unzip();
+        let weights = weights.iter().map(|path| below(scope.path(), path).to_owned()).collect();
+        Ok(Self { module, again: Some(Again { build: Rc::new(build), weights, values }) })
+    }
+
+    /// Applies the part: `forward` gets it with the operands.
+    ///
+    /// # Errors
+    /// What building it once more returns.
+    #[track_caller]
+    pub fn run(&self, operands: &[&Var], forward: impl Fn(&M, &[Var]) -> Var + 'static) -> Result<Var> {
+        let Some(again) = &self.again else {
+            let operands: Vec<Var> = operands.iter().map(|x| (*x).clone()).collect();
+            return Ok(forward(&self.module, &operands));
+        };
+        let (count, build, weights) = (operands.len(), again.build.clone(), again.weights.clone());
+        let all: Vec<&Var> = operands.iter().copied().chain(&again.values).collect();
+        operands[0].tape().remat(&all, move |_, all| {
+            let (operands, values) = all.split_at(count);
+            let given = Given { vars: weights.iter().map(String::as_str).zip(values).collect() };
+            Ok(forward(&build(&Scope::root(&given))?, operands))
+        })
+    }
+}
+
+/// The rest of a path below a place.
+fn below<'p>(place: &str, path: &'p str) -> &'p str {
+    path.strip_prefix(place).map_or(path, |rest| rest.trim_start_matches('.'))
+}
+
+/// Hands requests on and remembers the answers, by whole path.
+struct Watched<'a> {
+    inner: &'a dyn Weights,
+    asked: RefCell<Vec<(String, Var)>>,
+}
+
+impl Weights for Watched<'_> {
+    fn weight(&self, path: &str, shape: &Shape, init: Init) -> Result<Var> {
+        let var = self.inner.weight(path, shape, init)?;
+        self.asked.borrow_mut().push((path.to_owned(), var.clone()));
+        Ok(var)
+    }
+}
+
+/// A place of a source as a source of its own.
+struct Below<'a> {
+    path: &'a str,
+    inner: &'a dyn Weights,
+}
+
+impl Weights for Below<'_> {
+    fn weight(&self, path: &str, shape: &Shape, init: Init) -> Result<Var> {
+        let whole = if self.path.is_empty() { path.to_owned() } else { format!("{}.{path}", self.path) };
+        self.inner.weight(&whole, shape, init)
+    }
+}
+
+/// The weights of one recomputation.
+struct Given<'a> {
+    vars: BTreeMap<&'a str, &'a Var>,
+}
+
+impl Weights for Given<'_> {
+    fn weight(&self, path: &str, _: &Shape, _: Init) -> Result<Var> {
+        let asked_for_later = || Error::new(ErrorKind::Input, "a part asks for other weights than before").at(path);
+        self.vars.get(path).map(|var| (*var).clone()).ok_or_else(asked_for_later)
+    }
+}
