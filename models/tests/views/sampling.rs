@@ -53,7 +53,7 @@ fn forward_noising_and_a_trajectory() {
     }
 }
 
-fn sizes(case: &Case<'_>) -> DenoiserSizes {
+pub fn sizes(case: &Case<'_>) -> DenoiserSizes {
     DenoiserSizes {
         ring: Ring::published(case.size("views")),
         unet: UnetSizes {
