@@ -28,6 +28,20 @@ impl SamplerSettings {
         self.keys()[0]
     }
 
+    /// Whether a run can be made with them.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] when a setting makes no sense.
+    pub fn check(&self) -> Result<()> {
+        if !self.guidance.is_finite() {
+            return Err(Error::new(ErrorKind::Input, "the guidance is not a number")
+                .found(self.guidance)
+                .wanted("a number such as 1.5 or 2")
+                .fix("choose another guidance"));
+        }
+        Ddim::new(&Schedule::published(), self.steps).map(|_| ())
+    }
+
     /// Of the noise in the picture's latent, the first latents, and the noise of the steps.
     fn keys(&self) -> [Key; 3] {
         Key::new(self.seed).split()
@@ -133,9 +147,7 @@ impl Sampling {
         let refuse = |what: &str, found: String, wanted: &str| {
             Err(Error::new(ErrorKind::Input, what).found(found).wanted(wanted).fix("choose another value"))
         };
-        if !settings.guidance.is_finite() {
-            return refuse("the guidance is not a number", settings.guidance.to_string(), "a number such as 1.5 or 2");
-        }
+        settings.check()?;
         if !(subject.elevation.abs() <= std::f64::consts::FRAC_PI_2) {
             let degrees = subject.elevation.to_degrees();
             return refuse("there is no such elevation", format!("{degrees}°"), "−90° to 90°");
@@ -211,6 +223,9 @@ impl Sampling {
         let index = self.index();
         let Self { subject, settings, ddim, latents, predicted, done, .. } = self;
         let missing: Vec<usize> = (0..predicted.len()).filter(|&view| predicted[view].is_none()).collect();
+        if missing.is_empty() {
+            return Ok(());
+        }
         let time = ddim.times[index];
         let moment = Moment { latents, index, time, subject, guidance: settings.guidance };
         predictor.predict(&moment, &missing, &mut |view, noise| {
