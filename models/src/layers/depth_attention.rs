@@ -94,9 +94,8 @@ impl DepthAttention {
     #[track_caller]
     fn nothing(&self, x: &Var) -> Var {
         let mut kept = self.nothing.borrow_mut();
-        let fits = |made: &&Var| {
-            made.dims()[2..] == x.dims()[2..] && made.dtype() == x.dtype() && made.device() == x.device()
-        };
+        let fits =
+            |made: &&Var| made.dims()[2..] == x.dims()[2..] && made.dtype() == x.dtype() && made.device() == x.device();
         if let Some(made) = kept.as_ref().filter(fits) {
             return made.clone();
         }

@@ -215,11 +215,7 @@ impl Sampling {
     /// # Panics
     /// When the run is finished, or a prediction has another shape than a view.
     #[track_caller]
-    pub fn predict(
-        &mut self,
-        predictor: &dyn Predictor,
-        watch: &mut dyn FnMut(usize) -> Result<()>,
-    ) -> Result<()> {
+    pub fn predict(&mut self, predictor: &dyn Predictor, watch: &mut dyn FnMut(usize) -> Result<()>) -> Result<()> {
         let index = self.index();
         let Self { subject, settings, ddim, latents, predicted, done, .. } = self;
         let missing: Vec<usize> = (0..predicted.len()).filter(|&view| predicted[view].is_none()).collect();

@@ -32,7 +32,9 @@ impl ModelSizes {
             Error::new(ErrorKind::Input, "cannot read the sizes of a model")
                 .found(e)
                 .wanted(format!("JSON such as {}", Self::published().to_json()))
-                .fix("write the file again with the metadata of ModelSizes::to_json, or without for the published sizes")
+                .fix(
+                    "write the file again with the metadata of ModelSizes::to_json, or without for the published sizes",
+                )
         })?;
         sizes.check()?;
         Ok(sizes)
@@ -89,7 +91,11 @@ impl ModelSizes {
             ("autoencoder.base", vec![autoencoder.base], 32),
             ("denoiser.volume.spatial", volume.spatial.to_vec(), 8),
             ("denoiser.volume.frustum", volume.frustum.to_vec(), 8),
-            ("denoiser.volume.voxels, its depth or the latent width", vec![volume.voxels, volume.depth, self.latent_width()], 8),
+            (
+                "denoiser.volume.voxels, its depth or the latent width",
+                vec![volume.voxels, volume.depth, self.latent_width()],
+                8,
+            ),
         ];
         for (name, sizes, divisor) in groups {
             if let Some(size) = sizes.iter().find(|size| **size == 0 || !size.is_multiple_of(divisor)) {

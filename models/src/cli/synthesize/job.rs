@@ -232,8 +232,7 @@ impl Job {
             return Ok(());
         }
         let colours = LatentColours::fit(&self.picture, &run.subject().latent)?;
-        let ensemble =
-            Ensemble::new(&self.weights, &self.sizes.denoiser, self.weights.device(), self.at_once)?;
+        let ensemble = Ensemble::new(&self.weights, &self.sizes.denoiser, self.weights.device(), self.at_once)?;
         let (views, steps) = (run.views(), run.steps());
         let before = run.done() * views + run.known();
         let stage = progress.stage("sampling", (steps * views - before) as u64);
