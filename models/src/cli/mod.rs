@@ -3,6 +3,7 @@
 mod check;
 mod gradcheck;
 mod reconstruct;
+mod synthesize;
 mod weights;
 
 use clap::{Parser, Subcommand};
@@ -33,6 +34,8 @@ enum Command {
     Reconstruct(reconstruct::Arguments),
     /// Look at a clip: what is there, what is missing, what will be assumed
     Check(check::Arguments),
+    /// Synthesize the views around an object from a single picture of it
+    Synthesize(synthesize::Arguments),
     /// Check derivatives of ops and materials against central differences, and print the tables
     Gradcheck(gradcheck::Arguments),
     /// Check and convert files of the multi-view model's weights
@@ -45,6 +48,7 @@ pub fn main() -> u8 {
         Command::Reconstruct(arguments) => reconstruct::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
         Command::Gradcheck(arguments) => gradcheck::run(&arguments),
+        Command::Synthesize(arguments) => synthesize::run(&arguments),
         Command::Weights(arguments) => weights::run(&arguments),
     };
     exit_code(outcome)

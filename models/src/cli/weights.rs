@@ -7,7 +7,7 @@ use gradreel::io::{Archive, Format, Stored};
 use gradreel::{Device, Error, ErrorKind, Result};
 
 use crate::report::progress::Progress;
-use crate::views::{FileWeights, ModelSizes};
+use crate::views::FileWeights;
 
 /// Arguments of `gradreel weights`.
 #[derive(clap::Args)]
@@ -105,7 +105,7 @@ fn check(arguments: &Check) -> Result<()> {
             }
         }
     }
-    let report = weights.check(&ModelSizes::published().weights()?);
+    let report = weights.check(&weights.sizes()?.weights()?);
     print!("{report}");
     let mut problems: Vec<String> = [
         (report.missing.len(), "missing"),

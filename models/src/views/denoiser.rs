@@ -1,12 +1,14 @@
 //! All noised views at once to the noise in them: one spatial volume, then each view's frustum and denoiser.
 
-use gradreel::{Result, Tensor, Var};
+use gradreel::{Result, Tape, Tensor, Var};
+use serde::{Deserialize, Serialize};
 
 use super::{Ring, Schedule, Unet, UnetSizes, VolumePath, VolumeSizes};
 use crate::layers::{Linear, Scope, TimeEmbedding};
 
 /// The sizes of the multi-view model.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct DenoiserSizes {
     /// The cameras of the target views.
     pub ring: Ring,
@@ -234,6 +236,38 @@ pub struct Look {
     viewpoints: Var,
     /// The spatial volumes `[b, c, v, v, v]`.
     pub volume: Var,
+}
+
+/// A [`Look`] as plain tensors, to be taken to other threads.
+pub(super) struct Sight {
+    noised: Tensor,
+    times: Vec<f64>,
+    time: Tensor,
+    viewpoints: Tensor,
+    volume: Tensor,
+}
+
+impl Look {
+    pub(super) fn sight(&self) -> Result<Sight> {
+        Ok(Sight {
+            noised: self.noised.value()?.clone(),
+            times: self.times.clone(),
+            time: self.time.value()?.clone(),
+            viewpoints: self.viewpoints.value()?.clone(),
+            volume: self.volume.value()?.clone(),
+        })
+    }
+
+    pub(super) fn of(tape: &Tape, sight: &Sight) -> Self {
+        let constant = |tensor: &Tensor| tape.constant(tensor.clone());
+        Self {
+            noised: constant(&sight.noised),
+            times: sight.times.clone(),
+            time: constant(&sight.time),
+            viewpoints: constant(&sight.viewpoints),
+            volume: constant(&sight.volume),
+        }
+    }
 }
 
 /// Some variables one after the other along the first axis.

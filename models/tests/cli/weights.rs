@@ -45,6 +45,23 @@ fn every_difference_from_the_model_is_listed() {
 }
 
 #[test]
+fn a_file_that_states_its_sizes_is_compared_with_these() {
+    let scene = Scene::new();
+    let mut file = crate::model::weights();
+    let count = file.tensors.len();
+    file.write(scene.path("model.safetensors")).unwrap();
+    let printed = scene.succeeds("weights check model.safetensors --numbers");
+    assert!(printed.contains(&format!("{count} of {count} weights fit, 0 more")), "{printed}");
+    assert!(printed.contains("all numbers are finite"), "{printed}");
+    scene.succeeds("weights convert model.safetensors half.safetensors --f16");
+    let printed = scene.succeeds("weights check half.safetensors");
+    assert!(printed.contains(&format!("{count} tensors ({count} f16)")), "{printed}");
+    file.tensors.remove("cc_projection.bias");
+    file.write(scene.path("model.safetensors")).unwrap();
+    scene.refuses("weights check model.safetensors", &["1 missing"]);
+}
+
+#[test]
 fn numbers_that_are_none_are_named() {
     let scene = Scene::new();
     let mut file = gradreel::io::TensorFile::default();
