@@ -50,6 +50,11 @@ fn thinned(x: &Tensor, steps: &[usize]) -> Tensor {
 
 #[track_caller]
 fn compare(name: &str, found: &Var, steps: &[usize], begin: Instant) {
+    compare_within(TOLERANCE, name, found, steps, begin);
+}
+
+#[track_caller]
+fn compare_within(tolerance: f64, name: &str, found: &Var, steps: &[usize], begin: Instant) {
     let found = thinned(found.value().unwrap(), steps);
     let file = load("fullsize_procedural");
     let expected = file.get(name).unwrap();
@@ -60,7 +65,7 @@ fn compare(name: &str, found: &Var, steps: &[usize], begin: Instant) {
     let error = found.iter().zip(&expected).fold(0.0f64, |m, (a, b)| m.max((a - b).abs()));
     let seconds = begin.elapsed().as_secs_f64();
     println!("{name}: error {:.1e} of the largest, {seconds:.2} s with weights, {}", error / largest, peak());
-    assert!(error <= TOLERANCE * largest, "{name}: {error} of {largest}");
+    assert!(error <= tolerance * largest, "{name}: {error} of {largest}");
 }
 
 /// The most memory this process had, and how much of what it has now are pages of files and how much is its own, where the
@@ -74,7 +79,7 @@ fn peak() -> String {
 #[test]
 #[ignore = "needs 5 GB and half a minute"]
 fn fullsize_unet() {
-    unet(&source());
+    unet(&source(), TOLERANCE);
 }
 
 #[test]
@@ -87,8 +92,11 @@ fn fullsize_file() {
     assert!(report.is_exact(), "{report}");
     assert_eq!(weights.archive().names().count(), 1618);
     println!("{report}opened and compared: {:.2} s, {}", begin.elapsed().as_secs_f64(), peak());
-    decoder(&weights);
-    unet(&weights);
+    // weights of three or four digits
+    let is_rounded = weights.archive().entry("betas").unwrap().stored.size() == 2;
+    let tolerance = if is_rounded { 2e-2 } else { TOLERANCE };
+    decoder(&weights, tolerance);
+    unet(&weights, tolerance);
 }
 
 /// One training step of the published model: `GRADREEL_CHECKPOINT` as above, `GRADREEL_RECOMPUTED=no` to keep all values.
@@ -119,7 +127,7 @@ fn fullsize_training() {
     }
 }
 
-fn unet(source: &dyn Weights) {
+fn unet(source: &dyn Weights, tolerance: f64) {
     let begin = Instant::now();
     let tape = &Tape::new();
     let net = Unet::new(&Scope::root(source).at("model.diffusion_model"), &UnetSizes::PUBLISHED).unwrap();
@@ -131,14 +139,15 @@ fn unet(source: &dyn Weights) {
     let (x, context) = (given(tape, "unet.x", [1, 8, 32, 32]), given(tape, "unet.context", [1, 1, 768]));
     let begin = Instant::now();
     let noise = net.forward(&x, &[501.0], &context, Some(&volumes)).unwrap();
-    compare("unet.eps", &noise, &[], begin);
+    compare_within(tolerance, "unet.eps", &noise, &[], begin);
 }
 
-fn decoder(source: &dyn Weights) {
+fn decoder(source: &dyn Weights, tolerance: f64) {
     let begin = Instant::now();
     let tape = &Tape::new();
     let net = Autoencoder::new(&Scope::root(source).at("first_stage_model"), &AutoencoderSizes::published()).unwrap();
-    compare("vae.decoded_stride8", &net.decode(&given(tape, "vae.z", [1, 4, 32, 32])), &[1, 1, 8, 8], begin);
+    let image = net.decode(&given(tape, "vae.z", [1, 4, 32, 32]));
+    compare_within(tolerance, "vae.decoded_stride8", &image, &[1, 1, 8, 8], begin);
 }
 
 #[test]
@@ -166,7 +175,7 @@ fn fullsize_volumes() {
 fn fullsize_autoencoder() {
     let begin = Instant::now();
     let source = source();
-    decoder(&source);
+    decoder(&source, TOLERANCE);
     let tape = &source.tape;
     let scope = Scope::root(&source).at("first_stage_model");
     let net = Autoencoder::new(&scope, &AutoencoderSizes::published()).unwrap();
