@@ -1,7 +1,7 @@
 //! Convolutions in two and three dimensions.
 
 use gradreel::ops::Conv;
-use gradreel::{DType, Result, Var};
+use gradreel::{Result, Var};
 
 use super::{Init, Scope};
 
@@ -92,11 +92,17 @@ impl Convolution {
         Ok(Self { weight, bias, conv, transposed })
     }
 
-    /// The weight of a pointwise convolution as matrices of some rows each: `[outputs / rows, rows, inputs]`.
+    /// The weight of a pointwise convolution as matrices of some rows each, `[outputs / rows, rows, inputs]`, for products
+    /// with `x`.
     #[track_caller]
-    pub(crate) fn matrices(&self, rows: usize, dtype: DType) -> Var {
+    pub(crate) fn matrices(&self, rows: usize, x: &Var) -> Var {
         let [outputs, inputs] = [self.weight.dims()[0], self.weight.dims()[1]];
-        self.weight.to_dtype(dtype).reshape([outputs / rows, rows, inputs])
+        let weight = self.weight.to_dtype(x.dtype()).reshape([outputs / rows, rows, inputs]);
+        match weight.value() {
+            // a constant may come from another tape; what is made of it belongs to that of `x`
+            Ok(value) if !weight.is_differentiable() => x.tape().constant(value.clone()),
+            _ => weight,
+        }
     }
 
     /// Applies it.

@@ -116,7 +116,7 @@ impl DepthAttention {
             panic!("volumes are [b, c, d, h, w], not {}", context.shape())
         };
         // q · (K c) = (Kᵀ q) · c and Σ w (V c) = V (Σ w c): the many depth samples need neither keys nor values
-        let [key, value] = [&self.key, &self.value].map(|conv| conv.matrices(self.head, x.dtype()));
+        let [key, value] = [&self.key, &self.value].map(|conv| conv.matrices(self.head, x));
         let query = self.query.forward(&a).reshape([batch, HEADS, self.head, height * width]);
         let asked = key.transposed_matmul(&query).reshape([batch, HEADS, channels, height, width]);
         let context = context.reshape([batch, 1, channels, depth, height, width]);
