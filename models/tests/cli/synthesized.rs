@@ -82,16 +82,16 @@ fn a_run_leaves_a_clip_and_pictures() {
 #[test]
 fn threads_and_memory_change_nothing() {
     let scene = scene();
-    let run = |threads: &str, more: &str| {
-        let mut command = scene.command(&format!("{RUN}-{threads}{more} --steps 3{}", more.replace('_', " ")));
+    let run = |threads: &str| {
+        let mut command = scene.command(&format!("{RUN}-{threads} --steps 3"));
         let output = command.env("RAYON_NUM_THREADS", threads).output().unwrap();
         let told = text(&output.stderr);
         assert!(output.status.success(), "{told}");
-        (made(&scene.path(&format!("out-{threads}{more}"))), told)
+        (made(&scene.path(&format!("out-{threads}"))), told)
     };
-    let (one, told) = run("1", "");
+    let (one, told) = run("1");
     assert!(told.contains("4 views, 1 at once"), "{told}");
-    let (three, told) = run("3", "");
+    let (three, told) = run("3");
     assert!(told.contains("4 views, 3 at once"), "{told}");
     assert!(one == three);
     assert!(one.len() >= 4 * 2 + 6, "{:?}", one.keys());
@@ -191,9 +191,29 @@ fn pictures_that_cannot_be_used() {
     scene.refuses(&with("half.jpg"), &["half.jpg", "JPEG"]);
     ball(scene.path("street.png"), [90, 120, 60, 255]);
     scene.refuses(&with("street.png"), &["street.png", "background"]);
-    // the same on white is as good as transparent
+}
+
+#[test]
+fn a_picture_on_white_is_as_good_as_one_with_transparency() {
+    let scene = scene();
     ball(scene.path("white.png"), [255; 4]);
-    scene.succeeds(&format!("{} --steps 1", with("white.png")));
+    fs::copy(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cli/ball.jpg"), scene.path("ball.jpg")).unwrap();
+    let seen = |name: &str| {
+        scene.succeeds(&format!("{}-{name} --steps 1 --quiet", RUN.replace("ball.png", name)));
+        let file = fs::File::open(scene.path(&format!("out-{name}/input.png"))).unwrap();
+        let mut reader = png::Decoder::new(std::io::BufReader::new(file)).read_info().unwrap();
+        let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+        reader.next_frame(&mut pixels).unwrap();
+        pixels
+    };
+    let transparent = seen("ball.png");
+    assert_eq!(transparent[..3], [255; 3], "what surrounds the object is white");
+    assert!(transparent.chunks(3).any(|pixel| pixel[0] > 150 && pixel[1] < 80), "the object is red");
+    assert!(seen("white.png") == transparent);
+    let jpeg = seen("ball.jpg");
+    // its edges are soft: the object's box may be a pixel wider
+    let apart: f64 = jpeg.iter().zip(&transparent).map(|(a, b)| f64::from(a.abs_diff(*b))).sum();
+    assert!(apart / (jpeg.len() as f64) < 20.0, "{apart}");
 }
 
 #[test]
