@@ -86,7 +86,7 @@ impl Job {
             crop: arguments.crop.unwrap_or(200),
             device: arguments.device.unwrap_or(Place::Cpu),
         };
-        if !(settings.elevation.abs() <= 90.0) {
+        if settings.elevation.is_nan() || settings.elevation.abs() > 90.0 {
             return Err(Error::new(ErrorKind::Input, "there is no such elevation")
                 .at("--elevation")
                 .found(settings.elevation)
