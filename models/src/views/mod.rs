@@ -6,6 +6,10 @@
 //! input image → autoencoder → latent ┐                                                          │
 //!             → CLIP tower → token ──┴───────────────────────→ UNet ← depth-wise attention ←─────┘
 //! ```
+//!
+//! A run from a picture to its views: [`FileWeights`] gives the weights, [`Subject`] is what the model knows about the picture,
+//! [`Sampling`] the state of the run, which asks an [`Ensemble`] for the noise in the views, as many at once as [`Footprint`]
+//! allows; [`decode`] makes pictures of the latents.
 
 mod resize;
 mod image;

@@ -148,7 +148,7 @@ impl Sampling {
             Err(Error::new(ErrorKind::Input, what).found(found).wanted(wanted).fix("choose another value"))
         };
         settings.check()?;
-        if !(subject.elevation.abs() <= std::f64::consts::FRAC_PI_2) {
+        if subject.elevation.is_nan() || subject.elevation.abs() > std::f64::consts::FRAC_PI_2 {
             let degrees = subject.elevation.to_degrees();
             return refuse("there is no such elevation", format!("{degrees}°"), "−90° to 90°");
         }

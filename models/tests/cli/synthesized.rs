@@ -234,6 +234,10 @@ fn settings_without_sense() {
     for arguments in [&format!("{RESUME} --seed 1"), "synthesize ball.png --weights tiny.safetensors", "synthesize"] {
         assert_eq!(scene.run(arguments).status.code(), Some(2), "{arguments}");
     }
+    let largest = format!("{RUN}-largest --steps 1 --seed {}", i64::MAX);
+    scene.succeeds(&largest);
+    assert_eq!(scene.run(&format!("{RUN} --seed 9223372036854775808")).status.code(), Some(2));
+    scene.refuses(&RUN.replace("ball.png", "."), &["the picture"]);
     let memory = scene.run(&format!("{RUN} --memory lots"));
     assert!(text(&memory.stderr).contains("500MB"), "{}", text(&memory.stderr));
 }

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use gradreel::io::TensorFile;
 use gradreel::{Device, Error, ErrorKind, Result, Tensor};
@@ -49,7 +49,8 @@ struct Settings {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Source {
-    path: PathBuf,
+    /// Where it was, for people.
+    path: String,
     /// Tells it from other files.
     mark: String,
 }
@@ -86,7 +87,7 @@ impl Job {
             crop: arguments.crop.unwrap_or(200),
             device: arguments.device.unwrap_or(Place::Cpu),
         };
-        if !(settings.elevation.abs() <= 90.0) {
+        if settings.elevation.is_nan() || settings.elevation.abs() > 90.0 {
             return Err(Error::new(ErrorKind::Input, "there is no such elevation")
                 .at("--elevation")
                 .found(settings.elevation)
@@ -94,7 +95,7 @@ impl Job {
                 .fix("0 if the camera is level with the object; 20 to 30 if it looks down a little"));
         }
         settings.sampler().check()?;
-        Self::prepare(arguments, settings, |settings| {
+        Self::prepare(arguments, weights, settings, |settings| {
             let text = toml::to_string(settings).expect("settings are numbers and text");
             let folder = match &arguments.out {
                 Some(folder) => RunFolder::create(folder)?,
@@ -128,11 +129,12 @@ impl Job {
         settings.sampler().check().map_err(|e| e.within(place.display()))?;
         settings.image = settings.image.found_again(&arguments.image, "the picture")?;
         settings.weights = settings.weights.found_again(weights, "the weights")?;
-        Self::prepare(arguments, settings, |_| Ok(folder))
+        Self::prepare(arguments, weights, settings, |_| Ok(folder))
     }
 
     fn prepare(
         arguments: &Arguments,
+        weights: &Path,
         settings: Settings,
         folder: impl FnOnce(&Settings) -> Result<RunFolder>,
     ) -> Result<Self> {
@@ -140,11 +142,11 @@ impl Job {
             Place::Cpu => Device::Cpu,
             Place::Gpu => Device::gpu()?,
         };
-        let weights = FileWeights::open(&settings.weights.path, &device)?;
+        let weights = FileWeights::open(weights, &device)?;
         let sizes = weights.sizes()?;
         weights.check(&sizes.weights()?).into_result()?;
         // pixels of 256, whatever the model's size
-        let crop = (settings.crop * sizes.image).div_ceil(256);
+        let crop = settings.crop.saturating_mul(sizes.image).div_ceil(256);
         if crop > sizes.image {
             return Err(Error::new(ErrorKind::Input, "the object would be larger than its picture")
                 .at("--crop")
@@ -152,7 +154,7 @@ impl Job {
                 .wanted("0 to 256")
                 .fix("200 leaves the margin that the published model was trained with"));
         }
-        let picture = open_picture(&settings.image.path, sizes.image, Some(crop).filter(|crop| *crop > 0))?;
+        let picture = open_picture(&arguments.image, sizes.image, Some(crop).filter(|crop| *crop > 0))?;
         let footprint = Footprint::of(&sizes.denoiser, sizes.latent_width(), size_of::<f32>());
         let most = match device {
             // more views than threads wait for each other
@@ -188,7 +190,10 @@ impl Job {
             interrupt::check()
         })?;
         stage.finish("");
-        let name = |path: &Path| path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        let name = |path: &str| {
+            let name = Path::new(path).file_name();
+            name.map_or_else(|| path.to_owned(), |name| name.to_string_lossy().into_owned())
+        };
         let SamplerSettings { steps, guidance, seed } = *run.settings();
         synthesis::publish(
             &self.folder,
@@ -283,7 +288,7 @@ impl fmt::Display for Job {
         write!(
             f,
             "{}: {} views, {at_once} at once (about {} beside the weights) → {}",
-            settings.image.path.display(),
+            settings.image.path,
             sizes.denoiser.ring.views,
             megabytes(footprint.total(*at_once)),
             folder.root().display()
@@ -293,10 +298,13 @@ impl fmt::Display for Job {
 
 impl Source {
     fn of(path: &Path, what: &str) -> Result<Self> {
-        let mark = mark(path).map_err(|e| {
-            Error::io(path, &format!("read {what}"), &e).fix(format!("give the path of the file with {what}"))
-        })?;
-        Ok(Self { path: path.to_owned(), mark })
+        let fix = format!("give the path of the file with {what}");
+        if path.is_dir() {
+            let error = Error::new(ErrorKind::Input, format!("cannot read {what}"));
+            return Err(error.at(path.display()).found("a folder").wanted("a file").fix(fix));
+        }
+        let mark = mark(path).map_err(|e| Error::io(path, &format!("read {what}"), &e).fix(fix))?;
+        Ok(Self { path: path.display().to_string(), mark })
     }
 
     /// The same file, wherever it is now.
@@ -308,7 +316,7 @@ impl Source {
         Err(Error::new(ErrorKind::Input, format!("{what} changed since the run was begun"))
             .at(path.display())
             .found("another content")
-            .wanted(format!("the file that was {}", self.path.display()))
+            .wanted(format!("the file that was {}", self.path))
             .fix("go on with that file, or begin again with another --out"))
     }
 }

@@ -39,6 +39,7 @@ pub(super) struct Arguments {
     guidance: Option<f64>,
     /// Other seeds guess other backs; the same seed gives the same views on any number of threads [default: 0]
     #[arg(long, value_name = "NUMBER", conflicts_with = "resume")]
+    #[arg(value_parser = clap::value_parser!(u64).range(..=LARGEST_SEED))]
     seed: Option<u64>,
     /// Longer side of the object as the model sees it, in pixels of 256; 0 keeps the picture's own framing [default: 200]
     #[arg(long, value_name = "PIXELS", conflicts_with = "resume")]
@@ -63,6 +64,9 @@ enum Place {
     /// The graphics card, through Vulkan, Metal or DirectX 12
     Gpu,
 }
+
+/// The largest number that the file of settings can hold.
+const LARGEST_SEED: u64 = i64::MAX as u64;
 
 const WEIGHTS: &str = "Weights: the checkpoint `syncdreamer-pretrain.ckpt` that the authors of SyncDreamer offer at \
 https://github.com/liuyuan-pal/SyncDreamer (5 GB); none come with gradreel.";
