@@ -166,7 +166,11 @@ fn a_run_goes_on_in_the_middle_of_a_step_with_the_same_bits() {
         assert_eq!((again.known(), again.done(), again.settings()), (run.known(), 1, &SETTINGS));
         // what is known is not asked for again
         let mut counts = Vec::new();
-        again.clone().step(other, &mut |known| Ok(counts.push(known))).unwrap();
+        let mut count = |known| {
+            counts.push(known);
+            Ok(())
+        };
+        again.clone().step(other, &mut count).unwrap();
         assert!(counts.iter().copied().eq(run.known() + 1..=4), "{counts:?}");
         assert!(finish(again, other) == expected);
         assert!(finish(run, predictor) == expected, "nor is anything lost in memory");
@@ -300,7 +304,8 @@ fn a_picture_becomes_a_subject_and_latents_become_pictures() {
     let mut seen = Vec::new();
     decode(&source(), &sizes, run.latents(), &[3, 1], &Device::Cpu, &mut |view, picture| {
         assert_eq!(picture.dims(), [3, 16, 16]);
-        Ok(seen.push((view, bits(&picture))))
+        seen.push((view, bits(&picture)));
+        Ok(())
     })
     .unwrap();
     assert_eq!(seen.iter().map(|(view, _)| *view).collect::<Vec<_>>(), [3, 1]);
