@@ -12,13 +12,15 @@ struct Sizes {
     pixels: u32,
     // bits of an f32
     scale: u32,
+    // heads of a map for each head of a volume
+    shared_by: u32,
 }
 
 @group(0) @binding(0) var<uniform> sizes: Sizes;
 @group(0) @binding(1) var<storage, read_write> y: array<f32>;
 // [heads, channels, pixels]
 @group(0) @binding(2) var<storage, read> map: array<f32>;
-// [heads, channels, depths, pixels]
+// [heads / shared_by, channels, depths, pixels]
 @group(0) @binding(3) var<storage, read> volume: array<f32>;
 // [heads, depths, pixels]
 @group(0) @binding(4) var<storage, read> weights: array<f32>;
@@ -28,8 +30,11 @@ const LOWEST: f32 = -3.4028234e38;
 // sum over channels of map and volume at one depth
 fn product(head: u32, depth: u32, pixel: u32) -> f32 {
     var sum = 0.0;
-    for (var c = head * sizes.channels; c < (head + 1u) * sizes.channels; c++) {
-        sum += map[c * sizes.pixels + pixel] * volume[(c * sizes.depths + depth) * sizes.pixels + pixel];
+    let of_map = head * sizes.channels;
+    let of_volume = head / sizes.shared_by * sizes.channels;
+    for (var c = 0u; c < sizes.channels; c++) {
+        let row = (of_volume + c) * sizes.depths + depth;
+        sum += map[(of_map + c) * sizes.pixels + pixel] * volume[row * sizes.pixels + pixel];
     }
     return sum;
 }
@@ -108,15 +113,16 @@ fn mix(
     let channel = i / sizes.pixels;
     let pixel = i % sizes.pixels;
     let head = channel / sizes.channels;
+    let row = (head / sizes.shared_by * sizes.channels + channel % sizes.channels) * sizes.depths;
     var sum = 0.0;
     for (var depth = 0u; depth < sizes.depths; depth++) {
         let weight = weights[(head * sizes.depths + depth) * sizes.pixels + pixel];
-        sum += weight * volume[(channel * sizes.depths + depth) * sizes.pixels + pixel];
+        sum += weight * volume[(row + depth) * sizes.pixels + pixel];
     }
     y[i] = sum;
 }
 
-// A volume from a map: its product with the weights at every depth.
+// A volume from a map: its product with the weights at every depth, summed over the heads that share it.
 @compute @workgroup_size(WORKGROUP)
 fn spread(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -124,13 +130,18 @@ fn spread(
     @builtin(local_invocation_index) local: u32,
 ) {
     let i = linear_group(group, groups) * WORKGROUP + local;
-    if i >= sizes.heads * sizes.channels * sizes.depths * sizes.pixels {
+    if i >= sizes.heads / sizes.shared_by * sizes.channels * sizes.depths * sizes.pixels {
         return;
     }
     let pixel = i % sizes.pixels;
     let depth = i / sizes.pixels % sizes.depths;
-    let channel = i / sizes.pixels / sizes.depths;
-    let head = channel / sizes.channels;
-    let weight = weights[(head * sizes.depths + depth) * sizes.pixels + pixel];
-    y[i] = weight * map[channel * sizes.pixels + pixel];
+    let row = i / sizes.pixels / sizes.depths;
+    let channel = row % sizes.channels;
+    let first = row / sizes.channels * sizes.shared_by;
+    var sum = 0.0;
+    for (var head = first; head < first + sizes.shared_by; head++) {
+        let weight = weights[(head * sizes.depths + depth) * sizes.pixels + pixel];
+        sum += weight * map[(head * sizes.channels + channel) * sizes.pixels + pixel];
+    }
+    y[i] = sum;
 }

@@ -34,8 +34,9 @@ struct Case {
 const SIZES: VolumeSizes = VolumeSizes::PUBLISHED;
 
 const CASES: &[Case] = &[
-    Case { name: "unet", gflop: 202.0, build: |scope| unet(scope, false) },
-    Case { name: "unet with guidance", gflop: 404.0, build: |scope| unet(scope, true) },
+    Case { name: "unet", gflop: 202.0, build: |scope| unet(scope, 1, false) },
+    Case { name: "unet with guidance", gflop: 404.0, build: |scope| unet(scope, 1, true) },
+    Case { name: "unet of four views", gflop: 808.0, build: |scope| unet(scope, 4, false) },
     Case {
         name: "spatial volume",
         gflop: 55.3,
@@ -84,19 +85,20 @@ const CASES: &[Case] = &[
     },
 ];
 
-fn unet(scope: &Scope<'_>, guided: bool) -> Result<Network> {
+fn unet(scope: &Scope<'_>, views: usize, guided: bool) -> Result<Network> {
     let net = Unet::new(scope, &UnetSizes::PUBLISHED)?;
     Ok(Box::new(move |given| {
         let volume = |width: usize, channels: usize| {
-            given(&format!("volume_{width}"), &[1, channels, width * 3 / 2, width, width])
+            given(&format!("volume_{width}"), &[views, channels, width * 3 / 2, width, width])
         };
         let volumes = [volume(32, 64), volume(16, 128), volume(8, 256), volume(4, 512)];
-        let (x, context) = (given("x", &[1, 8, 32, 32]), given("context", &[1, 1, 768]));
-        let seen = net.forward(&x, &[501.0], &context, Some(&volumes))?;
+        let (x, context) = (given("x", &[views, 8, 32, 32]), given("context", &[views, 1, 768]));
+        let times = vec![501.0; views];
+        let seen = net.forward(&x, &times, &context, Some(&volumes))?;
         if !guided {
             return Ok(seen);
         }
-        let nothing = net.forward(&x, &[501.0], &(&context * 0.0), None)?;
+        let nothing = net.forward(&x, &times, &(&context * 0.0), None)?;
         Ok(&nothing + &(&(&seen - &nothing) * 2.0))
     }))
 }

@@ -270,7 +270,7 @@ def pyramid(batch):
     return {w: torch.randn(batch, c, w * 3 // 2, w, w) for w, c in ((32, 64), (16, 128), (8, 256), (4, 512))}
 
 
-for batch, name in ((1, "unet"), (2, "unet with guidance")):
+for batch, name in ((1, "unet"), (2, "unet with guidance"), (4, "unet of four views")):
     t, context = torch.full((batch,), 501.0), torch.randn(batch, 1, 768)
     case(name, Unet, torch.randn(batch, 8, 32, 32), t, context, pyramid(batch))
 point = lambda c: torch.randn(1, c, 1, 1, 1)

@@ -21,11 +21,18 @@ pub(super) const ENTRY: Entry = Entry {
             let q = uniform(1, [images, heads, channels, height, width], -1.0..1.0);
             Case::new(DepthAttention { scale: 0.6 }, [q, volume(2), volume(3)])
         };
+        let shared = |[images, heads, channels, depths]: [usize; 4], [height, width]: [usize; 2]| {
+            let volume = |seed| uniform(seed, [images, 1, channels, depths, height, width], -1.0..1.0);
+            let q = uniform(1, [images, heads, channels, height, width], -1.0..1.0);
+            Case::new(DepthAttention { scale: 0.6 }, [q, volume(2), volume(3)])
+        };
         vec![
             case([2, 2, 5, 3], [3, 4]),
             case([1, 1, 1, 1], [1, 1]),
             case([1, 2, 4, 6], [4, 4]),
             case([1, 1, 3, 2], [1, 523]),
+            shared([2, 3, 5, 3], [3, 4]),
+            shared([1, 2, 4, 5], [1, 271]),
         ]
     },
 };
@@ -42,13 +49,16 @@ struct DepthAttention {
 }
 
 fn sizes(q: &Shape, k: &Shape) -> Sizes {
-    let (&[images, heads, channels, ..], depths) = (q.dims(), k.dims()[3]) else { unreachable!("checked by infer") };
-    Sizes { heads: images * heads, channels, depths, pixels: q.dims()[3..].iter().product() }
+    let (&[images, heads, channels, ..], &[_, of_volumes, _, depths, ..]) = (q.dims(), k.dims()) else {
+        unreachable!("checked by infer")
+    };
+    let shared_by = if of_volumes == heads { 1 } else { heads };
+    Sizes { heads: images * heads, shared_by, channels, depths, pixels: q.dims()[3..].iter().product() }
 }
 
 impl DepthAttention {
-    fn words(&self, sizes: Sizes) -> [u32; 5] {
-        let mut words = words([sizes.heads, sizes.channels, sizes.depths, sizes.pixels, 0]);
+    fn words(&self, sizes: Sizes) -> [u32; 6] {
+        let mut words = words([sizes.heads, sizes.channels, sizes.depths, sizes.pixels, 0, sizes.shared_by]);
         words[4] = (self.scale as f32).to_bits();
         words
     }
@@ -76,14 +86,15 @@ impl Op for DepthAttention {
         let [q, k, v] = inputs else { unreachable!("depth_attention has three operands") };
         let fits = match (q.shape.dims(), k.shape.dims()) {
             (&[images, heads, channels, height, width], volume) if channels > 0 => {
-                matches!(*volume, [a, b, c, _, d, e] if [a, b, c, d, e] == [images, heads, channels, height, width])
+                matches!(*volume, [a, b, c, _, d, e]
+                    if [a, c, d, e] == [images, channels, height, width] && (b == heads || b == 1 && heads > 0))
             }
             _ => false,
         };
         if !fits || k != v || !q.dtype.is_real() || k.dtype != q.dtype {
             return Err(Error::new(ErrorKind::Shape, "depth_attention: the operands do not fit")
                 .found(format!("{inputs:?}"))
-                .wanted("q [images, heads, channels, height, width], k and v [images, heads, channels, depths, height, width], all f32 or all f64"));
+                .wanted("q [images, heads, channels, height, width], k and v [images, heads or 1, channels, depths, height, width], all f32 or all f64"));
         }
         Ok(q.clone())
     }
@@ -138,8 +149,9 @@ impl Var {
     /// Attention over the depth samples of every pixel: `softmax over d of (scale · Σ_c q_c k_cd)` weighs `v_cd`.
     ///
     /// `self` is the query `[images, heads, channels, height, width]`; keys and values are volumes `[images, heads, channels,
-    /// depths, height, width]`; the result has the query's shape. The usual scale is `1 / √channels`. Zeros where there is
-    /// no depth, or where all scores are −∞. Differentiable once.
+    /// depths, height, width]`; the result has the query's shape. One head of keys and values may serve all heads of queries
+    /// (Shazeer 2019). The usual scale is `1 / √channels`. Zeros where there is no depth, or where all scores are −∞.
+    /// Differentiable once.
     ///
     /// ```
     /// use gradreel::{Tape, Tensor};

@@ -111,7 +111,17 @@ impl Resample {
             return result;
         }
         let weights: Vec<T> = table.weights.iter().map(|&weight| T::from_f64(weight)).collect();
+        let alone =
+            table.places.len() == table.rows() && table.starts.iter().zip(0..).all(|(start, row)| *start == row);
         let block = |x: &[T], y: &mut [T], first: usize| {
+            if inner == 1 && alone {
+                // one neighbour each, side by side
+                let (places, weights) = (&table.places[first..][..y.len()], &weights[first..][..y.len()]);
+                for i in 0..y.len() {
+                    y[i] = x[places[i] as usize] * weights[i];
+                }
+                return;
+            }
             for (row, y) in (first..).zip(y.chunks_exact_mut(inner)) {
                 let terms = table.starts[row] as usize..table.starts[row + 1] as usize;
                 let (places, weights) = (&table.places[terms.clone()], &weights[terms]);

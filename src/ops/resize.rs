@@ -42,8 +42,9 @@ impl Resampling {
 /// Resizes the spatial axes; `scales` are the distances between places of the result in pixels.
 #[track_caller]
 fn resize(x: &Var, size: &[usize], scales: &[f64], interpolation: Resampling) -> Var {
-    let mut axes: Vec<usize> = (0..size.len()).collect();
-    // what shrinks comes first, and what grows the most comes last, so that little passes through all steps
+    // what shrinks comes first, and what grows the most comes last, so that little passes through all steps; of axes that
+    // grow alike the last comes first, for whole rows of the others are then taken at once
+    let mut axes: Vec<usize> = (0..size.len()).rev().collect();
     let growth = |&axis: &usize| size[axis] as f64 / x.dims()[axis + 2] as f64;
     axes.sort_by(|a, b| growth(a).total_cmp(&growth(b)));
     axes.into_iter().fold(x.clone(), |x, axis| {

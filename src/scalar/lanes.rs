@@ -96,18 +96,6 @@ pub trait Lane: Copy {
         }
     }
 
-    /// Stores around the caches, for results much larger than they are: a plain store first reads what it replaces. `to`
-    /// must be aligned to 16 bytes. Call [`Lane::streamed`] afterwards.
-    #[inline(always)]
-    unsafe fn stream(self, to: *mut Self::Element) {
-        // SAFETY: as this method.
-        unsafe { self.store(to) }
-    }
-
-    /// Makes what [`Lane::stream`] stored on this thread visible to others before anything that it stores later.
-    #[inline(always)]
-    unsafe fn streamed() {}
-
     /// The sum of its values, added in halves.
     #[inline(always)]
     unsafe fn total(self) -> Self::Element {

@@ -64,26 +64,6 @@ macro_rules! lane {
             }
 
             #[inline(always)]
-            unsafe fn stream(self, to: *mut $float) {
-                const QUARTERS: usize = $width * size_of::<$float>() / 16;
-                // SAFETY: both are the same bytes; the contract of `Lane::stream`.
-                unsafe {
-                    let parts: [__m128; QUARTERS] = std::mem::transmute(self.0);
-                    let mut i = 0;
-                    while i < QUARTERS {
-                        _mm_stream_ps(to.cast::<f32>().add(4 * i), parts[i]);
-                        i += 1;
-                    }
-                }
-            }
-
-            #[inline(always)]
-            unsafe fn streamed() {
-                // SAFETY: every processor with these vectors has it.
-                unsafe { _mm_sfence() }
-            }
-
-            #[inline(always)]
             unsafe fn splat(x: $float) -> Self {
                 // SAFETY: the contract of `Lane`.
                 Self(unsafe { $splat(x) })

@@ -3,6 +3,8 @@
 mod check;
 mod gradcheck;
 mod reconstruct;
+mod synthesize;
+mod weights;
 
 use clap::{Parser, Subcommand};
 use gradreel::{ErrorKind, Result};
@@ -32,8 +34,12 @@ enum Command {
     Reconstruct(reconstruct::Arguments),
     /// Look at a clip: what is there, what is missing, what will be assumed
     Check(check::Arguments),
+    /// Synthesize the views around an object from a single picture of it
+    Synthesize(synthesize::Arguments),
     /// Check derivatives of ops and materials against central differences, and print the tables
     Gradcheck(gradcheck::Arguments),
+    /// Check and convert files of the multi-view model's weights
+    Weights(weights::Arguments),
 }
 
 /// Runs the command line and returns the exit code.
@@ -42,6 +48,8 @@ pub fn main() -> u8 {
         Command::Reconstruct(arguments) => reconstruct::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
         Command::Gradcheck(arguments) => gradcheck::run(&arguments),
+        Command::Synthesize(arguments) => synthesize::run(&arguments),
+        Command::Weights(arguments) => weights::run(&arguments),
     };
     exit_code(outcome)
 }

@@ -48,16 +48,22 @@ impl Attention {
     /// When the channels are not those of the layer.
     #[track_caller]
     pub fn forward(&self, x: &Var, context: &Var) -> Var {
-        let value = self.value.forward(context);
         if context.dims()[1] == 1 {
             let [batch, tokens, _] = x.dims()[..] else { panic!("attention: tokens are [b, n, c], not {}", x.shape()) };
-            return self.out.forward(&value).broadcast_to([batch, tokens, self.sizes.channels]);
+            return self.of_one(context).broadcast_to([batch, tokens, self.sizes.channels]);
         }
+        let value = self.value.forward(context);
         let heads = self.sizes.heads;
         let [query, key] = [self.query.forward(x), self.key.forward(context)];
         let [query, key, value] = [query, key, value].map(|tokens| split_heads(&tokens, heads));
         let scale = ((self.sizes.channels / heads) as f64).powf(-0.5);
         self.out.forward(&merge_heads(&query.attention(&key, &value, scale, None)))
+    }
+
+    /// What every token gathers from a single one, `[b, 1, context]`, whatever it asks: `[b, 1, channels]`.
+    #[track_caller]
+    pub(crate) fn of_one(&self, context: &Var) -> Var {
+        self.out.forward(&self.value.forward(context))
     }
 }
 

@@ -92,6 +92,19 @@ impl Convolution {
         Ok(Self { weight, bias, conv, transposed })
     }
 
+    /// The weight of a pointwise convolution as matrices of some rows each, `[outputs / rows, rows, inputs]`, for products
+    /// with `x`.
+    #[track_caller]
+    pub(crate) fn matrices(&self, rows: usize, x: &Var) -> Var {
+        let [outputs, inputs] = [self.weight.dims()[0], self.weight.dims()[1]];
+        let weight = self.weight.to_dtype(x.dtype()).reshape([outputs / rows, rows, inputs]);
+        match weight.value() {
+            // a constant may come from another tape; what is made of it belongs to that of `x`
+            Ok(value) if !weight.is_differentiable() => x.tape().constant(value.clone()),
+            _ => weight,
+        }
+    }
+
     /// Applies it.
     ///
     /// # Panics

@@ -1,5 +1,7 @@
 //! Depth-wise attention: every pixel attends to the depth samples behind it in a frustum volume.
 
+use std::cell::RefCell;
+
 use gradreel::{Result, Var};
 
 use super::{Convolution, GroupNorm, Kernel, Scope};
@@ -28,6 +30,8 @@ pub struct DepthAttention {
     out: Convolution,
     proj_out: [(GroupNorm, Convolution); 2],
     head: usize,
+    /// What is added where there is no volume, as last made from weights without gradient.
+    nothing: RefCell<Option<Var>>,
 }
 
 impl DepthAttention {
@@ -59,25 +63,48 @@ impl DepthAttention {
                 (norm("proj_out.3", inner)?, conv("proj_out.5", to_image)?),
             ],
             head,
+            nothing: RefCell::default(),
         })
     }
 
     /// `x [b, channels, h, w]` and the volume `[b, context, d, h, w]` to `[b, channels, h, w]`. Without a volume it sees
-    /// one of zeros.
+    /// one of zeros: what it adds then depends on the weights and the size alone, and is made once as long as the weights
+    /// have no gradient.
     ///
     /// # Panics
     /// When the sizes are not those of the block.
     #[track_caller]
     pub fn forward(&self, x: &Var, volume: Option<&Var>) -> Var {
-        let gathered = match volume {
-            Some(volume) => self.gather(x, volume),
-            None => self.gather_nothing(x),
-        };
-        let mut h = self.out.forward(&gathered);
+        match volume {
+            Some(volume) => x + &self.project_out(&self.gather(x, volume)),
+            None => x + &self.nothing(x),
+        }
+    }
+
+    #[track_caller]
+    fn project_out(&self, gathered: &Var) -> Var {
+        let mut h = self.out.forward(gathered);
         for (norm, conv) in &self.proj_out {
             h = conv.forward(&norm.forward(&h).relu());
         }
-        x + &h
+        h
+    }
+
+    /// What a volume of zeros adds to images like `x`: `[1, channels, h, w]`.
+    #[track_caller]
+    fn nothing(&self, x: &Var) -> Var {
+        let mut kept = self.nothing.borrow_mut();
+        let fits =
+            |made: &&Var| made.dims()[2..] == x.dims()[2..] && made.dtype() == x.dtype() && made.device() == x.device();
+        if let Some(made) = kept.as_ref().filter(fits) {
+            return made.clone();
+        }
+        let made = self.project_out(&self.gather_nothing(x));
+        // on a tape with a fault the numbers stand for nothing
+        if !made.is_differentiable() && made.value().is_ok() {
+            *kept = Some(made.clone());
+        }
+        made
     }
 
     /// What the pixels find: `[b, inner, h, w]`.
@@ -85,14 +112,16 @@ impl DepthAttention {
     fn gather(&self, x: &Var, volume: &Var) -> Var {
         let a = self.proj_in.1.silu(&self.proj_in.0.forward(x));
         let context = self.proj_context.1.forward(&self.proj_context.0.forward(volume)).relu();
-        let heads = |x: &Var| {
-            let mut shape = vec![x.dims()[0], HEADS, self.head];
-            shape.extend(&x.dims()[2..]);
-            x.reshape(shape)
+        let &[batch, channels, depth, height, width] = context.dims() else {
+            panic!("volumes are [b, c, d, h, w], not {}", context.shape())
         };
-        let [query, key, value] =
-            [self.query.forward(&a), self.key.forward(&context), self.value.forward(&context)].map(|x| heads(&x));
-        query.depth_attention(&key, &value, (self.head as f64).powf(-0.5)).reshape(a.shape())
+        // q · (K c) = (Kᵀ q) · c and Σ w (V c) = V (Σ w c): the many depth samples need neither keys nor values
+        let [key, value] = [&self.key, &self.value].map(|conv| conv.matrices(self.head, x));
+        let query = self.query.forward(&a).reshape([batch, HEADS, self.head, height * width]);
+        let asked = key.transposed_matmul(&query).reshape([batch, HEADS, channels, height, width]);
+        let context = context.reshape([batch, 1, channels, depth, height, width]);
+        let found = asked.depth_attention(&context, &context, (self.head as f64).powf(-0.5));
+        value.matmul(&found.reshape([batch, HEADS, channels, height * width])).reshape(a.shape())
     }
 
     /// What they find in a volume of zeros. All depth bins are alike there, so that the softmax is uniform whatever the

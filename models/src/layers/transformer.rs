@@ -79,7 +79,10 @@ impl Block {
     fn forward(&self, tokens: &Var, context: &Var) -> Var {
         let x = self.norms[0].forward(tokens);
         let tokens = &self.own.forward(&x, &x) + tokens;
-        let tokens = &self.cross.forward(&self.norms[1].forward(&tokens), context) + &tokens;
+        let tokens = match context.dims()[1] {
+            1 => &self.cross.of_one(context) + &tokens,
+            _ => &self.cross.forward(&self.norms[1].forward(&tokens), context) + &tokens,
+        };
         let both = self.gate.forward(&self.norms[2].forward(&tokens));
         let half = both.dims()[2] / 2;
         let gated = &both.slice(2, 0..half) * &both.slice(2, half..2 * half).gelu();

@@ -1,10 +1,14 @@
-//! PNG images as bytes, decoded within limits.
+//! PNG and JPEG images as bytes, decoded within limits.
 
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{BufReader, Read};
 use std::path::Path;
 
 use gradreel::{Error, ErrorKind, Result};
+use zune_jpeg::JpegDecoder;
+use zune_jpeg::zune_core::bytestream::ZCursor;
+use zune_jpeg::zune_core::colorspace::ColorSpace;
+use zune_jpeg::zune_core::options::DecoderOptions;
 
 /// Largest accepted side \[pixels\].
 const MAX_SIDE: u32 = 16_384;
@@ -13,7 +17,7 @@ const MAX_PIXELS: u64 = 64 << 20;
 
 /// An 8-bit RGBA image, row by row from the upper left corner, alpha not multiplied in.
 #[derive(Debug, Clone)]
-pub(super) struct Image {
+pub(crate) struct Image {
     pub width: usize,
     pub height: usize,
     pub pixels: Vec<[u8; 4]>,
@@ -22,6 +26,51 @@ pub(super) struct Image {
 }
 
 impl Image {
+    /// Decodes a PNG or JPEG file; which it is, its first bytes tell.
+    pub fn read_any(path: &Path) -> Result<Image> {
+        let mut start = Vec::new();
+        let file = File::open(path).map_err(|e| Error::io(path, "open the image", &e))?;
+        file.take(4).read_to_end(&mut start).map_err(|e| Error::io(path, "read the image", &e))?;
+        match start[..] {
+            [0xff, 0xd8, 0xff, ..] => Self::read_jpeg(path),
+            [0x89, b'P', b'N', b'G'] => Self::read(path),
+            _ => Err(Error::new(ErrorKind::Input, "the image has no format that is read")
+                .at(path.display())
+                .found(if start.is_empty() { "an empty file".to_owned() } else { format!("first bytes {start:02x?}") })
+                .wanted("PNG or JPEG")
+                .fix("export the image as PNG")),
+        }
+    }
+
+    /// Decodes a JPEG file, which must be complete.
+    fn read_jpeg(path: &Path) -> Result<Image> {
+        let bytes = std::fs::read(path).map_err(|e| Error::io(path, "read the image", &e))?;
+        let broken = |found: String| {
+            Error::new(ErrorKind::Input, "cannot decode the image")
+                .at(path.display())
+                .found(found)
+                .wanted(format!("a complete JPEG file of at most {MAX_SIDE} pixels a side"))
+                .fix("copy or export this image again")
+        };
+        let options = DecoderOptions::default()
+            .set_strict_mode(true)
+            .set_max_width(MAX_SIDE as usize)
+            .set_max_height(MAX_SIDE as usize)
+            .jpeg_set_out_colorspace(ColorSpace::RGB);
+        let mut decoder = JpegDecoder::new_with_options(ZCursor::new(&bytes[..]), options);
+        decoder.decode_headers().map_err(|e| broken(e.to_string()))?;
+        let (width, height) = decoder.dimensions().ok_or_else(|| broken("no size".into()))?;
+        if (width as u64) * (height as u64) > MAX_PIXELS {
+            return Err(broken(format!("{width} × {height} pixels")));
+        }
+        let rgb = decoder.decode().map_err(|e| broken(e.to_string()))?;
+        if rgb.len() != 3 * width * height {
+            return Err(broken(format!("{} bytes for {width} × {height} pixels", rgb.len())));
+        }
+        let pixels = rgb.chunks_exact(3).map(|p| [p[0], p[1], p[2], 255]).collect();
+        Ok(Image { width, height, pixels, has_alpha: false })
+    }
+
     /// Decodes a PNG file of any colour type; 16-bit samples keep their upper byte.
     pub fn read(path: &Path) -> Result<Image> {
         let mut reader = open(path)?;

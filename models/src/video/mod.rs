@@ -34,4 +34,6 @@ mod select;
 pub use camera::Camera;
 pub use clip::{Clip, Frame, OpenOptions, PixelRect};
 pub use foreground::Foreground;
+pub(crate) use image::Image;
 pub use inspect::{CameraInventory, Inventory, inspect};
+pub(crate) use matte::from_white;

@@ -2,11 +2,13 @@
 
 use gradreel::ops::Resampling;
 use gradreel::{Result, Var};
+use serde::{Deserialize, Serialize};
 
 use crate::layers::{Convolution, GroupNorm, Kernel, Scope};
 
 /// The sizes of the autoencoder. Levels below the first halve the image.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct AutoencoderSizes {
     /// Channels of the first level before its multiplier.
     pub base: usize,

@@ -4,8 +4,13 @@
 //! World axes are right-handed with z up; camera axes are x right, y down, z forward. A voxel volume is
 //! `[z, y, x]`, its ends included.
 
+use serde::{Deserialize, Serialize};
+
+use crate::video::Camera;
+
 /// Cameras at equal azimuths around the object.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Ring {
     /// Number of cameras.
     pub views: usize,
@@ -39,6 +44,30 @@ impl Ring {
     /// World to the camera of the input image, at azimuth 0.
     pub fn input_pose(&self, elevation: f64) -> [[f64; 4]; 3] {
         pose(0.0, elevation, self.distance)
+    }
+
+    /// The camera of a view of `size²` pixels as videos have it: y up, looking along −z, in the world whose axes are
+    /// (x, z, −y) of the model's.
+    pub fn camera(&self, view: usize, size: usize) -> Camera {
+        let pose = self.pose(view);
+        // the columns of R are the rows of its inverse; its second and third axis are turned around
+        let axis = |i: usize| [pose[0][i], -pose[1][i], -pose[2][i]];
+        let centre = |i: usize| -(0..3).map(|row| pose[row][i] * pose[row][3]).sum::<f64>();
+        let row = |i: usize, sign: f64| {
+            let [x, y, z] = axis(i);
+            [x, y, z, centre(i)].map(|v| sign * v)
+        };
+        let (focal, middle) = (self.focal * size as f64, size as f64 / 2.0);
+        Camera {
+            id: view as i64,
+            width: size,
+            height: size,
+            fx: focal,
+            fy: focal,
+            cx: middle,
+            cy: middle,
+            c2w: [row(0, 1.0), row(2, 1.0), row(1, -1.0)],
+        }
     }
 
     /// The viewpoint embedding of a view for an input image of this elevation in radians: difference of elevations, sine

@@ -1,11 +1,13 @@
 //! The CLIP vision tower (Radford et al. 2021): an image to one embedding.
 
 use gradreel::{Result, Tensor, Var};
+use serde::{Deserialize, Serialize};
 
 use crate::layers::{Convolution, Init, Kernel, LayerNorm, Linear, Scope, merge_heads, split_heads};
 
 /// The sizes of the tower.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct ClipSizes {
     /// Pixels along a side of the image.
     pub resolution: usize,

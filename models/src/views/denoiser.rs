@@ -1,12 +1,14 @@
 //! All noised views at once to the noise in them: one spatial volume, then each view's frustum and denoiser.
 
-use gradreel::{Result, Var};
+use gradreel::{Result, Tape, Tensor, Var};
+use serde::{Deserialize, Serialize};
 
 use super::{Ring, Schedule, Unet, UnetSizes, VolumePath, VolumeSizes};
 use crate::layers::{Linear, Scope, TimeEmbedding};
 
 /// The sizes of the multi-view model.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct DenoiserSizes {
     /// The cameras of the target views.
     pub ring: Ring,
@@ -100,6 +102,20 @@ impl Denoiser {
     /// When a sample or view does not exist.
     #[track_caller]
     pub fn noise(&self, look: &Look, condition: &Condition, targets: &[Target], guidance: f64) -> Result<Var> {
+        self.predict(look, condition, targets, &[], guidance)
+    }
+
+    /// The noise in some views, where the model is not told all about some of them; `told` is empty or has one entry for
+    /// each target.
+    #[track_caller]
+    fn predict(
+        &self,
+        look: &Look,
+        condition: &Condition,
+        targets: &[Target],
+        told: &[Told],
+        guidance: f64,
+    ) -> Result<Var> {
         let [_, _, latent, height, width] = look.noised.dims()[..] else {
             panic!("noised views are [b, views, c, h, w]")
         };
@@ -119,9 +135,11 @@ impl Denoiser {
         };
         let samples: Vec<Var> = targets.chunk_by(|a, b| a.sample == b.sample).map(seen).collect::<Result<_>>()?;
         let pyramid = self.volumes.pyramid(&stacked(&samples), &of_sample(&look.time), &viewpoints)?;
+        let [a, b, c, d] = pyramid.each_ref().map(|volume| where_told(volume, told, Told::volumes));
+        let pyramid = [a?, b?, c?, d?];
         let times: Vec<f64> = targets.iter().map(|t| look.times[t.sample]).collect();
-        let token = self.tokens(&of_sample(&condition.embedding), &viewpoints);
-        let image = of_sample(&condition.latent);
+        let token = where_told(&self.tokens(&of_sample(&condition.embedding), &viewpoints), told, Told::token)?;
+        let image = where_told(&of_sample(&condition.latent), told, Told::image)?;
         let conditional = self.unet.forward(&x.concat(&[&image], 1), &times, &token, Some(&pyramid))?;
         if guidance == 1.0 {
             return Ok(conditional);
@@ -133,7 +151,8 @@ impl Denoiser {
     /// The training loss of the published model: all views of each sample noised at one time, one view predicted, mean
     /// squared error of its noise. Returns the loss and the prediction.
     ///
-    /// `x0` and `noise` are `[b, views, latent, w, w]`, with one time and one target view for each sample.
+    /// `x0` and `noise` are `[b, views, latent, w, w]`, with one time and one target view for each sample. `told` says what
+    /// the model is told of each sample; empty: all of all.
     ///
     /// # Errors
     /// As [`Denoiser::look`].
@@ -148,11 +167,12 @@ impl Denoiser {
         times: &[usize],
         views: &[usize],
         condition: &Condition,
+        told: &[Told],
     ) -> Result<[Var; 2]> {
         let noised = schedule.add_noise(x0, noise, times)?;
         let look = self.look(&noised, times, condition)?;
         let targets: Vec<Target> = views.iter().enumerate().map(|(sample, &view)| Target { sample, view }).collect();
-        let predicted = self.noise(&look, condition, &targets, 1.0)?;
+        let predicted = self.predict(&look, condition, &targets, told, 1.0)?;
         let of_target = |t: &Target| noise.slice(0, t.sample..t.sample + 1).select(1, t.view);
         let wanted = stacked(&targets.iter().map(of_target).collect::<Vec<_>>());
         Ok([(&predicted - &wanted).square().mean_all(), predicted])
@@ -168,6 +188,46 @@ pub struct Target {
     pub view: usize,
 }
 
+/// What the model is told of a sample in training. One that is to be guided must learn to do without (Ho and Salimans 2022).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Told {
+    /// Everything.
+    All,
+    /// All but the latent of the input image.
+    NoImage,
+    /// All but the frustum volumes.
+    NoVolumes,
+    /// All but the context token.
+    NoToken,
+    /// None of the three.
+    Nothing,
+}
+
+impl Told {
+    fn image(self) -> bool {
+        !matches!(self, Self::NoImage | Self::Nothing)
+    }
+
+    fn volumes(self) -> bool {
+        !matches!(self, Self::NoVolumes | Self::Nothing)
+    }
+
+    fn token(self) -> bool {
+        !matches!(self, Self::NoToken | Self::Nothing)
+    }
+}
+
+/// `x` with zeros for those of the batch that are not told it.
+fn where_told(x: &Var, told: &[Told], is_told: fn(Told) -> bool) -> Result<Var> {
+    if told.iter().all(|one| is_told(*one)) {
+        return Ok(x.clone());
+    }
+    let mut shape = vec![1; x.dims().len()];
+    shape[0] = told.len();
+    let mask: Vec<f64> = told.iter().map(|one| f64::from(u8::from(is_told(*one)))).collect();
+    Ok(x * &super::constant(x, Tensor::from_vec(mask, shape))?)
+}
+
 /// What one evaluation of all views has seen.
 pub struct Look {
     noised: Var,
@@ -176,6 +236,38 @@ pub struct Look {
     viewpoints: Var,
     /// The spatial volumes `[b, c, v, v, v]`.
     pub volume: Var,
+}
+
+/// A [`Look`] as plain tensors, to be taken to other threads.
+pub(super) struct Sight {
+    noised: Tensor,
+    times: Vec<f64>,
+    time: Tensor,
+    viewpoints: Tensor,
+    volume: Tensor,
+}
+
+impl Look {
+    pub(super) fn sight(&self) -> Result<Sight> {
+        Ok(Sight {
+            noised: self.noised.value()?.clone(),
+            times: self.times.clone(),
+            time: self.time.value()?.clone(),
+            viewpoints: self.viewpoints.value()?.clone(),
+            volume: self.volume.value()?.clone(),
+        })
+    }
+
+    pub(super) fn of(tape: &Tape, sight: &Sight) -> Self {
+        let constant = |tensor: &Tensor| tape.constant(tensor.clone());
+        Self {
+            noised: constant(&sight.noised),
+            times: sight.times.clone(),
+            time: constant(&sight.time),
+            viewpoints: constant(&sight.viewpoints),
+            volume: constant(&sight.volume),
+        }
+    }
 }
 
 /// Some variables one after the other along the first axis.

@@ -6,6 +6,10 @@
 //! input image → autoencoder → latent ┐                                                          │
 //!             → CLIP tower → token ──┴───────────────────────→ UNet ← depth-wise attention ←─────┘
 //! ```
+//!
+//! A run from a picture to its views: [`FileWeights`] gives the weights, [`Subject`] is what the model knows about the picture,
+//! [`Sampling`] the state of the run, which asks an [`Ensemble`] for the noise in the views, as many at once as [`Footprint`]
+//! allows; [`decode`] makes pictures of the latents.
 
 mod resize;
 mod image;
@@ -20,26 +24,50 @@ mod volume;
 mod denoiser;
 mod schedule;
 mod model;
+mod sizes;
 mod weights;
+mod training;
+mod picture;
+mod subject;
+mod sampler;
+mod sampler_file;
+mod footprint;
+mod ensemble;
+mod preview;
+mod decoding;
 
 pub use autoencoder::{Autoencoder, AutoencoderSizes, Posterior};
 pub use cameras::Ring;
 pub use clip::{ClipSizes, ClipTower};
-pub use denoiser::{Condition, Denoiser, DenoiserSizes, Look, Target};
+pub use decoding::decode;
+pub use denoiser::{Condition, Denoiser, DenoiserSizes, Look, Target, Told};
+pub use ensemble::Ensemble;
+pub use footprint::Footprint;
+pub(crate) use footprint::megabytes;
 pub use frustum_net::{FrustumNet, FrustumSizes};
 pub use image::prepare;
 pub use model::{Model, ModelSizes, UNUSED};
+pub use picture::open_picture;
+pub use preview::LatentColours;
 pub use resize::Bicubic;
+pub use sampler::{Moment, Predictor, SamplerSettings, Sampling};
 pub use schedule::{Ddim, Schedule, TIMES};
 pub use spatial_net::{SpatialNet, SpatialSizes};
+pub use subject::Subject;
 pub use target_encoder::{EncoderSizes, TargetEncoder};
+pub use training::{Batch, BatchGradients, Draw, Plan, Step, Training};
 pub use unet::{Unet, UnetSizes};
 pub use volume::{VolumePath, VolumeSizes};
 pub use weights::{FileWeights, Report};
 
-use gradreel::{Result, Tensor, Var};
+use gradreel::{Device, Result, Tensor, Var};
 
 /// A tensor on the tape, device and in the dtype of another.
 fn constant(like: &Var, value: Tensor) -> Result<Var> {
     Ok(like.tape().constant(value.cast(like.dtype())?.to_device(&like.device())?))
+}
+
+/// The value of a variable, on the CPU.
+fn on_cpu(x: &Var) -> Result<Tensor> {
+    x.value()?.to_device(&Device::Cpu)
 }

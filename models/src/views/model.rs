@@ -1,12 +1,15 @@
 //! The whole published model and the names of its weights.
 
 use gradreel::{Result, Shape};
+use serde::{Deserialize, Serialize};
 
 use super::{Autoencoder, AutoencoderSizes, ClipSizes, ClipTower, Denoiser, DenoiserSizes};
 use crate::layers::{Scope, listing};
 
-/// The sizes of the whole model.
-#[derive(Debug, Clone, PartialEq)]
+/// The sizes of the whole model. [`ModelSizes::to_json`] is how a file of weights says that it has others than the
+/// published ones.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct ModelSizes {
     /// Pixels along a side of an image.
     pub image: usize,
@@ -77,8 +80,24 @@ impl Model {
     pub fn new(scope: &Scope<'_>, sizes: &ModelSizes) -> Result<Self> {
         Ok(Self {
             denoiser: Denoiser::new(scope, &sizes.denoiser)?,
-            autoencoder: Autoencoder::new(&scope.at("first_stage_model"), &sizes.autoencoder)?,
-            clip: ClipTower::new(&scope.at("clip_image_encoder.model.visual"), sizes.clip)?,
+            autoencoder: Self::autoencoder(scope, sizes)?,
+            clip: Self::clip(scope, sizes)?,
         })
+    }
+
+    /// The autoencoder alone, of the whole model's scope.
+    ///
+    /// # Errors
+    /// When a weight is missing or mis-shaped.
+    pub fn autoencoder(scope: &Scope<'_>, sizes: &ModelSizes) -> Result<Autoencoder> {
+        Autoencoder::new(&scope.at("first_stage_model"), &sizes.autoencoder)
+    }
+
+    /// The CLIP tower alone, of the whole model's scope.
+    ///
+    /// # Errors
+    /// When a weight is missing or mis-shaped.
+    pub fn clip(scope: &Scope<'_>, sizes: &ModelSizes) -> Result<ClipTower> {
+        ClipTower::new(&scope.at("clip_image_encoder.model.visual"), sizes.clip)
     }
 }

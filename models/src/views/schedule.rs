@@ -116,17 +116,27 @@ impl Ddim {
         self.times.is_empty()
     }
 
+    /// The estimate of the clean latents that a predicted noise ε means: `x₀ = (x − √(1−ᾱ) ε) / √ᾱ`.
+    ///
+    /// # Panics
+    /// When the index does not exist or the shapes differ.
+    #[track_caller]
+    pub fn clean(&self, index: usize, x: &Var, predicted: &Var) -> Var {
+        let a = self.alphas[index];
+        &(x - &(predicted * f64::from((1.0 - a).sqrt()))) / f64::from(a.sqrt())
+    }
+
     /// One step: from `x` at an index, with the predicted noise ε and fresh noise, to the index before. The last step
     /// (index 0) adds no noise.
     ///
-    /// `x₀ = (x − √(1−ᾱ) ε) / √ᾱ`, `x' = √ᾱ' x₀ + √(1 − ᾱ' − σ²) ε + σ z`
+    /// `x' = √ᾱ' x₀ + √(1 − ᾱ' − σ²) ε + σ z`, with x₀ of [`Ddim::clean`]
     ///
     /// # Panics
     /// When the index does not exist or the shapes differ.
     #[track_caller]
     pub fn step(&self, index: usize, x: &Var, predicted: &Var, noise: &Var) -> Var {
-        let [a, before, sigma] = [self.alphas[index], self.alphas_prev[index], self.sigmas[index]];
-        let clean = &(x - &(predicted * f64::from((1.0 - a).sqrt()))) / f64::from(a.sqrt());
+        let [before, sigma] = [self.alphas_prev[index], self.sigmas[index]];
+        let clean = self.clean(index, x, predicted);
         let along = f64::from((1.0 - before - sigma * sigma).max(1e-7).sqrt());
         let next = &(&clean * f64::from(before.sqrt())) + &(predicted * along);
         if index == 0 { next } else { &next + &(noise * f64::from(sigma)) }

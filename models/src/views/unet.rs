@@ -1,6 +1,7 @@
 //! The denoiser: a UNet with spatial transformers and depth-wise attention.
 
 use gradreel::{Result, Var};
+use serde::{Deserialize, Serialize};
 
 use crate::layers::{
     Convolution, DepthAttention, DepthAttentionSizes, Downsample, GroupNorm, Kernel, ResidualBlock, Scope, Segment,
@@ -9,7 +10,8 @@ use crate::layers::{
 
 /// The sizes of the denoiser. Its four levels have `base · multipliers[i]` channels; all but the deepest have spatial
 /// transformers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct UnetSizes {
     /// Channels of the input: noised latent and input-image latent.
     pub inputs: usize,

@@ -2,6 +2,7 @@
 
 use gradreel::ops::{GridSampling, Interpolation, Padding};
 use gradreel::{Result, Tensor, Var};
+use serde::{Deserialize, Serialize};
 
 use super::{EncoderSizes, FrustumNet, FrustumSizes, Ring, SpatialNet, SpatialSizes, TargetEncoder, constant};
 use crate::layers::Scope;
@@ -11,7 +12,8 @@ const ALIGNED: GridSampling =
     GridSampling { interpolation: Interpolation::Linear, padding: Padding::Zeros, align_corners: true };
 
 /// The sizes of the path.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct VolumeSizes {
     /// Channels of a latent.
     pub latent: usize,

@@ -9,7 +9,7 @@ use std::rc::Rc;
 use gradreel::io::Archive;
 use gradreel::{Device, Error, ErrorKind, Result, Shape, Tape, Tensor, Var};
 
-use super::UNUSED;
+use super::{ModelSizes, UNUSED};
 use crate::layers::{Init, Weights};
 
 /// The weights of a safetensors file or a PyTorch checkpoint, as constants.
@@ -96,6 +96,17 @@ impl FileWeights {
     /// Where the weights go.
     pub fn device(&self) -> &Device {
         &self.file.device
+    }
+
+    /// The sizes of the model that the file states ([`ModelSizes::METADATA`]), or the published ones.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] when no model can be made of what it states.
+    pub fn sizes(&self) -> Result<ModelSizes> {
+        match self.file.archive.metadata().get(ModelSizes::METADATA) {
+            Some(text) => ModelSizes::from_json(text).map_err(|e| e.within(self.file.path.display())),
+            None => Ok(ModelSizes::published()),
+        }
     }
 
     /// Compares the file with the weights that a model reads ([`super::ModelSizes::weights`]).

@@ -5,6 +5,9 @@ mod bad_settings;
 mod checks;
 #[cfg(unix)]
 mod interrupted;
+mod model;
 mod resumed;
 mod results;
 mod scene;
+mod synthesized;
+mod weights;

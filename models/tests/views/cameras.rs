@@ -38,6 +38,24 @@ fn poses_and_projections() {
 }
 
 #[test]
+fn the_cameras_of_a_clip_see_what_those_of_the_model_see() {
+    let ring = Ring::published(6);
+    for view in 0..6 {
+        let (camera, pose) = (ring.camera(view, 200), ring.pose(view));
+        assert_eq!((camera.id, camera.width, camera.height), (view as i64, 200, 200));
+        for point in [[0.0, 0.0, 0.0], [0.3, -0.2, 0.4], [-0.5, 0.1, -0.3]] {
+            let [x, y, z] = point;
+            let found = camera.project([x, z, -y]).unwrap();
+            let wanted = ring.project(&pose, point, 200);
+            assert!(found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-9), "{found:?}, not {wanted:?}");
+        }
+        // 30 degrees above the ground, the distance of the ring away
+        let [x, y, z] = camera.centre();
+        assert!((y - 0.75).abs() < 1e-12 && (x * x + y * y + z * z - 2.25).abs() < 1e-12);
+    }
+}
+
+#[test]
 fn frustum_points() {
     let file = load("cameras");
     let ring = Ring::published(16);

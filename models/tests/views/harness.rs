@@ -16,7 +16,7 @@ use crate::procedural;
 pub struct Place {
     name: &'static str,
     dtype: DType,
-    device: Device,
+    pub device: Device,
 }
 
 /// `f64` and `f32` on the CPU, `f32` on a GPU where there is one (in CI there must be one).

@@ -53,7 +53,7 @@ fn forward_noising_and_a_trajectory() {
     }
 }
 
-fn sizes(case: &Case<'_>) -> DenoiserSizes {
+pub fn sizes(case: &Case<'_>) -> DenoiserSizes {
     DenoiserSizes {
         ring: Ring::published(case.size("views")),
         unet: UnetSizes {
@@ -127,7 +127,7 @@ fn a_training_step() {
         };
         let pair = [&case.given("in.x0"), &case.given("in.noise")];
         let (times, views) = (counts("t"), counts("target_index"));
-        let [loss, predicted] = net.loss(&Schedule::published(), pair, &times, &views, &condition).unwrap();
+        let [loss, predicted] = net.loss(&Schedule::published(), pair, &times, &views, &condition, &[]).unwrap();
         close("out.pred", predicted.value().unwrap(), file.get("out.pred").unwrap(), 5e-5);
         let expected = file.get("out.loss").unwrap().item().unwrap();
         assert!((loss.item().unwrap() - expected).abs() < 1e-4 * expected, "{}", loss.item().unwrap());

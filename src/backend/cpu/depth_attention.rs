@@ -11,18 +11,22 @@ use rayon::prelude::*;
 use super::{Places, buffer, vectorised};
 use crate::scalar::{Job, Lane, Real};
 
-/// Pixels of a strip.
+/// Pixels of a strip at most.
 const STRIP: usize = 1024;
-/// Bytes of a volume from which on cotangents are stored around the caches, which they would only sweep.
-const LARGE: usize = 16 << 20;
+/// Pixels of a strip where there are too few heads to keep the threads busy.
+const NARROW: usize = 256;
+/// Work items that are enough.
+const ENOUGH: usize = 8;
 /// Channels, or depths, that one pass over a row of scores takes in.
 const GROUP: usize = 4;
 
-/// Sizes: queries are `[heads, channels, pixels]`, keys and values `[heads, channels, depths, pixels]`, where `heads`
-/// counts those of all images.
+/// Sizes: queries are `[heads, channels, pixels]`, keys and values `[heads / shared_by, channels, depths, pixels]`, where
+/// `heads` counts those of all images.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sizes {
     pub heads: usize,
+    /// Heads of queries for each head of keys and values.
+    pub shared_by: usize,
     pub channels: usize,
     pub depths: usize,
     pub pixels: usize,
@@ -34,7 +38,9 @@ pub(crate) fn forward<T: Real>(sizes: Sizes, [q, k, v]: [&[T]; 3], scale: f64) -
     let mut result = buffer::<T>(sizes.heads * sizes.channels * sizes.pixels);
     let mut weights = buffer::<T>(sizes.heads * sizes.depths * sizes.pixels);
     let to = [Places::of(&mut result), Places::of(&mut weights)];
-    strips(sizes, |strip, scratch| vectorised(Forward { sizes, strip, operands: [q, k, v], scale, to, scratch }));
+    strips(sizes, sizes.heads, |strip, scratch| {
+        vectorised(Forward { sizes, strip, operands: [q, k, v], scale, to, scratch });
+    });
     (result, weights)
 }
 
@@ -43,10 +49,19 @@ pub(crate) fn backward<T: Real>(sizes: Sizes, [q, k, v]: [&[T]; 3], weights: &[T
     let scale = T::from_f64(scale);
     let (mut dq, mut dk, mut dv) = (buffer::<T>(q.len()), buffer::<T>(k.len()), buffer::<T>(v.len()));
     let to = [Places::of(&mut dq), Places::of(&mut dk), Places::of(&mut dv)];
-    let aligned = [dk.as_ptr().addr(), dv.as_ptr().addr(), sizes.pixels * size_of::<T>()].iter().all(|at| at % 16 == 0);
-    let stream = aligned && size_of_val(k) >= LARGE;
-    strips(sizes, |strip, scratch| {
-        vectorised(Backward { sizes, strip, operands: [q, k, v, weights, g], scale, stream, to, scratch });
+    strips(sizes, sizes.heads / sizes.shared_by, |strip, scratch| {
+        for head in 0..sizes.shared_by {
+            let strip = Strip { head: strip.head * sizes.shared_by + head, ..strip };
+            vectorised(Backward {
+                sizes,
+                strip,
+                first: head == 0,
+                operands: [q, k, v, weights, g],
+                scale,
+                to,
+                scratch,
+            });
+        }
     });
     [dq, dk, dv]
 }
@@ -59,13 +74,14 @@ struct Strip {
     width: usize,
 }
 
-/// Runs all strips in parallel; each gets rows of scratch, one for each depth.
-fn strips<T: Real>(sizes: Sizes, run: impl Fn(Strip, &mut [T]) + Sync) {
-    let across = sizes.pixels.div_ceil(STRIP);
+/// Runs all strips of some heads in parallel; each gets rows of scratch, one for each depth.
+fn strips<T: Real>(sizes: Sizes, heads: usize, run: impl Fn(Strip, &mut [T]) + Sync) {
+    let widest = if heads * sizes.pixels.div_ceil(STRIP) < ENOUGH { NARROW } else { STRIP };
+    let across = sizes.pixels.div_ceil(widest);
     let scratch = || vec![T::ZERO; sizes.depths * STRIP];
-    (0..sizes.heads * across).into_par_iter().for_each_init(scratch, |scratch, item| {
-        let first = item % across * STRIP;
-        run(Strip { head: item / across, first, width: STRIP.min(sizes.pixels - first) }, scratch);
+    (0..heads * across).into_par_iter().for_each_init(scratch, |scratch, item| {
+        let first = item % across * widest;
+        run(Strip { head: item / across, first, width: widest.min(sizes.pixels - first) }, scratch);
     });
 }
 
@@ -76,10 +92,11 @@ impl Sizes {
         (strip.head * self.channels + channel) * self.pixels + strip.first
     }
 
-    /// Where it begins in a volume `[heads, channels, depths, pixels]`.
+    /// Where it begins in a volume `[heads / shared_by, channels, depths, pixels]`.
     #[inline(always)]
     fn volume(self, strip: Strip, channel: usize, depth: usize) -> usize {
-        ((strip.head * self.channels + channel) * self.depths + depth) * self.pixels + strip.first
+        let head = strip.head / self.shared_by;
+        ((head * self.channels + channel) * self.depths + depth) * self.pixels + strip.first
     }
 
     /// Where it begins in weights `[heads, depths, pixels]`.
@@ -156,10 +173,10 @@ impl<T: Real> Job<T> for Forward<'_, T> {
 struct Backward<'a, T> {
     sizes: Sizes,
     strip: Strip,
+    /// Whether it is the first of the heads that share keys and values; the others add to the gradients of these.
+    first: bool,
     operands: [&'a [T]; 5],
     scale: T,
-    /// Whether the cotangents of keys and values go around the caches.
-    stream: bool,
     to: [Places<T>; 3],
     scratch: &'a mut [T],
 }
@@ -169,7 +186,7 @@ impl<T: Real> Job<T> for Backward<'_, T> {
 
     #[inline(always)]
     unsafe fn run<V: Lane<Element = T>>(self) {
-        let Self { sizes, strip, operands: [q, k, v, weights, g], to: [dq, dk, dv], stream, scratch, .. } = self;
+        let Self { sizes, strip, first, operands: [q, k, v, weights, g], to: [dq, dk, dv], scratch, .. } = self;
         let (width, slopes) = (strip.width, scratch.as_mut_ptr());
         // SAFETY: strips lie within the operands, and do not overlap in the results.
         unsafe {
@@ -191,8 +208,9 @@ impl<T: Real> Job<T> for Backward<'_, T> {
                     let mut x = 0;
                     while x < width {
                         let left = width - x;
-                        let product = V::load_part(weight.add(x), left).mul(V::load_part(g.add(x), left));
-                        put(product, to.add(x), left, stream);
+                        let before = if first { V::splat(T::ZERO) } else { V::load_part(to.add(x), left) };
+                        let sum = V::load_part(weight.add(x), left).mul_add(V::load_part(g.add(x), left), before);
+                        sum.store_part(to.add(x), left);
                         x += V::WIDTH;
                     }
                 }
@@ -218,23 +236,17 @@ impl<T: Real> Job<T> for Backward<'_, T> {
                     let to = dk.at(sizes.volume(strip, channel, depth));
                     let mut x = 0;
                     while x < width {
-                        let product = V::load(slopes.add(depth * STRIP + x)).mul(V::load_part(query.add(x), width - x));
-                        put(product, to.add(x), width - x, stream);
+                        let left = width - x;
+                        let before = if first { V::splat(T::ZERO) } else { V::load_part(to.add(x), left) };
+                        let slope = V::load(slopes.add(depth * STRIP + x));
+                        slope.mul_add(V::load_part(query.add(x), left), before).store_part(to.add(x), left);
                         x += V::WIDTH;
                     }
                 }
                 mix::<V>(sizes, strip, channel, k, slopes, dq.at(sizes.map(strip, channel)));
             }
-            V::streamed();
         }
     }
-}
-
-/// Stores the first `count` values, around the caches where asked to and whole vectors are left.
-#[inline(always)]
-unsafe fn put<V: Lane>(values: V, to: *mut V::Element, count: usize, stream: bool) {
-    // SAFETY: as the caller.
-    unsafe { if stream && count >= V::WIDTH { values.stream(to) } else { values.store_part(to, count) } }
 }
 
 /// `scores[depth] += Σ map[channel] · volume[channel][depth]` over `N` channels; the first ones begin at 0.

@@ -19,7 +19,7 @@ use self::change::Change;
 use super::image::Image;
 
 /// Colour on white (sRGB) and alpha of every pixel.
-pub(super) type Matte = (Vec<[f32; 3]>, Vec<f32>);
+pub(crate) type Matte = (Vec<[f32; 3]>, Vec<f32>);
 
 /// A map of booleans over an image, row by row.
 pub(super) struct Mask {
@@ -64,7 +64,7 @@ pub(super) fn against_plate(image: &Image, plate: &Image, weight: &[f32]) -> Mat
 
 /// Matte of an image that already shows the object on white: coverage is distance from white, and white pixels enclosed
 /// by the object (highlights) belong to it when they are few.
-pub(super) fn from_white(image: &Image) -> Matte {
+pub(crate) fn from_white(image: &Image) -> Matte {
     let darkness = |p: &[u8; 4]| 255 - p[0].min(p[1]).min(p[2]);
     let mut alpha: Vec<f32> =
         image.pixels.iter().map(|p| ((f32::from(darkness(p)) - 2.0) / 10.0).clamp(0.0, 1.0)).collect();

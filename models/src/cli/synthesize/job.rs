@@ -1,0 +1,341 @@
+//! One run of `gradreel synthesize`: what it is made of, and its stages.
+
+use std::fmt;
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::Path;
+
+use gradreel::io::TensorFile;
+use gradreel::{Device, Error, ErrorKind, Result, Tensor};
+use serde::{Deserialize, Serialize};
+
+use super::{Arguments, Place};
+use crate::report::interrupt;
+use crate::report::progress::Progress;
+use crate::report::run_folder::RunFolder;
+use crate::report::synthesis::{self, Synthesis, picture_of};
+use crate::views::{
+    Ensemble, FileWeights, Footprint, LatentColours, ModelSizes, SamplerSettings, Sampling, Subject, decode, megabytes,
+    open_picture,
+};
+
+/// What was asked for, as the folder of the run keeps it.
+const SETTINGS: &str = "settings.toml";
+/// How far the run is.
+const STATE: &str = "state.safetensors";
+/// Memory for sampling that every machine of today has \[bytes\].
+const MEMORY: usize = 4_000_000_000;
+/// Largest array that a GPU is sure to take \[bytes\].
+const BINDING: usize = 128 << 20;
+/// Pixels of a preview for each of a latent.
+const ENLARGED: usize = 4;
+
+/// What decides the result.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Settings {
+    image: Source,
+    weights: Source,
+    /// Degrees.
+    elevation: f64,
+    steps: usize,
+    guidance: f64,
+    seed: u64,
+    crop: usize,
+    device: Place,
+}
+
+/// A file that a run was begun with.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Source {
+    /// Where it was, for people.
+    path: String,
+    /// Tells it from other files.
+    mark: String,
+}
+
+impl Settings {
+    fn sampler(&self) -> SamplerSettings {
+        SamplerSettings { steps: self.steps, guidance: self.guidance, seed: self.seed }
+    }
+}
+
+/// A run that is ready to go.
+pub(super) struct Job {
+    folder: RunFolder,
+    settings: Settings,
+    sizes: ModelSizes,
+    weights: FileWeights,
+    /// `[1, 3, s, s]` in −1..1
+    picture: Tensor,
+    at_once: usize,
+    footprint: Footprint,
+}
+
+impl Job {
+    /// A new run. What cannot be used is refused before anything is written.
+    pub fn begin(arguments: &Arguments, weights: &Path) -> Result<Self> {
+        let usual = SamplerSettings::default();
+        let settings = Settings {
+            image: Source::of(&arguments.image, "the picture")?,
+            weights: Source::of(weights, "the weights")?,
+            elevation: arguments.elevation.unwrap_or_default(),
+            steps: arguments.steps.unwrap_or(usual.steps),
+            guidance: arguments.guidance.unwrap_or(usual.guidance),
+            seed: arguments.seed.unwrap_or(usual.seed),
+            crop: arguments.crop.unwrap_or(200),
+            device: arguments.device.unwrap_or(Place::Cpu),
+        };
+        if settings.elevation.is_nan() || settings.elevation.abs() > 90.0 {
+            return Err(Error::new(ErrorKind::Input, "there is no such elevation")
+                .at("--elevation")
+                .found(settings.elevation)
+                .wanted("−90 to 90 degrees above the horizon")
+                .fix("0 if the camera is level with the object; 20 to 30 if it looks down a little"));
+        }
+        settings.sampler().check()?;
+        Self::prepare(arguments, weights, settings, |settings| {
+            let text = toml::to_string(settings).expect("settings are numbers and text");
+            let folder = match &arguments.out {
+                Some(folder) => RunFolder::create(folder)?,
+                None => {
+                    let name = arguments.image.file_stem().map_or("picture".into(), |name| name.to_string_lossy());
+                    RunFolder::create_free(Path::new("runs"), &name)?
+                }
+            };
+            folder.write(SETTINGS, text.as_bytes())?;
+            Ok(folder)
+        })
+    }
+
+    /// The run that was begun in a folder, with the same picture and weights.
+    pub fn resume(arguments: &Arguments, weights: &Path) -> Result<Self> {
+        let folder = RunFolder::open(arguments.out.as_deref().unwrap_or(Path::new(".")))?;
+        let place = folder.path(SETTINGS);
+        if !folder.has(SETTINGS) {
+            return Err(Error::new(ErrorKind::Input, "there is no run of synthesize to go on with")
+                .at(place.display())
+                .found("no such file")
+                .fix("give the folder of an interrupted run to --out, or begin one without --resume"));
+        }
+        let text = String::from_utf8_lossy(&folder.read(SETTINGS)?).into_owned();
+        let mut settings: Settings = toml::from_str(&text).map_err(|e| {
+            Error::new(ErrorKind::Input, "the settings of the run are damaged")
+                .at(place.display())
+                .found(e)
+                .fix("begin again with another --out")
+        })?;
+        settings.sampler().check().map_err(|e| e.within(place.display()))?;
+        settings.image = settings.image.found_again(&arguments.image, "the picture")?;
+        settings.weights = settings.weights.found_again(weights, "the weights")?;
+        Self::prepare(arguments, weights, settings, |_| Ok(folder))
+    }
+
+    fn prepare(
+        arguments: &Arguments,
+        weights: &Path,
+        settings: Settings,
+        folder: impl FnOnce(&Settings) -> Result<RunFolder>,
+    ) -> Result<Self> {
+        let device = match settings.device {
+            Place::Cpu => Device::Cpu,
+            Place::Gpu => Device::gpu()?,
+        };
+        let weights = FileWeights::open(weights, &device)?;
+        let sizes = weights.sizes()?;
+        weights.check(&sizes.weights()?).into_result()?;
+        // pixels of 256, whatever the model's size
+        let crop = settings.crop.saturating_mul(sizes.image).div_ceil(256);
+        if crop > sizes.image {
+            return Err(Error::new(ErrorKind::Input, "the object would be larger than its picture")
+                .at("--crop")
+                .found(settings.crop)
+                .wanted("0 to 256")
+                .fix("200 leaves the margin that the published model was trained with"));
+        }
+        let picture = open_picture(&arguments.image, sizes.image, Some(crop).filter(|crop| *crop > 0))?;
+        let footprint = Footprint::of(&sizes.denoiser, sizes.latent_width(), size_of::<f32>());
+        let most = match device {
+            // more views than threads wait for each other
+            Device::Cpu => rayon::current_num_threads().min(sizes.denoiser.ring.views),
+            Device::Gpu(_) => (BINDING / footprint.largest).clamp(1, sizes.denoiser.ring.views),
+        };
+        let budget = arguments.memory.map_or(MEMORY, |size| size.0);
+        let at_once = footprint.at_once(budget, most).map_err(|e| e.at("--memory"))?;
+        let folder = folder(&settings)?;
+        Ok(Self { folder, settings, sizes, weights, picture, at_once, footprint })
+    }
+
+    /// Where everything goes.
+    pub fn folder(&self) -> &RunFolder {
+        &self.folder
+    }
+
+    /// All stages that are not done yet.
+    pub fn finish(&self, progress: &Progress) -> Result<()> {
+        let input = picture_of(&self.picture)?;
+        let mut run = match self.folder.has(STATE) {
+            true => self.state()?,
+            false => self.encode(progress)?,
+        };
+        self.sample(&mut run, progress)?;
+        let views = self.sizes.denoiser.ring.views;
+        let stage = progress.stage("decoding", views as u64);
+        let mut pictures = Vec::with_capacity(views);
+        let all: Vec<usize> = (0..views).collect();
+        decode(&self.weights, &self.sizes, run.latents(), &all, self.weights.device(), &mut |_, picture| {
+            pictures.push(picture_of(&picture)?);
+            stage.set(pictures.len() as u64, "");
+            interrupt::check()
+        })?;
+        stage.finish("");
+        let name = |path: &str| {
+            let name = Path::new(path).file_name();
+            name.map_or_else(|| path.to_owned(), |name| name.to_string_lossy().into_owned())
+        };
+        let SamplerSettings { steps, guidance, seed } = *run.settings();
+        synthesis::publish(
+            &self.folder,
+            &Synthesis {
+                title: &name(&self.settings.image.path),
+                ring: &self.sizes.denoiser.ring,
+                input: &input,
+                views: &pictures,
+                latents: run.latents(),
+                notes: vec![
+                    ("Elevation of the picture".into(), format!("{}° (given)", self.settings.elevation)),
+                    ("Steps".into(), format!("{} of {steps} asked for", run.steps())),
+                    ("Guidance".into(), guidance.to_string()),
+                    ("Seed".into(), seed.to_string()),
+                    ("Weights".into(), name(&self.settings.weights.path)),
+                ],
+                settings: &toml::to_string(&self.settings).expect("settings are numbers and text"),
+            },
+        )
+    }
+
+    fn encode(&self, progress: &Progress) -> Result<Sampling> {
+        let stage = progress.stage("encoding the picture", 1);
+        let (sampler, elevation) = (self.settings.sampler(), self.settings.elevation.to_radians());
+        let device = self.weights.device();
+        let subject =
+            Subject::encode(&self.weights, &self.sizes, &self.picture, elevation, sampler.picture_key(), device)?;
+        let run = Sampling::begin(subject, sampler, self.sizes.denoiser.ring.views)?;
+        self.save(&run)?;
+        stage.finish("");
+        interrupt::check()?;
+        Ok(run)
+    }
+
+    /// The steps that are left, each saved when it is done.
+    fn sample(&self, run: &mut Sampling, progress: &Progress) -> Result<()> {
+        if run.is_finished() {
+            return Ok(());
+        }
+        let colours = LatentColours::fit(&self.picture, &run.subject().latent)?;
+        let ensemble = Ensemble::new(&self.weights, &self.sizes.denoiser, self.weights.device(), self.at_once)?;
+        let (views, steps) = (run.views(), run.steps());
+        let before = run.done() * views + run.known();
+        let stage = progress.stage("sampling", (steps * views - before) as u64);
+        while !run.is_finished() {
+            let step = run.done();
+            let message = format!("step {} of {steps}", step + 1);
+            let outcome = run.step(&ensemble, &mut |known| {
+                stage.set((step * views + known - before) as u64, &message);
+                interrupt::check()
+            });
+            // views of a step that was stopped in the middle are kept, too
+            self.save(run)?;
+            outcome?;
+            if let Some(clean) = run.clean() {
+                let painted = colours.paint(clean)?;
+                let small = painted.iter().map(picture_of).collect::<Result<Vec<_>>>()?;
+                self.folder.write("preview.png", &synthesis::sheet(&small, ENLARGED)?)?;
+            }
+        }
+        stage.finish("");
+        Ok(())
+    }
+
+    fn save(&self, run: &Sampling) -> Result<()> {
+        self.folder.write(STATE, &run.to_file().to_bytes()?)
+    }
+
+    fn state(&self) -> Result<Sampling> {
+        let place = self.folder.path(STATE);
+        let damaged = |e: Error| e.within(place.display()).fix("begin again with another --out");
+        let file = TensorFile::from_bytes(&self.folder.read(STATE)?).map_err(damaged)?;
+        let run = Sampling::from_file(&file).map_err(damaged)?;
+        let ModelSizes { denoiser, clip, autoencoder, .. } = &self.sizes;
+        let width = self.sizes.latent_width();
+        let latents = [1, denoiser.ring.views, autoencoder.latent, width, width];
+        let fits = run.latents().dims() == latents && run.subject().embedding.dims() == [1, 1, clip.outputs];
+        if !fits || *run.settings() != self.settings.sampler() {
+            return Err(Error::new(ErrorKind::Input, "the state of the run does not belong to its settings")
+                .at(place.display())
+                .found(format!("latents {}, {:?}", run.latents().shape(), run.settings()))
+                .wanted(format!("latents {latents:?}, {:?}", self.settings.sampler()))
+                .fix("begin again with another --out"));
+        }
+        Ok(run)
+    }
+}
+
+impl fmt::Display for Job {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { folder, settings, sizes, at_once, footprint, .. } = self;
+        write!(
+            f,
+            "{}: {} views, {at_once} at once (about {} beside the weights) → {}",
+            settings.image.path,
+            sizes.denoiser.ring.views,
+            megabytes(footprint.total(*at_once)),
+            folder.root().display()
+        )
+    }
+}
+
+impl Source {
+    fn of(path: &Path, what: &str) -> Result<Self> {
+        let fix = format!("give the path of the file with {what}");
+        if path.is_dir() {
+            let error = Error::new(ErrorKind::Input, format!("cannot read {what}"));
+            return Err(error.at(path.display()).found("a folder").wanted("a file").fix(fix));
+        }
+        let mark = mark(path).map_err(|e| Error::io(path, &format!("read {what}"), &e).fix(fix))?;
+        Ok(Self { path: path.display().to_string(), mark })
+    }
+
+    /// The same file, wherever it is now.
+    fn found_again(&self, path: &Path, what: &str) -> Result<Self> {
+        let found = Self::of(path, what)?;
+        if found.mark == self.mark {
+            return Ok(found);
+        }
+        Err(Error::new(ErrorKind::Input, format!("{what} changed since the run was begun"))
+            .at(path.display())
+            .found("another content")
+            .wanted(format!("the file that was {}", self.path))
+            .fix("go on with that file, or begin again with another --out"))
+    }
+}
+
+/// The length of a file and FNV-1a of it, of a large one of parts all over it.
+fn mark(path: &Path) -> std::io::Result<String> {
+    const PART: u64 = 1 << 16;
+    const PARTS: u64 = 64;
+    let mut file = File::open(path)?;
+    let length = file.metadata()?.len();
+    let mut bytes = Vec::new();
+    if length <= PART * PARTS {
+        file.read_to_end(&mut bytes)?;
+    } else {
+        for part in 0..PARTS {
+            file.seek(SeekFrom::Start((length - PART) / (PARTS - 1) * part))?;
+            (&mut file).take(PART).read_to_end(&mut bytes)?;
+        }
+    }
+    let step = |hash: u64, byte: &u8| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3);
+    Ok(format!("{length}-{:016x}", bytes.iter().fold(0xcbf2_9ce4_8422_2325, step)))
+}

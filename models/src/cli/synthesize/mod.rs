@@ -1,0 +1,129 @@
+//! `gradreel synthesize`: the views around an object from a single picture of it.
+
+mod job;
+mod size;
+
+use std::path::PathBuf;
+
+use gradreel::{Error, ErrorKind, Result};
+
+use self::job::Job;
+use self::size::Size;
+use crate::report::interrupt;
+use crate::report::progress::Progress;
+
+/// Arguments of `gradreel synthesize`.
+#[derive(clap::Args)]
+#[command(after_help = WEIGHTS, after_long_help = LONG_HELP)]
+pub(super) struct Arguments {
+    /// Picture of the object: PNG or JPEG, with transparency or on white
+    image: PathBuf,
+    /// Weights of the model, a PyTorch checkpoint or a safetensors file; none come with gradreel, see below
+    #[arg(long, value_name = "FILE")]
+    weights: Option<PathBuf>,
+    /// Elevation of the camera that took the picture, above the horizon [degrees]
+    #[arg(long, value_name = "DEGREES", allow_negative_numbers = true)]
+    #[arg(required_unless_present = "resume", conflicts_with = "resume")]
+    elevation: Option<f64>,
+    /// Folder for the results [default: runs/<image>, runs/<image>-2, …]
+    #[arg(long, value_name = "FOLDER")]
+    out: Option<PathBuf>,
+    /// Go on with the run in --out where it was interrupted
+    #[arg(long, requires = "out")]
+    resume: bool,
+    /// Sampling steps; 50 are usual, 200 thorough [default: 50]
+    #[arg(long, value_name = "COUNT", conflicts_with = "resume")]
+    steps: Option<usize>,
+    /// Strength of the guidance by the picture; 1 is none, at half the work [default: 2]
+    #[arg(long, value_name = "STRENGTH", allow_negative_numbers = true, conflicts_with = "resume")]
+    guidance: Option<f64>,
+    /// Other seeds guess other backs; the same seed gives the same views on any number of threads [default: 0]
+    #[arg(long, value_name = "NUMBER", conflicts_with = "resume")]
+    #[arg(value_parser = clap::value_parser!(u64).range(..=LARGEST_SEED))]
+    seed: Option<u64>,
+    /// Longer side of the object as the model sees it, in pixels of 256; 0 keeps the picture's own framing [default: 200]
+    #[arg(long, value_name = "PIXELS", conflicts_with = "resume")]
+    crop: Option<usize>,
+    /// Memory for sampling, beside the weights; decides how many views run at once, not what they show [default: 4GB]
+    #[arg(long, value_name = "SIZE")]
+    memory: Option<Size>,
+    /// Where the model runs [default: cpu]
+    #[arg(long, value_name = "DEVICE", conflicts_with = "resume")]
+    device: Option<Place>,
+    /// No progress on stderr
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+/// Where the model runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Place {
+    /// The processor
+    Cpu,
+    /// The graphics card, through Vulkan, Metal or DirectX 12
+    Gpu,
+}
+
+/// The largest number that the file of settings can hold.
+const LARGEST_SEED: u64 = i64::MAX as u64;
+
+const WEIGHTS: &str = "Weights: the checkpoint `syncdreamer-pretrain.ckpt` that the authors of SyncDreamer offer at \
+https://github.com/liuyuan-pal/SyncDreamer (5 GB); none come with gradreel.";
+
+const LONG_HELP: &str = "\
+What it does: a multi-view diffusion model (SyncDreamer, Liu et al. 2023) starts from noise in sixteen views, 22.5 degrees \
+apart and 30 degrees above the ground, and takes it away step by step, all views together, so that they show one object \
+that looks like the picture from where the picture was taken. The back is a guess: look at several seeds.
+
+Weights: none come with gradreel. The checkpoint `syncdreamer-pretrain.ckpt` (5 GB) is offered by the model's authors at \
+https://github.com/liuyuan-pal/SyncDreamer and is read as it is; look at their terms first. Weights of a model of other \
+sizes say so in the file's metadata, under `gradreel.sizes`.
+
+The picture: the object alone, whole, in the middle, its background removed (transparent, or white). Elevation 0 is a \
+camera level with the object, 90 one straight above; −10 to 40 suit the published model.
+
+Results, all in the folder of --out:
+  index.html            what was made, from what, and how
+  views.png             all views on one sheet
+  around.gif            once around the object
+  data/, all_data.json  the views as a clip of one frame with its cameras: `gradreel check <folder>`
+  latents.safetensors   the latents that were decoded
+  preview.png           while sampling: what the views will be, as far as it is known
+
+Examples:
+  gradreel synthesize cup.png --elevation 20 --weights syncdreamer-pretrain.ckpt
+  gradreel synthesize cup.png --elevation 20 --weights syncdreamer-pretrain.ckpt --seed 1 --steps 100 --out runs/cup-1
+  gradreel synthesize cup.png --weights syncdreamer-pretrain.ckpt --out runs/cup-1 --resume     after Ctrl-C";
+
+/// Samples the views of a picture into a folder.
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    interrupt::install()?;
+    let progress = Progress::new(arguments.quiet);
+    let weights = arguments.weights.as_deref().ok_or_else(no_weights)?;
+    let job = if arguments.resume { Job::resume(arguments, weights)? } else { Job::begin(arguments, weights)? };
+    if !arguments.quiet {
+        eprintln!("{job}");
+    }
+    job.finish(&progress).map_err(|error| match error.kind() {
+        ErrorKind::Interrupted => error.fix(format!(
+            "go on with `gradreel synthesize {} --weights {} --out {} --resume`",
+            arguments.image.display(),
+            weights.display(),
+            job.folder().root().display()
+        )),
+        _ => error,
+    })?;
+    println!("\n  open {}", job.folder().path("index.html").display());
+    Ok(())
+}
+
+fn no_weights() -> Error {
+    Error::new(ErrorKind::Input, "there are no weights to run the model with")
+        .found("no --weights; none come with gradreel")
+        .wanted("a PyTorch checkpoint or a safetensors file of the multi-view model")
+        .fix(
+            "get `syncdreamer-pretrain.ckpt` from its authors, https://github.com/liuyuan-pal/SyncDreamer, and give its \
+             path to --weights",
+        )
+}

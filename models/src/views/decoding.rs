@@ -1,0 +1,34 @@
+//! From sampled latents to pictures.
+
+use gradreel::{Device, Result, Tape, Tensor};
+
+use super::{Autoencoder, Model, ModelSizes, on_cpu};
+use crate::layers::{Scope, Weights};
+
+/// Decodes some views of sampled latents `[1, views, latent, w, w]`, one after the other; `found` gets each view's number
+/// and its picture `[3, s, s]` in about −1..1.
+///
+/// # Errors
+/// When a weight is missing or mis-shaped, the device fails, or `found` returns an error.
+///
+/// # Panics
+/// When a view does not exist.
+#[track_caller]
+pub fn decode(
+    weights: &dyn Weights,
+    sizes: &ModelSizes,
+    latents: &Tensor,
+    views: &[usize],
+    device: &Device,
+    found: &mut dyn FnMut(usize, Tensor) -> Result<()>,
+) -> Result<()> {
+    let autoencoder = Model::autoencoder(&Scope::root(weights), sizes)?;
+    for &view in views {
+        let tape = Tape::new();
+        let latent = tape.constant(latents.to_device(device)?).select(0, 0).slice(0, view..view + 1);
+        let picture = on_cpu(&autoencoder.decode(&(&latent / Autoencoder::SCALE)))?;
+        let [_, channels, height, width] = picture.dims()[..] else { unreachable!("images are [b, 3, h, w]") };
+        found(view, picture.reshape([channels, height, width]))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,95 @@
+//! A run of the sampler in a file.
+
+use gradreel::io::TensorFile;
+use gradreel::{DType, Error, ErrorKind, Result, Tensor};
+use serde::{Deserialize, Serialize};
+
+use super::{SamplerSettings, Sampling, Subject};
+
+/// The key of the whole numbers in the file's metadata.
+const METADATA: &str = "gradreel.sampling";
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Numbers {
+    steps: usize,
+    seed: u64,
+    done: usize,
+}
+
+impl Sampling {
+    /// Everything that the run needs to go on, predictions of an unfinished step included: `latents`, `embedding`,
+    /// `latent`, `elevation`, `guidance`, `predicted.<view>`, and whole numbers in the metadata.
+    pub fn to_file(&self) -> TensorFile {
+        let mut file = TensorFile::default();
+        let Self { subject, settings: SamplerSettings { steps, guidance, seed }, done, .. } = self;
+        let numbers = Numbers { steps: *steps, seed: *seed, done: *done };
+        let text = serde_json::to_string(&numbers).expect("whole numbers are JSON");
+        file.metadata.insert(METADATA.into(), text);
+        let mut put = |name: &str, tensor: &Tensor| file.tensors.insert(name.to_owned(), tensor.clone());
+        put("latents", &self.latents);
+        put("embedding", &subject.embedding);
+        put("latent", &subject.latent);
+        // as tensors: decimal text may lose the last bit
+        put("elevation", &Tensor::from_vec(vec![subject.elevation], [1]));
+        put("guidance", &Tensor::from_vec(vec![*guidance], [1]));
+        for (view, noise) in self.predicted.iter().enumerate() {
+            if let Some(noise) = noise {
+                put(&format!("predicted.{view}"), noise);
+            }
+        }
+        file
+    }
+
+    /// The run that [`Sampling::to_file`] wrote; it goes on with identical bits.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] when something is missing or does not belong together.
+    pub fn from_file(file: &TensorFile) -> Result<Self> {
+        let damaged = |what: &str, found: String| {
+            Error::new(ErrorKind::Input, "this is not the state of a sampler")
+                .at(what)
+                .found(found)
+                .fix("start the run again")
+        };
+        let text = file.metadata.get(METADATA).map_or("", String::as_str);
+        let numbers: Numbers = serde_json::from_str(text).map_err(|e| damaged(METADATA, e.to_string()))?;
+        let number = |name: &str| {
+            let tensor = file.get(name)?;
+            match tensor.dims() {
+                [1] if tensor.dtype() == DType::F64 => tensor.item(),
+                _ => Err(damaged(name, format!("{:?}", tensor.spec()))),
+            }
+        };
+        let subject = Subject {
+            embedding: file.get("embedding")?.clone(),
+            latent: file.get("latent")?.clone(),
+            elevation: number("elevation")?,
+        };
+        let settings = SamplerSettings { steps: numbers.steps, guidance: number("guidance")?, seed: numbers.seed };
+        let latents = file.get("latents")?.clone();
+        let (latent, context) = (subject.latent.dims().to_vec(), subject.embedding.dims().to_vec());
+        let mut run = Self::begin_from(subject, settings, latents)?;
+        let same = [&run.subject.latent, &run.subject.embedding].iter().all(|t| t.dtype() == run.latents.dtype());
+        if latent.len() != 4 || latent[1..] != run.latents.dims()[2..] || context.len() != 3 || !same {
+            return Err(damaged("latents", format!("{:?} for a picture {latent:?}", run.latents.spec())));
+        }
+        if numbers.done > run.steps() {
+            return Err(damaged(METADATA, format!("{} of {} steps", numbers.done, run.steps())));
+        }
+        run.done = numbers.done;
+        for view in 0..run.views() {
+            let Some(noise) = file.tensors.get(&format!("predicted.{view}")) else { continue };
+            if noise.dims() != latent || noise.dtype() != run.latents.dtype() {
+                return Err(damaged(&format!("predicted.{view}"), format!("{:?}", noise.spec())));
+            }
+            run.predicted[view] = Some(noise.clone());
+        }
+        for (name, tensor) in &file.tensors {
+            if !tensor.all_finite()? {
+                return Err(damaged(name, "a number that is not finite".into()));
+            }
+        }
+        Ok(run)
+    }
+}

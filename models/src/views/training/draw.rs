@@ -1,0 +1,96 @@
+//! Samples of a training step, and what chance adds to each.
+
+use gradreel::{DType, Error, ErrorKind, Key, Result, Tensor};
+
+use crate::views::denoiser::Told;
+use crate::views::schedule::TIMES;
+
+/// Some training samples: the views of objects, and what the model is told of each.
+#[derive(Debug, Clone)]
+pub struct Batch {
+    /// Latents of all views, times [`crate::views::Autoencoder::SCALE`]: `[b, views, latent, w, w]`. View 0 has the azimuth of
+    /// the input image.
+    pub latents: Tensor,
+    /// CLIP embeddings of the input images `[b, 1, context]`.
+    pub embeddings: Tensor,
+    /// Samples of the input images' latents, not scaled: `[b, latent, w, w]`.
+    pub images: Tensor,
+    /// Elevations of the input cameras in radians.
+    pub elevations: Vec<f64>,
+}
+
+impl Batch {
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.elevations.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.elevations.is_empty()
+    }
+
+    pub(super) fn check(&self, views: usize, latent: usize, context: usize) -> Result<()> {
+        let b = self.len();
+        let wrong = |what: &str, found: &Tensor, wanted: String| {
+            Err(Error::new(ErrorKind::Shape, format!("the {what} of a batch do not fit the model"))
+                .found(found.shape())
+                .wanted(wanted))
+        };
+        let square = |dims: &[usize]| dims.len() == 2 && dims[0] == dims[1];
+        let fits = |x: &Tensor, first: &[usize]| x.dims().starts_with(first) && square(&x.dims()[first.len()..]);
+        if b == 0 {
+            return Err(Error::new(ErrorKind::Input, "a batch has no samples").fix("give one elevation for each"));
+        }
+        if !fits(&self.latents, &[b, views, latent]) {
+            return wrong("latents", &self.latents, format!("[{b}, {views}, {latent}, w, w], one for each elevation"));
+        }
+        if !fits(&self.images, &[b, latent]) || self.images.dims()[2] != self.latents.dims()[3] {
+            return wrong("images", &self.images, format!("[{b}, {latent}, w, w] with the w of the latents"));
+        }
+        if *self.embeddings.dims() != [b, 1, context] {
+            return wrong("embeddings", &self.embeddings, format!("[{b}, 1, {context}]"));
+        }
+        Ok(())
+    }
+}
+
+/// What chance decides for one sample of a batch.
+#[derive(Debug, Clone)]
+pub struct Draw {
+    /// Diffusion time, below [`TIMES`].
+    pub time: usize,
+    /// The view whose noise is predicted.
+    pub view: usize,
+    /// What the model is told.
+    pub told: Told,
+    /// The noise of all views: `[views, latent, w, w]`, standard normal.
+    pub noise: Tensor,
+}
+
+impl Draw {
+    /// It depends on key and place in the batch alone, so that a training that was interrupted goes on with the same numbers.
+    pub(super) fn new(key: Key, sample: usize, noise: &[usize], dropped: f64) -> Self {
+        let [times, view, told, numbers] = key.fold(sample as u64).split();
+        let one = |key: Key, below: usize| key.below(below, 1).next().expect("one number");
+        let chance = told.uniform(1).next().expect("one number");
+        let ways = [Told::Nothing, Told::NoImage, Told::NoVolumes, Told::NoToken];
+        let way = ways.iter().zip(1..).find(|(_, place)| chance < dropped * f64::from(*place));
+        Self {
+            time: one(times, TIMES),
+            view: one(view, noise[0]),
+            told: way.map_or(Told::All, |(told, _)| *told),
+            noise: Tensor::normal(numbers, noise, DType::F32),
+        }
+    }
+
+    /// Refuses what the model does not have.
+    pub(super) fn check(&self, noise: &[usize]) -> Result<()> {
+        if self.time < TIMES && self.view < noise[0] && self.noise.dims() == noise {
+            return Ok(());
+        }
+        Err(Error::new(ErrorKind::Input, "a draw does not fit the batch")
+            .found(format!("time {}, view {}, noise {}", self.time, self.view, self.noise.shape()))
+            .wanted(format!("a time below {TIMES}, a view below {}, noise {noise:?}", noise[0])))
+    }
+}

@@ -1,0 +1,361 @@
+//! Training of the multi-view model: the noise of one view is predicted from all, with most of the published weights frozen
+//! (Liu et al. 2023).
+
+mod draw;
+mod plan;
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::Path;
+
+use gradreel::io::TensorFile;
+use gradreel::optim::{Adam, Ema, Load, Params, Update};
+use gradreel::{DType, Device, Error, ErrorKind, Key, Memory, Result, Shape, Tape, Tensor, Var};
+
+pub use draw::{Batch, Draw};
+pub use plan::Plan;
+
+use super::{Condition, Denoiser, DenoiserSizes, FileWeights, Schedule, Told};
+use crate::layers::{Init, Scope, Weights, initialise, listing};
+
+/// A training that can be interrupted: the trained weights, the optimiser's moments, and the number of steps.
+///
+/// Frozen weights stay in their file ([`FileWeights`]). Checkpoints ([`Training::save`]) are safetensors with the trained
+/// weights under the published names, and the optimiser's state under `optimizer.`.
+///
+/// ```no_run
+/// use gradreel::Device;
+/// use gradreel_models::views::{Batch, DenoiserSizes, FileWeights, Plan, Training};
+///
+/// # fn batches() -> Vec<Batch> { Vec::new() }
+/// let weights = FileWeights::open("zero123-xl.ckpt", &Device::Cpu)?;
+/// let plan = Plan { at_once: 2, average: Some(0.9999), ..Plan::published() };
+/// let mut training = Training::new(weights, DenoiserSizes::published(), plan)?;
+/// for batch in batches() {
+///     let step = training.step(&batch)?;
+///     println!("step {}: loss {:.4}", step.update.step, step.loss);
+///     training.save("training.safetensors")?;
+/// }
+/// training.export("trained.safetensors")?;
+/// # Ok::<(), gradreel::Error>(())
+/// ```
+pub struct Training {
+    plan: Plan,
+    sizes: DenoiserSizes,
+    frozen: FileWeights,
+    params: Params,
+    adam: Adam,
+    average: Option<Ema>,
+    schedule: Schedule,
+}
+
+/// What one step of a training did.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Step {
+    /// Mean squared error of the predicted noise.
+    pub loss: f64,
+    /// The optimiser's update.
+    pub update: Update,
+    /// What the tapes of the step held for their backward passes.
+    pub memory: Memory,
+}
+
+/// The gradients of a batch.
+pub struct BatchGradients {
+    /// Mean squared error of the predicted noise.
+    pub loss: f64,
+    /// Gradients by path.
+    pub by_path: BTreeMap<String, Tensor>,
+    /// What the tapes held at most.
+    pub memory: Memory,
+}
+
+impl Training {
+    /// A training that starts from a file. Trained weights that it does not have start afresh, as those of the volume side do
+    /// when the file is that of a single-view model.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] for frozen weights that are missing, weights of another shape, or a plan that cannot be followed.
+    pub fn new(weights: FileWeights, sizes: DenoiserSizes, plan: Plan) -> Result<Self> {
+        let all = listing(|scope| Denoiser::new(scope, &sizes))?;
+        for (prefix, _) in &plan.trained {
+            let alone = Plan { trained: vec![(prefix.clone(), 0.0)], ..plan.clone() };
+            if !all.iter().any(|(path, _)| alone.trains(path)) {
+                return Err(Error::new(ErrorKind::Input, "nothing has the prefix of what is to be trained").at(prefix));
+            }
+        }
+        if plan.at_once == 0 || !(0.0..=0.25).contains(&plan.dropped) {
+            return Err(Error::new(ErrorKind::Input, "the training cannot follow its plan")
+                .found(format!("{} samples at once, {} dropped", plan.at_once, plan.dropped))
+                .wanted("at least one sample at once, and a probability of at most 1/4 for each of four ways"));
+        }
+        let mut report = weights.check(&all);
+        let fresh: Vec<String> = report.missing.iter().filter(|path| plan.trains(path)).cloned().collect();
+        report.missing.retain(|path| !plan.trains(path));
+        report.into_result()?;
+        let device = weights.device().clone();
+        let mut params = Params::new();
+        if !fresh.is_empty() {
+            let only = |scope: &Scope<'_>| {
+                let picked = Picked { inner: scope.weights(), tape: Tape::new(), fresh: &fresh };
+                Denoiser::new(&Scope::root(&picked), &sizes)
+            };
+            for (path, value) in initialise(Key::new(plan.seed).fold(START), DType::F32, only)?.iter() {
+                params.set(path, value.to_device(&device)?);
+            }
+        }
+        for (path, shape) in all.iter().filter(|(path, _)| plan.trains(path) && !fresh.contains(path)) {
+            params.set(path, weights.tensor(path, shape)?.cast(DType::F32)?.to_device(&device)?);
+        }
+        let (adam, average) = (plan.optimiser(), plan.average.map(Ema::new));
+        Ok(Self { plan, sizes, frozen: weights, params, adam, average, schedule: Schedule::published() })
+    }
+
+    /// Steps made so far.
+    pub fn steps(&self) -> u64 {
+        self.adam.steps()
+    }
+
+    /// The trained weights.
+    pub fn params(&self) -> &Params {
+        &self.params
+    }
+
+    /// One step: gradients of the batch, then the optimiser's update.
+    ///
+    /// # Errors
+    /// As [`Training::gradients`]; [`ErrorKind::NonFinite`] for a gradient that is not finite: nothing is changed then.
+    pub fn step(&mut self, batch: &Batch) -> Result<Step> {
+        let BatchGradients { loss, by_path, memory } = self.gradients(batch)?;
+        let update = self.adam.step(&mut self.params, &by_path)?;
+        if let Some(average) = &mut self.average {
+            average.update(&self.params)?;
+        }
+        Ok(Step { loss, update, memory })
+    }
+
+    /// The loss of a batch at this step and its gradients: the mean over the samples, whatever the number evaluated at once.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Shape`] for a batch that does not fit the model; [`ErrorKind::Device`] when a device fails.
+    pub fn gradients(&self, batch: &Batch) -> Result<BatchGradients> {
+        let key = Key::new(self.plan.seed).fold(TRAINING).fold(self.steps());
+        self.gradients_at(batch, &self.draws(batch, key, self.plan.dropped)?)
+    }
+
+    /// As [`Training::gradients`], with times, views and noise of the caller's choice: one draw for each sample.
+    ///
+    /// # Errors
+    /// As [`Training::gradients`]; [`ErrorKind::Input`] for a draw that does not fit the batch.
+    pub fn gradients_at(&self, batch: &Batch, draws: &[Draw]) -> Result<BatchGradients> {
+        let mut sum = BatchGradients { loss: 0.0, by_path: BTreeMap::new(), memory: Memory::default() };
+        for group in self.groups(batch, draws)? {
+            let tape = Tape::new();
+            let bound = self.params.bind(&tape);
+            let share = group.len() as f64 / batch.len() as f64;
+            let loss = &self.loss(&tape, &bound, batch, draws, group)? * share;
+            sum.loss += loss.item()?;
+            for (path, gradient) in bound.gradients(&loss.into_gradients()?)? {
+                let total = match sum.by_path.remove(&path) {
+                    None => gradient,
+                    Some(before) => {
+                        let adding = Tape::new();
+                        (&adding.constant(before) + &adding.constant(gradient)).value()?.clone()
+                    }
+                };
+                sum.by_path.insert(path, total);
+            }
+            let memory = tape.memory();
+            sum.memory = Memory { held: memory.held, peak: memory.peak.max(sum.memory.peak) };
+        }
+        Ok(sum)
+    }
+
+    /// The loss of a batch without a step, told all. The same `turn` draws the same times, views and noise however far the
+    /// training is, so that numbers can be compared.
+    ///
+    /// # Errors
+    /// As [`Training::gradients`].
+    pub fn validate(&self, batch: &Batch, turn: u64) -> Result<f64> {
+        let draws = self.draws(batch, Key::new(self.plan.seed).fold(VALIDATION).fold(turn), 0.0)?;
+        let mut sum = 0.0;
+        for group in self.groups(batch, &draws)? {
+            let tape = Tape::new();
+            let fixed = Fixed { params: &self.params, tape: &tape };
+            let share = group.len() as f64 / batch.len() as f64;
+            sum += share * self.loss(&tape, &fixed, batch, &draws, group)?.item()?;
+        }
+        Ok(sum)
+    }
+
+    /// What chance decides for each sample of a batch.
+    fn draws(&self, batch: &Batch, key: Key, dropped: f64) -> Result<Vec<Draw>> {
+        batch.check(self.sizes.ring.views, self.sizes.volume.latent, self.sizes.unet.context)?;
+        let noise = &batch.latents.dims()[1..];
+        Ok((0..batch.len()).map(|sample| Draw::new(key, sample, noise, dropped)).collect())
+    }
+
+    /// The samples that are evaluated at once.
+    fn groups(&self, batch: &Batch, draws: &[Draw]) -> Result<impl Iterator<Item = Range<usize>> + use<>> {
+        batch.check(self.sizes.ring.views, self.sizes.volume.latent, self.sizes.unet.context)?;
+        draws.iter().try_for_each(|draw| draw.check(&batch.latents.dims()[1..]))?;
+        let (count, at_once) = (batch.len(), self.plan.at_once);
+        if draws.len() != count {
+            return Err(Error::new(ErrorKind::Input, "a batch needs one draw for each sample")
+                .found(draws.len())
+                .wanted(count));
+        }
+        Ok((0..count).step_by(at_once).map(move |first| first..(first + at_once).min(count)))
+    }
+
+    /// The mean loss of some samples of a batch.
+    fn loss(
+        &self,
+        tape: &Tape,
+        trained: &dyn Weights,
+        batch: &Batch,
+        draws: &[Draw],
+        group: Range<usize>,
+    ) -> Result<Var> {
+        let draws = &draws[group.clone()];
+        let source = Source { trained, plan: &self.plan, frozen: self.frozen.on(tape) };
+        let scope = Scope::root(&source);
+        let scope = if self.plan.recomputed { scope.recomputed() } else { scope };
+        let net = Denoiser::new(&scope, &self.sizes)?;
+        let device = self.frozen.device();
+        let constant = |x: Tensor| Ok::<_, Error>(tape.constant(x.cast(DType::F32)?.to_device(device)?));
+        let of_group = |x: &Tensor| Ok::<_, Error>(constant(x.clone())?.slice(0, group.clone()));
+        let latents = of_group(&batch.latents)?;
+        let mut one = vec![1];
+        one.extend(&latents.dims()[1..]);
+        let noises = draws.iter().map(|draw| Ok(constant(draw.noise.clone())?.reshape(&*one)));
+        let noises = noises.collect::<Result<Vec<Var>>>()?;
+        let noise = noises[0].concat(&noises[1..].iter().collect::<Vec<_>>(), 0);
+        let condition = Condition {
+            embedding: of_group(&batch.embeddings)?,
+            latent: of_group(&batch.images)?,
+            elevations: batch.elevations[group.clone()].to_vec(),
+        };
+        let times: Vec<usize> = draws.iter().map(|draw| draw.time).collect();
+        let views: Vec<usize> = draws.iter().map(|draw| draw.view).collect();
+        let told: Vec<Told> = draws.iter().map(|draw| draw.told).collect();
+        let [loss, _] = net.loss(&self.schedule, [&latents, &noise], &times, &views, &condition, &told)?;
+        Ok(loss)
+    }
+
+    /// Writes the trained weights under the published names, the optimiser's state, the average if there is one, and the
+    /// number of steps. Whoever opens the file, even after a crash, finds the old content or the new.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Io`] or [`ErrorKind::Input`] when the file cannot be written.
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
+        let mut file = TensorFile::default();
+        self.params.save(&mut file)?;
+        self.adam.save(&mut file);
+        if let Some(average) = &self.average {
+            average.save(&mut file);
+        }
+        file.metadata.insert(SEED.to_owned(), self.plan.seed.to_string());
+        file.write(path)
+    }
+
+    /// Goes on from a checkpoint, bit for bit as if there had been no interruption.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] for a file that is not the checkpoint of a training of these weights with this seed; nothing is
+    /// changed then.
+    pub fn resume(&mut self, path: impl AsRef<Path>) -> Result<()> {
+        let path = path.as_ref();
+        let file = TensorFile::read(path)?;
+        self.restore(&file).map_err(|e| e.within(path.display()))
+    }
+
+    fn restore(&mut self, file: &TensorFile) -> Result<()> {
+        let seed = file.metadata.get(SEED);
+        if seed.is_none_or(|seed| *seed != self.plan.seed.to_string()) {
+            return Err(Error::new(ErrorKind::Input, "the checkpoint is not one of a training with this seed")
+                .found(seed.map_or("no seed", |seed| seed))
+                .wanted(self.plan.seed)
+                .fix("give the seed with which the training began"));
+        }
+        let (mut params, mut adam, mut average) = (self.params.clone(), self.adam.clone(), self.average.clone());
+        params.load(file, &Load::strict())?;
+        adam.restore(file)?;
+        if let Some(average) = &mut average {
+            average.restore(file)?;
+        }
+        (self.params, self.adam, self.average) = (params, adam, average);
+        Ok(())
+    }
+
+    /// Writes a whole model: the file the training started from with the trained weights (their average, if there is one) in
+    /// place of its own. It is loaded like any other file of weights, also by PyTorch programs.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] for an entry of the first file that cannot be read; [`ErrorKind::Io`] when writing fails.
+    pub fn export(&self, path: impl AsRef<Path>) -> Result<()> {
+        let archive = self.frozen.archive();
+        let mut file = TensorFile { tensors: BTreeMap::new(), metadata: archive.metadata().clone() };
+        for name in archive.names() {
+            // what lies in the mapped file takes no memory here
+            file.tensors.insert(name.to_owned(), archive.map(name)?);
+        }
+        let trained = self.average.as_ref().filter(|_| self.steps() > 0).map(|a| a.averaged(&self.params));
+        for (path, value) in trained.as_ref().unwrap_or(&self.params).iter() {
+            file.tensors.insert(path.to_owned(), value.to_device(&Device::Cpu)?);
+        }
+        file.write(path)
+    }
+}
+
+/// What the numbers drawn from the seed are for.
+const TRAINING: u64 = 0;
+const VALIDATION: u64 = 1;
+const START: u64 = 2;
+
+/// Key of the seed in a checkpoint's metadata.
+const SEED: &str = "training.seed";
+
+/// Trained weights from one source, all others from the file.
+struct Source<'a> {
+    trained: &'a dyn Weights,
+    plan: &'a Plan,
+    frozen: FileWeights,
+}
+
+impl Weights for Source<'_> {
+    fn weight(&self, path: &str, shape: &Shape, init: Init) -> Result<Var> {
+        match self.plan.trains(path) {
+            true => self.trained.weight(path, shape, init),
+            false => self.frozen.weight(path, shape, init),
+        }
+    }
+}
+
+/// The trained weights as constants.
+struct Fixed<'a> {
+    params: &'a Params,
+    tape: &'a Tape,
+}
+
+impl Weights for Fixed<'_> {
+    fn weight(&self, path: &str, _: &Shape, _: Init) -> Result<Var> {
+        Ok(self.tape.constant(self.params.get(path)?.clone()))
+    }
+}
+
+/// Asks another source for some weights and for no others.
+struct Picked<'a> {
+    inner: &'a dyn Weights,
+    tape: Tape,
+    fresh: &'a [String],
+}
+
+impl Weights for Picked<'_> {
+    fn weight(&self, path: &str, shape: &Shape, init: Init) -> Result<Var> {
+        match self.fresh.iter().any(|fresh| fresh == path) {
+            true => self.inner.weight(path, shape, init),
+            false => Ok(self.tape.constant(Tensor::zeros([0], DType::F32))),
+        }
+    }
+}

@@ -1,0 +1,73 @@
+//! What is trained, and how.
+
+use gradreel::optim::{Adam, Schedule};
+
+/// How the model is trained.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// Prefixes of the weights that are trained, each with its rate. All others are frozen.
+    pub trained: Vec<(String, f64)>,
+    /// Decoupled weight decay of what is trained (AdamW).
+    pub weight_decay: f64,
+    /// Steps over which the rates rise linearly from 2 % to the whole.
+    pub warmup: u64,
+    /// Samples of a batch that are evaluated at once; gradients of the groups are added up, so that a batch of any size fits
+    /// into memory. The result does not depend on it, but for rounding.
+    pub at_once: usize,
+    /// Whether the blocks of the networks are recomputed in the backward pass: less memory for one more forward pass.
+    pub recomputed: bool,
+    /// Decay of a running average of the trained weights; `None` keeps none.
+    pub average: Option<f64>,
+    /// Probability of each of four ways of telling the model less than all: nothing, no image latent, no volumes, no
+    /// token. Needed where the model is to learn guidance anew.
+    pub dropped: f64,
+    /// Seed of times, noise, target views and what is dropped.
+    pub seed: u64,
+}
+
+impl Plan {
+    /// The published training: depth-wise attention at 5e-5, volume side at 5e-4, AdamW with decay 0.01, a warm-up of 100
+    /// steps, no average, nothing dropped. (Its batches were of 192 samples, for 80 000 steps.)
+    pub fn published() -> Self {
+        let trained = [
+            ("model.diffusion_model.middle_conditions", 5e-5),
+            ("model.diffusion_model.output_conditions", 5e-5),
+            ("spatial_volume", 5e-4),
+            ("time_embed", 5e-4),
+        ];
+        Self {
+            trained: trained.map(|(prefix, rate)| (prefix.to_owned(), rate)).to_vec(),
+            weight_decay: 0.01,
+            warmup: 100,
+            at_once: 1,
+            recomputed: true,
+            average: None,
+            dropped: 0.0,
+            seed: 0,
+        }
+    }
+
+    /// Whether the weight at a path is trained.
+    ///
+    /// Never are those that have no influence: what queries and keys of the cross-attention say about its single token, and
+    /// the normalisation before it.
+    pub fn trains(&self, path: &str) -> bool {
+        let idle = |rest: &str| ["attn2.to_q.", "attn2.to_k.", "norm2."].iter().any(|name| rest.starts_with(name));
+        if path.split_once("transformer_blocks.0.").is_some_and(|(_, rest)| idle(rest)) {
+            return false;
+        }
+        self.trained.iter().any(|(prefix, _)| {
+            path.strip_prefix(&**prefix)
+                .is_some_and(|rest| rest.is_empty() || prefix.is_empty() || rest.starts_with('.'))
+        })
+    }
+
+    pub(super) fn optimiser(&self) -> Adam {
+        let rate = self.trained.iter().fold(0.0f64, |largest, (_, rate)| largest.max(*rate));
+        let adam = Adam::new(rate).with_weight_decay(self.weight_decay).with_schedule(match self.warmup {
+            0 => Schedule::constant(),
+            steps => Schedule::warmup(steps, 0.02),
+        });
+        self.trained.iter().fold(adam, |adam, (prefix, rate)| adam.with_rate(prefix, *rate))
+    }
+}
