@@ -26,6 +26,7 @@ mod schedule;
 mod model;
 mod sizes;
 mod weights;
+mod frozen;
 mod picture;
 mod subject;
 mod sampler;
