@@ -2,6 +2,7 @@
 
 use gradreel::{Device, Result, Tape, Tensor};
 
+use super::frozen::Frozen;
 use super::{Autoencoder, Model, ModelSizes, on_cpu};
 use crate::layers::{Scope, Weights};
 
@@ -22,7 +23,8 @@ pub fn decode(
     device: &Device,
     found: &mut dyn FnMut(usize, Tensor) -> Result<()>,
 ) -> Result<()> {
-    let autoencoder = Model::autoencoder(&Scope::root(weights), sizes)?;
+    let frozen = Frozen(weights);
+    let autoencoder = Model::autoencoder(&Scope::root(&frozen), sizes)?;
     for &view in views {
         let tape = Tape::new();
         let latent = tape.constant(latents.to_device(device)?).select(0, 0).slice(0, view..view + 1);

@@ -27,6 +27,7 @@ mod model;
 mod sizes;
 mod weights;
 mod training;
+mod frozen;
 mod picture;
 mod subject;
 mod sampler;

@@ -2,6 +2,7 @@
 
 use gradreel::{Device, Key, Result, Tape, Tensor};
 
+use super::frozen::Frozen;
 use super::{Bicubic, ClipTower, Condition, Model, ModelSizes, on_cpu};
 use crate::layers::{Scope, Weights};
 
@@ -35,7 +36,8 @@ impl Subject {
         device: &Device,
     ) -> Result<Self> {
         assert_eq!(picture.dims(), [1, 3, sizes.image, sizes.image], "the picture has another size than the model");
-        let scope = Scope::root(weights);
+        let frozen = Frozen(weights);
+        let scope = Scope::root(&frozen);
         let tape = Tape::new();
         let picture = tape.constant(picture.to_device(device)?);
         let side = sizes.clip.resolution;

@@ -313,6 +313,30 @@ fn a_picture_becomes_a_subject_and_latents_become_pictures() {
 }
 
 #[test]
+fn weights_that_are_being_trained_do_as_well() {
+    struct Leaves(Source);
+    impl Weights for Leaves {
+        fn weight(&self, path: &str, shape: &Shape, init: Init) -> Result<Var> {
+            Ok(self.0.tape.leaf(self.0.weight(path, shape, init)?.value()?.clone()))
+        }
+    }
+    let (sizes, key) = (tiny::sizes(), SETTINGS.picture_key());
+    let made = |weights: &dyn Weights| {
+        let subject = Subject::encode(weights, &sizes, &tiny::picture(), 0.4, key, &Device::Cpu).unwrap();
+        let mut all = vec![bits(&subject.embedding), bits(&subject.latent)];
+        let mut keep = |_, picture: Tensor| {
+            all.push(bits(&picture));
+            Ok(())
+        };
+        decode(weights, &sizes, begin().latents(), &[2], &Device::Cpu, &mut keep).unwrap();
+        all
+    };
+    let leaves = Leaves(source());
+    assert_eq!(made(&leaves), made(&source()));
+    assert_eq!(leaves.0.tape.memory().peak, 0);
+}
+
+#[test]
 fn views_at_once_stay_within_the_budget() {
     let published = Footprint::of(&gradreel_models::views::DenoiserSizes::published(), 32, 4);
     let budget = 1_000_000_000;
