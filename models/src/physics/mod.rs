@@ -19,8 +19,11 @@
 
 mod check;
 mod collider;
+mod contact;
 mod denormals;
 mod failure;
+mod flip;
+mod forward;
 mod grid;
 mod kernel;
 mod lattice;
@@ -42,7 +45,8 @@ mod values;
 mod world;
 
 pub use check::{MaterialCheck, MaterialReport, check_material};
-pub use collider::{Collider, Contact, Region};
+pub use collider::{Collider, Contact, Region, RigidMotion};
+pub use forward::Tangent;
 pub use law::Law;
 pub use material::{Given, History, Material, Point};
 pub use parameters::{Map, Parameter, lame};

@@ -212,6 +212,14 @@ impl<T: Number> State<T> {
         }
     }
 
+    /// Sets three values starting at a component.
+    pub(crate) fn write(&mut self, particle: usize, component: usize, value: [T; 3]) {
+        for (axis, value) in value.into_iter().enumerate() {
+            let at = self.index(particle, component + axis);
+            self.values[at] = value;
+        }
+    }
+
     /// Three values starting at a component.
     pub(crate) fn read(&self, particle: usize, component: usize) -> [T; 3] {
         std::array::from_fn(|i| self.values[self.index(particle, component + i)])
