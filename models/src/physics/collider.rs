@@ -168,6 +168,13 @@ impl Collider {
         Self { turn: product(rotation(turn), self.turn), motion: RigidMotion { pivot, ..self.motion }, ..self }
     }
 
+    /// Where a point of the region is at time `t` \[s\].
+    pub(crate) fn place(&self, x: [f64; 3], t: f64) -> [f64; 3] {
+        let RigidMotion { velocity, spin, pivot } = self.motion;
+        let turned = times(&product(rotation(spin.map(|w| w * t)), self.turn), minus(x, pivot));
+        std::array::from_fn(|axis| pivot[axis] + velocity[axis] * t + turned[axis])
+    }
+
     /// Whether it stays where its region says.
     pub(crate) fn is_at_rest(&self) -> bool {
         self.turn == EYE && self.motion.velocity == [0.0; 3] && self.motion.spin == [0.0; 3]
@@ -249,7 +256,7 @@ pub(super) fn product(a: [[f64; 3]; 3], b: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
 }
 
 /// The rotation by `|turn|` radians about the axis `turn` (Rodrigues).
-pub(super) fn rotation(turn: [f64; 3]) -> [[f64; 3]; 3] {
+pub(crate) fn rotation(turn: [f64; 3]) -> [[f64; 3]; 3] {
     let angle = dot(turn, turn).sqrt();
     if angle == 0.0 {
         return EYE;

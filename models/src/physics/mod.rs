@@ -45,8 +45,10 @@ mod values;
 mod world;
 
 pub use check::{MaterialCheck, MaterialReport, check_material};
+pub(crate) use collider::rotation;
 pub use collider::{Collider, Contact, Region, RigidMotion};
 pub use forward::Tangent;
+pub(crate) use lattice::neighbours;
 pub use law::Law;
 pub use material::{Given, History, Material, Point};
 pub use parameters::{Map, Parameter, lame};

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use gradreel::{Backward, DType, Error, ErrorKind, Forward, Op, Reads, Result, Spec, Tensor, Var};
 
 use super::collider::Contact;
-use super::lattice::Lattice;
+use super::lattice::neighbours;
 use super::law::Law;
 use super::remat::Remat;
 use super::row::Number;
@@ -359,13 +359,8 @@ impl Rollout {
         Ok(simulation)
     }
 
-    /// Particles sorted by material, then by the cell of their stencil: neighbours in space are neighbours in memory.
     fn order<T: Number>(&self, positions: &[[T; 3]]) -> Vec<u32> {
-        let lattice = Lattice::of_spacing(self.world.dx);
-        let material = |p: u32| self.material_of.as_ref().map_or(0, |of| of[p as usize]);
-        let mut order: Vec<u32> = (0..positions.len() as u32).collect();
-        order.sort_by_cached_key(|&p| (material(p), lattice.locate(positions[p as usize]).0));
-        order
+        neighbours(self.world.dx, positions, |p| self.material_of.as_ref().map_or(0, |of| of[p]))
     }
 
     /// Whether every particle has a material.

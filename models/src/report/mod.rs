@@ -13,3 +13,4 @@ pub mod progress;
 pub mod quantity;
 pub mod reconstruction;
 pub mod run_folder;
+pub mod simulation;
