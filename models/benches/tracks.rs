@@ -7,7 +7,7 @@
 use std::path::Path;
 use std::time::Instant;
 
-use gradreel::io::SafeTensors;
+use gradreel::io::TensorFile;
 use gradreel_models::identify::Tracks;
 use gradreel_models::physics::{Collider, World, materials};
 use serde_json::Value;
@@ -23,7 +23,7 @@ fn main() {
 }
 
 fn measure(path: &Path) {
-    let positions = SafeTensors::read(path).expect("a file of tracks").get("x").expect("tracks `x`").clone();
+    let positions = TensorFile::read(path).expect("a file of tracks").get("x").expect("tracks `x`").clone();
     let text = std::fs::read_to_string(path.with_extension("json")).expect("the truth beside it");
     let truth: Value = serde_json::from_str(&text).expect("JSON");
     let number = |value: &Value| value.as_f64().expect("a number");
@@ -47,6 +47,9 @@ fn measure(path: &Path) {
     let begun = Instant::now();
     let found = tracks.fit([0.0; 3], start, &fitted).expect("a fit");
     let seconds = begun.elapsed().as_secs_f64();
+    let again = Instant::now();
+    tracks.motion(found.velocity, &found.parameters).expect("a rollout");
+    let rollout = again.elapsed().as_secs_f64();
     println!(
         "{}: {} particles, {} frames, {} substeps each",
         path.display(),
@@ -67,8 +70,9 @@ fn measure(path: &Path) {
     let size = wanted.iter().map(|v| v * v).sum::<f64>().sqrt();
     println!("  velocity       {:.5?}   true {wanted:?}   {:.3} % off", found.velocity, 100.0 * off / size);
     println!(
-        "  {:.1} s, {:.0} rollouts' worth of work for {} unknowns, distance {:.2e} m, {:?} after {} evaluations",
+        "  {:.1} s = {:.0} rollouts of {rollout:.2} s ({:.0} by count) for {} unknowns, distance {:.2e} m, {:?} after {} evaluations",
         seconds,
+        seconds / rollout,
         found.rollouts,
         3 + fitted.len(),
         found.distance,

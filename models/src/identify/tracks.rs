@@ -4,6 +4,8 @@
 //! rendering is needed and the residuals are their distances. A few unknowns and very many residuals ask for forward mode:
 //! all columns of the Jacobian come from one rollout that carries a tangent for each unknown.
 
+use std::ops::Range;
+
 use gradreel::optim::{Fit, LevenbergMarquardt, Residuals};
 use gradreel::{DType, Error, ErrorKind, Result, Tensor};
 
@@ -50,8 +52,8 @@ pub const TANGENT_COST: f64 = 2.5;
 impl Tracks {
     /// Fits the velocity and the parameters listed in `fitted` (indices into the law's); the others stay as they `start`.
     ///
-    /// First the velocity alone, on the frames before contact, where the material does not matter; then everything on the
-    /// frames around contact, where errors have not grown yet; then everything on all frames.
+    /// First the velocity alone, on the frames before contact, where the material does not matter; then the material alone, on
+    /// the frames around contact, where errors have not grown yet; then everything on all frames.
     ///
     /// # Errors
     /// [`ErrorKind::Shape`] for positions of another shape, [`ErrorKind::Input`] for too few frames or parameters that do not
@@ -73,18 +75,20 @@ impl Tracks {
                 .wanted(format!("at least two frames, and a value inside its range for each of {}", self.law.name())));
         }
         let raw = fitted.iter().map(|&k| parameters[k].map.raw(start[k]));
-        let mut x: Vec<f64> = velocity.into_iter().chain(raw).collect();
-        let mut rollouts = 0.0;
-        if self.contact >= 2 {
-            let before = self.contact.min(frames);
-            let fit = self.search(&x[..3], start, &[], before, 8, &mut rollouts)?;
-            x[..3].copy_from_slice(&fit.point);
+        let mut search =
+            Search { tracks: self, start, fitted, x: velocity.into_iter().chain(raw).collect(), rollouts: 0.0 };
+        let all = 0..search.x.len();
+        // Without frames before contact, velocity and material cannot be told apart.
+        let falls = self.contact >= 2;
+        if falls {
+            search.run(0..3, self.contact.min(frames), 1e-4)?;
         }
         let around = (self.contact + 4).clamp(2, frames);
-        let mut fit = self.search(&x, start, fitted, around, 20, &mut rollouts)?;
-        if around < frames {
-            fit = self.search(&fit.point.clone(), start, fitted, frames, 20, &mut rollouts)?;
+        if around < frames && !fitted.is_empty() {
+            search.run(if falls { 3..all.end } else { all.clone() }, around, 3e-3)?;
         }
+        let fit = search.run(all, frames, 1e-5)?;
+        let rollouts = search.rollouts;
         let mut values = start.to_vec();
         for (&k, &raw) in fitted.iter().zip(&fit.point[3..]) {
             values[k] = parameters[k].map.value(raw);
@@ -94,50 +98,18 @@ impl Tracks {
         Ok(TracksFit { velocity, parameters: values, fit, rollouts, distance })
     }
 
-    /// Minimises the distances in the first `frames` frames.
-    fn search(
-        &self,
-        x: &[f64],
-        start: &[f64],
-        fitted: &[usize],
-        frames: usize,
-        evaluations: usize,
-        rollouts: &mut f64,
-    ) -> Result<Fit> {
-        let share = (frames - 1) as f64 / (self.positions.dims()[0] - 1) as f64;
-        let search = LevenbergMarquardt {
-            evaluations,
-            value_tolerance: 1e-4,
-            gradient_tolerance: 1e-6,
-            step_tolerance: 1e-6,
-            ..LevenbergMarquardt::default()
-        };
-        let mut first = true;
-        search.minimise(x, &mut |x, jacobian| {
-            *rollouts += share * (1.0 + if jacobian { TANGENT_COST * x.len() as f64 } else { 0.0 });
-            let found = self.residuals(x, start, fitted, frames, jacobian);
-            let at_start = std::mem::replace(&mut first, false);
-            match found {
-                // A trial that breaks down is no better than an infinite distance.
-                Err(error) if error.kind() == ErrorKind::Physics && !at_start => {
-                    let values = vec![f64::NAN; 3 * (frames - 1) * self.positions.dims()[1]];
-                    Ok(Residuals { values, columns: Vec::new() })
-                }
-                other => other,
-            }
-        })
+    /// Where the particles would be, with this velocity \[m/s\] and these parameters: `[frames, n, 3]` \[m\].
+    ///
+    /// # Errors
+    /// As [`Rollout::jvp`].
+    pub fn motion(&self, velocity: [f64; 3], parameters: &[f64]) -> Result<Tensor> {
+        let (rollout, inputs) = self.rollout(velocity, parameters, self.positions.dims()[0])?;
+        rollout.jvp(&inputs, &[]).map(|(motion, _)| motion)
     }
 
-    fn residuals(
-        &self,
-        x: &[f64],
-        start: &[f64],
-        fitted: &[usize],
-        frames: usize,
-        jacobian: bool,
-    ) -> Result<Residuals> {
+    /// The simulation of the first `frames` frames, and its inputs.
+    fn rollout(&self, velocity: [f64; 3], parameters: &[f64], frames: usize) -> Result<(Rollout, Vec<Tensor>)> {
         let (dtype, n) = (self.positions.dtype(), self.positions.dims()[1]);
-        let parameters = self.law.parameters();
         let rollout = Rollout {
             world: self.world.clone(),
             laws: vec![self.law.clone()],
@@ -147,25 +119,74 @@ impl Tracks {
             schedule: Schedule { frames, frame_dt: self.frame_dt, substeps: self.substeps },
             remat: None,
         };
-        let tensor = |values: Vec<f64>| {
-            let len = values.len();
-            Tensor::from_vec(values, [len]).cast(dtype)
+        let first = match dtype {
+            DType::F64 => Tensor::from_vec(self.positions.slice::<f64>()[..3 * n].to_vec(), [n, 3]),
+            _ => Tensor::from_vec(self.positions.slice::<f32>()[..3 * n].to_vec(), [n, 3]),
         };
+        let mut inputs = vec![first, numbers(velocity.to_vec(), dtype)?, numbers(vec![self.density], dtype)?];
+        for &value in parameters {
+            inputs.push(numbers(vec![value], dtype)?);
+        }
+        Ok((rollout, inputs))
+    }
+}
+
+/// The unknowns as they are so far: velocity, then fitted parameters in their unconstrained form.
+struct Search<'a> {
+    tracks: &'a Tracks,
+    start: &'a [f64],
+    fitted: &'a [usize],
+    x: Vec<f64>,
+    rollouts: f64,
+}
+
+impl Search<'_> {
+    /// Minimises the distances in the first `frames` frames over some of the unknowns, until a step changes the motion by
+    /// less than `tolerance`.
+    fn run(&mut self, free: Range<usize>, frames: usize, tolerance: f64) -> Result<Fit> {
+        let positions = &self.tracks.positions;
+        let share = (frames - 1) as f64 / (positions.dims()[0] - 1) as f64;
+        let search = LevenbergMarquardt {
+            evaluations: 20,
+            value_tolerance: 1e-3,
+            gradient_tolerance: 1e-6,
+            step_tolerance: tolerance,
+            ..LevenbergMarquardt::default()
+        };
+        let (mut x, mut rollouts, mut first) = (self.x.clone(), 0.0, true);
+        let fit = search.minimise(&self.x[free.clone()], &mut |moved, jacobian| {
+            rollouts += share * (1.0 + if jacobian { TANGENT_COST * moved.len() as f64 } else { 0.0 });
+            x[free.clone()].copy_from_slice(moved);
+            let wanted = if jacobian { free.clone() } else { 0..0 };
+            let at_start = std::mem::replace(&mut first, false);
+            match self.residuals(&x, frames, wanted) {
+                // A trial that breaks down is no better than an infinite distance.
+                Err(error) if error.kind() == ErrorKind::Physics && !at_start => {
+                    let values = vec![f64::NAN; 3 * (frames - 1) * positions.dims()[1]];
+                    Ok(Residuals { values, columns: Vec::new() })
+                }
+                other => other,
+            }
+        })?;
+        self.x[free].copy_from_slice(&fit.point);
+        self.rollouts += rollouts;
+        Ok(fit)
+    }
+
+    /// Distances at `x`, and how they change with the unknowns `wanted`.
+    fn residuals(&self, x: &[f64], frames: usize, wanted: Range<usize>) -> Result<Residuals> {
+        let Self { tracks, start, fitted, .. } = self;
+        let n = tracks.positions.dims()[1];
+        let parameters = tracks.law.parameters();
         let mut values = start.to_vec();
         for (&k, &raw) in fitted.iter().zip(&x[3..]) {
             values[k] = parameters[k].map.value(raw);
         }
-        let seen = &self.positions;
-        let positions = match dtype {
-            DType::F64 => Tensor::from_vec(seen.slice::<f64>()[..3 * n].to_vec(), [n, 3]),
-            _ => Tensor::from_vec(seen.slice::<f32>()[..3 * n].to_vec(), [n, 3]),
-        };
-        let mut inputs = vec![positions, tensor(x[..3].to_vec())?, tensor(vec![self.density])?];
-        for value in values {
-            inputs.push(tensor(vec![value])?);
-        }
+        let velocity = std::array::from_fn(|axis| x[axis]);
+        let (rollout, inputs) = tracks.rollout(velocity, &values, frames)?;
+        let tensor = |values: Vec<f64>| numbers(values, tracks.positions.dtype());
         let mut directions = Vec::new();
-        for unknown in 0..if jacobian { x.len() } else { 0 } {
+        for unknown in wanted {
             let mut direction = vec![None; inputs.len()];
             if unknown < 3 {
                 let mut along = vec![0.0; 3];
@@ -179,9 +200,14 @@ impl Tracks {
         }
         let (motion, changes) = rollout.jvp(&inputs, &directions)?;
         // The first frame is given.
-        let seen = seen.to_vec()?;
+        let seen = tracks.positions.to_vec()?;
         let values = motion.to_vec()?.iter().zip(&seen).skip(3 * n).map(|(x, y)| x - y).collect();
         let columns = changes.iter().map(|change| Ok(change.to_vec()?.split_off(3 * n)));
         Ok(Residuals { values, columns: columns.collect::<Result<_>>()? })
     }
+}
+
+fn numbers(values: Vec<f64>, dtype: DType) -> Result<Tensor> {
+    let len = values.len();
+    Tensor::from_vec(values, [len]).cast(dtype)
 }
