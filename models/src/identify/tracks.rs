@@ -87,7 +87,7 @@ impl Tracks {
         if around < frames && !fitted.is_empty() {
             search.run(if falls { 3..all.end } else { all.clone() }, around, 3e-3)?;
         }
-        let fit = search.run(all, frames, 1e-5)?;
+        let fit = search.run(all, frames, 1e-4)?;
         let rollouts = search.rollouts;
         let mut values = start.to_vec();
         for (&k, &raw) in fitted.iter().zip(&fit.point[3..]) {

@@ -34,7 +34,7 @@ pub struct Tangent<T> {
 
 /// Buffers of one tangent.
 #[derive(Debug, Clone, Default)]
-struct Buffers<T> {
+pub(super) struct Buffers<T> {
     records: Vec<Record<T>>,
     grid: Vec<T>,
     old_records: Vec<Record<T>>,
@@ -79,17 +79,17 @@ impl<T: Number> Simulation<'_, T> {
         let lattice = self.scatter(now, &mut next.values)?;
         self.scatter_old(now, &lattice);
         let (level, world, dt) = (self.level, self.world, self.dt);
-        let mut buffers = Vec::with_capacity(tangents.len());
-        for tangent in &mut *tangents {
-            let mut own: Buffers<T> = Buffers::default();
-            self.scatter_material(now, tangent, &mut own);
+        // Taken out, so that the rest of the simulation can be borrowed beside them.
+        let mut buffers = std::mem::take(&mut self.tangents);
+        buffers.resize_with(tangents.len(), Buffers::default);
+        for (tangent, own) in tangents.iter_mut().zip(&mut buffers) {
+            self.scatter_material(now, tangent, own);
             scatter_tangents(level, &lattice, &mut own.grid, &self.scattered, &own.records, &self.buckets);
             if world.flip > 0.0 {
-                self.scatter_old_tangent(now, &lattice, tangent, &mut own);
+                self.scatter_old_tangent(now, &lattice, tangent, own);
             }
             let (gravity, friction) = (tangent.gravity, &tangent.friction);
             update_jvp(world, &self.obstacles, &lattice, dt, &self.grid, &mut own.grid, gravity, friction);
-            buffers.push(own);
         }
         update(world, &self.obstacles, &lattice, dt, &mut self.grid);
         self.advance(&lattice, now, next)?;
@@ -125,6 +125,7 @@ impl<T: Number> Simulation<'_, T> {
                     .fix("use more substeps per frame, or parameters away from the limits of the material"));
             }
         }
+        self.tangents = buffers;
         Ok(())
     }
 

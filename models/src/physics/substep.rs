@@ -15,6 +15,7 @@ use super::contact::Placed;
 use super::denormals::Flush;
 use super::failure::{Moment, failure};
 use super::flip::Old;
+use super::forward::Buffers;
 use super::grid::{Buckets, scatter_all, update, update_vjp};
 use super::kernel::{Limits, Motion, advance, collect};
 use super::lattice::Lattice;
@@ -62,6 +63,7 @@ pub struct Simulation<'a, T: Number> {
     pub(super) grid: Vec<T>,
     pub(super) cotangent_grid: Vec<T>,
     pub(super) old: Old<T>,
+    pub(super) tangents: Vec<Buffers<T>>,
     totals: Totals<T>,
 }
 
@@ -139,6 +141,7 @@ impl<'a, T: Number> Simulation<'a, T> {
             grid: Vec::new(),
             cotangent_grid: Vec::new(),
             old: Old::default(),
+            tangents: Vec::new(),
             totals,
         })
     }

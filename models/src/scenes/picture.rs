@@ -32,7 +32,15 @@ pub struct View {
 impl View {
     /// The view that the file asks for; what it leaves out is chosen such that the start and the floor below it are seen.
     pub fn of(setup: &Setup, camera: &Camera) -> Self {
-        let [low, high] = bounds(&setup.positions);
+        let [mut low, mut high] = bounds(&setup.positions);
+        // Obstacles count where they are about as large as what moves.
+        let size: f64 = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
+        for [from, to] in setup.world.colliders.iter().filter_map(box_of) {
+            if (0..3).all(|axis| to[axis] - from[axis] < 4.0 * size) {
+                low = std::array::from_fn(|axis| low[axis].min(from[axis]));
+                high = std::array::from_fn(|axis| high[axis].max(to[axis]));
+            }
+        }
         let floor = setup.world.colliders.iter().find_map(floor_of);
         let foot = floor.filter(|floor| low[1] - floor < 3.0 * (high[1] - low[1] + 0.1)).unwrap_or(low[1]);
         let low = [low[0], foot.min(low[1]), low[2]];
@@ -145,6 +153,23 @@ impl Canvas {
     fn picture(&self) -> Picture {
         let rgb = self.colour.iter().flatten().map(|c| c.clamp(0.0, 255.0).round() as u8).collect();
         Picture { width: self.size[0], height: self.size[1], rgb }
+    }
+}
+
+/// Lowest and highest coordinates of an obstacle that ends somewhere, as if it had not been turned.
+fn box_of(collider: &Collider) -> Option<[[f64; 3]; 2]> {
+    let around = |centre: [f64; 3], half: [f64; 3]| {
+        let corner = |side: f64| std::array::from_fn(|axis| centre[axis] + side * half[axis]);
+        Some([corner(-1.0), corner(1.0)])
+    };
+    match collider.region {
+        Region::Plane { .. } => None,
+        Region::Sphere { centre, radius } => around(centre, [radius; 3]),
+        Region::Cuboid { centre, half } => around(centre, half),
+        Region::Cylinder { start, end, radius } => {
+            let centre = std::array::from_fn(|axis| 0.5 * (start[axis] + end[axis]));
+            around(centre, std::array::from_fn(|axis| 0.5 * (end[axis] - start[axis]).abs() + radius))
+        }
     }
 }
 
