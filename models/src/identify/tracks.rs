@@ -50,8 +50,8 @@ pub struct TracksFit {
 pub const TANGENT_COST: f64 = 2.5;
 
 /// Derivatives serve again where no unknown has moved farther than this, in its unconstrained form: the search then gains
-/// about two digits a step instead of doubling them, at the cost of one rollout.
-const NEAR: f64 = 0.01;
+/// about one digit a step instead of doubling them, at the cost of one rollout.
+const NEAR: f64 = 0.03;
 
 impl Tracks {
     /// Fits the velocity and the parameters listed in `fitted` (indices into the law's); the others stay as they `start`.

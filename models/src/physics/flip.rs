@@ -55,7 +55,7 @@ impl<T: Number> Simulation<'_, T> {
         old.grid.par_chunks_mut(plane).zip(self.grid.par_chunks(plane)).for_each(|(old, now)| {
             for (old, now) in old.chunks_exact_mut(4).zip(now.chunks_exact(4)) {
                 if now[3] > least {
-                    (0..3).for_each(|axis| old[axis] = old[axis] / now[3]);
+                    (0..3).for_each(|axis| old[axis] /= now[3]);
                 } else {
                     old.fill(T::ZERO);
                 }
@@ -111,8 +111,8 @@ impl<T: Number> Simulation<'_, T> {
             let nodes = on_new.chunks_exact_mut(4).zip(new.chunks_exact(4));
             for ((on_new, new), (g, v)) in nodes.zip(on_old.chunks_exact_mut(4).zip(old.chunks_exact(4))) {
                 if new[3] > least {
-                    (0..3).for_each(|axis| g[axis] = g[axis] / new[3]);
-                    on_new[3] = on_new[3] - (g[0] * v[0] + g[1] * v[1] + g[2] * v[2]);
+                    (0..3).for_each(|axis| g[axis] /= new[3]);
+                    on_new[3] -= g[0] * v[0] + g[1] * v[1] + g[2] * v[2];
                 } else {
                     g.fill(T::ZERO);
                 }

@@ -8,7 +8,7 @@ use gradreel::{ErrorKind, Result};
 use rayon::prelude::*;
 
 use super::denormals::Flush;
-use super::grid::{scatter_tangents, update, update_jvp};
+use super::grid::{OnWorld, scatter_tangents, update, update_jvp};
 use super::kernel::{advance_tangent, interpolate_tangent};
 use super::law::Run;
 use super::row::Number;
@@ -88,8 +88,8 @@ impl<T: Number> Simulation<'_, T> {
             if world.flip > 0.0 {
                 self.scatter_old_tangent(now, &lattice, tangent, own);
             }
-            let (gravity, friction) = (tangent.gravity, &tangent.friction);
-            update_jvp(world, &self.obstacles, &lattice, dt, &self.grid, &mut own.grid, gravity, friction);
+            let change = OnWorld { gravity: tangent.gravity, friction: tangent.friction.clone() };
+            update_jvp(world, &self.obstacles, &lattice, dt, &self.grid, &mut own.grid, &change);
         }
         update(world, &self.obstacles, &lattice, dt, &mut self.grid);
         self.advance(&lattice, now, next)?;

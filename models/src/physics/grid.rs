@@ -118,7 +118,7 @@ pub(crate) fn update<T: Number>(world: &World, obstacles: &[Placed], lattice: &L
     });
 }
 
-/// The cotangents of what nodes have in common.
+/// The cotangents, or the tangents, of what nodes have in common.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct OnWorld {
     /// Of gravity.
@@ -174,7 +174,7 @@ pub(crate) fn update_vjp<T: Number>(
 }
 
 /// The tangent of [`update`]: `tangent` turns from that of momentum and mass into that of the velocity. `grid` still holds
-/// `[momentum, mass]`; `gravity` and `friction` are the tangents of those.
+/// `[momentum, mass]`; `change` holds the tangents of the world.
 pub(crate) fn update_jvp<T: Number>(
     world: &World,
     obstacles: &[Placed],
@@ -182,8 +182,7 @@ pub(crate) fn update_jvp<T: Number>(
     dt: f64,
     grid: &[T],
     tangent: &mut [T],
-    gravity: [f64; 3],
-    friction: &[f64],
+    change: &OnWorld,
 ) {
     let least = T::from_f64(world.least_mass());
     let kick = world.gravity.map(|g| g * dt);
@@ -195,10 +194,11 @@ pub(crate) fn update_jvp<T: Number>(
                 let per_mass = 1.0 / value[3].to_f64();
                 let on_mass = d[3].to_f64() * per_mass;
                 let free = free_velocity(value, kick);
-                let along: [f64; 3] =
-                    std::array::from_fn(|i| (d[i].to_f64() - value[i].to_f64() * on_mass) * per_mass + dt * gravity[i]);
+                let along: [f64; 3] = std::array::from_fn(|i| {
+                    (d[i].to_f64() - value[i].to_f64() * on_mass) * per_mass + dt * change.gravity[i]
+                });
                 let node = lattice.node([x, at / lattice.shape[2], at % lattice.shape[2]]);
-                d[..3].copy_from_slice(&collide_jvp(obstacles, node, free, along, friction).map(T::from_f64));
+                d[..3].copy_from_slice(&collide_jvp(obstacles, node, free, along, &change.friction).map(T::from_f64));
                 d[3] = T::ZERO;
             } else {
                 d.fill(T::ZERO);

@@ -229,7 +229,7 @@ pub(crate) unsafe fn gather_tangent<T: Number, R: Row<T>>(
         let (sum, velocity) = (sum.fold(), velocity.fold());
         let mut moment = [x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]];
         for (k, moment) in moment.iter_mut().enumerate() {
-            *moment = *moment - velocity[k / 3] * dx[k % 3];
+            *moment -= velocity[k / 3] * dx[k % 3];
         }
         Gathered { sum, moment }
     }

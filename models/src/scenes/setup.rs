@@ -235,7 +235,7 @@ fn stuff(name: &str, given: &Substance) -> Result<Stuff> {
     let Some(law) = laws.iter().find(|law| law.name() == given.law) else {
         return Err(unknown("there is no law of this name", &given.law, &names, "the shipped laws").at(place + ".law"));
     };
-    if !(given.density_kg_m3 > 0.0) {
+    if given.density_kg_m3 <= 0.0 {
         return Err(Error::new(ErrorKind::Input, "the density must be positive")
             .at(place + ".density_kg_m3")
             .found(format!("{} kg/m³", given.density_kg_m3)));

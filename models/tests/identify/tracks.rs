@@ -76,7 +76,7 @@ fn water() {
 #[test]
 fn cream() {
     let fitted = [(0, 0.01), (1, 0.1), (2, 0.01), (3, 0.01)];
-    recover("viscoplastic", &[3e4, 8e4, 800.0, 20.0], &[1e4, 4e4, 300.0, 6.0], &fitted, 40);
+    recover("viscoplastic", &[3e4, 8e4, 800.0, 20.0], &[1.5e4, 5e4, 400.0, 10.0], &fitted, 40);
 }
 
 #[test]

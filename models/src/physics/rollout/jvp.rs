@@ -130,14 +130,7 @@ impl Rollout {
                 tangent.state.write(p, component, value);
             }
         }
-        let values = |given: &Option<Tensor>| match given {
-            None => Values::Same(T::ZERO),
-            Some(given) => match given.slice::<T>() {
-                &[one] if given.dims() == [1] => Values::Same(one),
-                each => Values::Each(order.iter().map(|&p| each[p as usize]).collect()),
-            },
-        };
-        tangent.density = values(&direction[2]);
+        tangent.density = sorted(direction[2].as_ref(), order);
         if let (true, Some(given)) = (self.gravity, &direction[3]) {
             let given = given.slice::<T>();
             tangent.gravity = std::array::from_fn(|axis| given[axis].to_f64());
@@ -148,10 +141,19 @@ impl Rollout {
                 *slot = given[if given.len() == 1 { 0 } else { k }].to_f64();
             }
         }
-        let mut rest = direction[self.inputs_of_world()..].iter().map(values);
+        let mut rest = direction[self.inputs_of_world()..].iter().map(|given| sorted(given.as_ref(), order));
         for parameters in &mut tangent.parameters {
             parameters.iter_mut().for_each(|slot| *slot = rest.next().expect("one tangent per input"));
         }
         tangent
+    }
+}
+
+/// The tangent of a density or a parameter, in grid order.
+fn sorted<T: Number>(given: Option<&Tensor>, order: &[u32]) -> Values<T> {
+    let Some(given) = given else { return Values::Same(T::ZERO) };
+    match given.slice::<T>() {
+        &[one] if given.dims() == [1] => Values::Same(one),
+        each => Values::Each(order.iter().map(|&p| each[p as usize]).collect()),
     }
 }

@@ -122,7 +122,7 @@ impl Mesh {
         let mut open: Vec<(u32, u32)> = balance.iter().filter(|(_, e)| e.0 != 0).map(|(&edge, _)| edge).collect();
         open.sort_unstable();
         let Some(&(a, b)) = open.first() else { return Ok(()) };
-        let flipped = balance[&(a, b)].1 % 2 == 0;
+        let flipped = balance[&(a, b)].1.is_multiple_of(2);
         let place = |v: u32| format!("{:.4?}", self.vertices[v as usize]);
         let what = if flipped { "faces of the mesh look different ways" } else { "the mesh has holes" };
         let kind = if flipped { "edges between such faces" } else { "open edges" };
