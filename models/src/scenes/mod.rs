@@ -1,6 +1,6 @@
 //! Scenes: files that say what falls onto what, and running them without a video.
 //!
-//! A [`SceneFile`] is read from TOML; [`fill`] turns each shape, [`Mesh`] or particle file into particles; [`Setup`] checks
+//! A [`SceneFile`] is read from TOML; [`fill`](fill()) turns each shape, [`Mesh`] or particle file into particles; [`Setup`] checks
 //! everything and plans the substeps; a [`Runner`] steps frame by frame and [`View`] takes pictures.
 
 mod file;

@@ -51,7 +51,7 @@ impl Rollout {
     ///
     /// # Errors
     ///
-    /// As a [`rollout`]; [`ErrorKind::Shape`] for tangents that do not fit, [`ErrorKind::NonFinite`] for tangents that are or
+    /// As a [`rollout`](super::rollout()); [`ErrorKind::Shape`] for tangents that do not fit, [`ErrorKind::NonFinite`] for tangents that are or
     /// become infinite.
     pub fn jvp(&self, inputs: &[Tensor], directions: &[Vec<Option<Tensor>>]) -> Result<(Tensor, Vec<Tensor>)> {
         let specs: Vec<Spec> = inputs.iter().map(|input| Spec::new(input.dims(), input.dtype())).collect();
