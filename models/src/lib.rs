@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! video → views → field → particles → physics → render → identify → report
+//!                          scenes → physics → report
 //! ```
 
 pub mod layers;
@@ -12,5 +13,6 @@ pub mod particles;
 pub mod physics;
 pub mod render;
 pub mod identify;
+pub mod scenes;
 pub mod report;
 pub mod cli;

@@ -3,6 +3,7 @@
 mod check;
 mod gradcheck;
 mod reconstruct;
+mod simulate;
 mod synthesize;
 mod weights;
 
@@ -26,12 +27,18 @@ Try it on the clip that comes with the sources:
 
     gradreel reconstruct examples/clips/bird
 
+and let things fall by themselves:
+
+    gradreel simulate examples/scenes/rubber.toml
+
 Exit codes: 0 done, 1 the computation failed, 2 the input cannot be used, 130 stopped by Ctrl-C.";
 
 #[derive(Subcommand)]
 enum Command {
     /// Reconstruct shape, motion and material of the object in a clip
     Reconstruct(reconstruct::Arguments),
+    /// Simulate a scene file: what falls onto what, in which materials
+    Simulate(simulate::Arguments),
     /// Look at a clip: what is there, what is missing, what will be assumed
     Check(check::Arguments),
     /// Synthesize the views around an object from a single picture of it
@@ -46,6 +53,7 @@ enum Command {
 pub fn main() -> u8 {
     let outcome = match Cli::parse().command {
         Command::Reconstruct(arguments) => reconstruct::run(&arguments),
+        Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
         Command::Gradcheck(arguments) => gradcheck::run(&arguments),
         Command::Synthesize(arguments) => synthesize::run(&arguments),

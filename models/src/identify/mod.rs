@@ -7,6 +7,8 @@
 //! 2. **velocity**: frames before contact, where the motion does not depend on the material;
 //! 3. **coarse**: the material on a grid of twice the spacing, first around contact, then on all frames;
 //! 4. **fine**: material and velocity together, on the full grid and all frames.
+//!
+//! Where the particles themselves were tracked, [`Tracks`] finds velocity and material without pictures.
 
 mod config;
 mod contact;
@@ -14,6 +16,7 @@ mod estimate;
 mod problem;
 mod reconstruct;
 mod run;
+mod tracks;
 mod unknowns;
 
 pub use config::{ClipConfig, Config, EstimateConfig, GeometryConfig, MaterialConfig, WorldConfig};
@@ -22,4 +25,5 @@ pub use estimate::{Evaluation, estimate};
 pub use problem::{Observed, Problem};
 pub use reconstruct::{Reconstruction, reconstruct};
 pub use run::{ClipIdentity, HistoryRow, Run, State};
+pub use tracks::{TANGENT_COST, Tracks, TracksFit};
 pub use unknowns::{Bound, Free, Unknowns};

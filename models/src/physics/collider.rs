@@ -1,14 +1,21 @@
-//! Obstacles: analytic, immovable, acting on the velocities of grid nodes.
+//! Obstacles: analytic regions, at rest or moving as rigid bodies, acting on the velocities of grid nodes.
 
-/// How an obstacle acts on what touches it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+use super::contact::Placed;
+use gradreel::{Error, ErrorKind, Result};
+
+/// How an obstacle acts on what touches it; `v` is the velocity of a node, `w` that of the obstacle there.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Contact {
-    /// `v = 0`
+    /// `v = w`
     Sticky,
-    /// `v −= n (n·v)`: frictionless, but nothing lifts off.
+    /// `v −= n (n·(v−w))`: frictionless, but nothing lifts off.
     Slip,
-    /// `v −= n min(n·v, 0)`: frictionless, lifts off freely.
+    /// `v −= n min(n·(v−w), 0)`: frictionless, lifts off freely.
     Separate,
+    /// Coulomb friction with this coefficient µ; lifts off freely. With `r = v − w`, where `n·r < 0`:
+    /// `v = w + t max(0, 1 + µ (n·r)/|t|)`, `t = r − n (n·r)`. It sticks while the tangential velocity is at most µ times
+    /// the velocity of impact.
+    Friction(f64),
 }
 
 /// The region of an obstacle \[m\].
@@ -21,7 +28,7 @@ pub enum Region {
         /// Its unit normal, towards the free side.
         normal: [f64; 3],
     },
-    /// A cylinder with flat ends.
+    /// A cylinder with flat ends. As a solid it pushes away from its axis only, also at its ends.
     Cylinder {
         /// Centre of one end.
         start: [f64; 3],
@@ -30,9 +37,34 @@ pub enum Region {
         /// Radius.
         radius: f64,
     },
+    /// A ball.
+    Sphere {
+        /// Centre.
+        centre: [f64; 3],
+        /// Radius.
+        radius: f64,
+    },
+    /// A box along the axes; a solid one pushes towards its nearest face. [`Collider::turned`] tilts it.
+    Cuboid {
+        /// Centre.
+        centre: [f64; 3],
+        /// Half of its edge lengths.
+        half: [f64; 3],
+    },
 }
 
-/// An obstacle: a region and what happens there.
+/// The motion of a rigid body: at time `t` a point that was at `x` is at `pivot + v t + R(ω t) (x − pivot)`.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct RigidMotion {
+    /// Velocity `v` of the pivot \[m/s\].
+    pub velocity: [f64; 3],
+    /// Angular velocity `ω` about an axis through the pivot \[rad/s\].
+    pub spin: [f64; 3],
+    /// Where that axis passes at time 0 \[m\].
+    pub pivot: [f64; 3],
+}
+
+/// An obstacle: a region, what happens there, and how it moves.
 ///
 /// ```
 /// use gradreel_models::physics::{Collider, Contact};
@@ -40,16 +72,38 @@ pub enum Region {
 /// let ramp = Collider::plane([0.0; 3], [0.0, 2.0, 0.0], Contact::Slip); // the normal need not be a unit vector
 /// assert_eq!(ramp.collide([0.3, -0.1, 0.0], [1.0, -2.0, 0.5]), [1.0, 0.0, 0.5]);
 /// assert_eq!(ramp.collide([0.3, 0.1, 0.0], [1.0, -2.0, 0.5]), [1.0, -2.0, 0.5]);
+///
+/// // A tank that travels to the right; a piston in it would be another collider.
+/// let tank = Collider::cuboid([0.0, 0.5, 0.0], [0.5; 3], Contact::Sticky).container().moving([0.2, 0.0, 0.0]);
+/// assert_eq!(tank.collide([0.6, 0.5, 0.0], [0.0; 3]), [0.2, 0.0, 0.0]);
+/// assert_eq!(tank.collide([0.0, 0.5, 0.0], [0.0; 3]), [0.0; 3]);
+///
+/// // A rough floor takes at most µ times the velocity of impact.
+/// let floor = Collider::plane([0.0; 3], [0.0, 1.0, 0.0], Contact::Friction(0.25));
+/// assert_eq!(floor.collide([0.0; 3], [1.0, -2.0, 0.0]), [0.5, 0.0, 0.0]);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Collider {
-    /// Where it is.
+    /// Where it is at time 0.
     pub region: Region,
     /// How it acts.
     pub contact: Contact,
+    /// Whether the particles live inside the region instead of outside.
+    pub container: bool,
+    /// Its rotation at time 0 about the pivot of `motion`, as a matrix of rows.
+    pub turn: [[f64; 3]; 3],
+    /// How it moves.
+    pub motion: RigidMotion,
 }
 
+const EYE: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
 impl Collider {
+    /// A solid region at rest.
+    pub fn new(region: Region, contact: Contact) -> Self {
+        Self { region, contact, container: false, turn: EYE, motion: RigidMotion::default() }
+    }
+
     /// The half-space below a plane; `normal` is scaled to unit length.
     ///
     /// # Panics
@@ -59,7 +113,7 @@ impl Collider {
     pub fn plane(point: [f64; 3], normal: [f64; 3], contact: Contact) -> Self {
         let length = dot(normal, normal).sqrt();
         assert!(length.is_finite() && length > 0.0, "plane: the normal {normal:?} has no direction");
-        Self { region: Region::Plane { point, normal: normal.map(|n| n / length) }, contact }
+        Self::new(Region::Plane { point, normal: normal.map(|n| n / length) }, contact)
     }
 
     /// Sticky ground at this height \[m\].
@@ -76,138 +130,139 @@ impl Collider {
     pub fn cylinder(start: [f64; 3], end: [f64; 3], radius: f64, contact: Contact) -> Self {
         let axis = minus(end, start);
         assert!(dot(axis, axis) > 0.0, "cylinder: both ends lie at {start:?}");
-        Self { region: Region::Cylinder { start, end, radius }, contact }
+        Self::new(Region::Cylinder { start, end, radius }, contact)
     }
 
-    /// The unit normal at a point inside, `None` outside. Near a cylinder's axis it shrinks to zero:
+    /// A ball.
+    pub fn sphere(centre: [f64; 3], radius: f64, contact: Contact) -> Self {
+        Self::new(Region::Sphere { centre, radius }, contact)
+    }
+
+    /// A box along the axes, with half of its edge lengths.
+    pub fn cuboid(centre: [f64; 3], half: [f64; 3], contact: Contact) -> Self {
+        Self::new(Region::Cuboid { centre, half }, contact)
+    }
+
+    /// The same region with the particles inside.
+    #[must_use]
+    pub fn container(self) -> Self {
+        Self { container: true, ..self }
+    }
+
+    /// The same obstacle travelling at this velocity \[m/s\].
+    #[must_use]
+    pub fn moving(self, velocity: [f64; 3]) -> Self {
+        Self { motion: RigidMotion { velocity, ..self.motion }, ..self }
+    }
+
+    /// The same obstacle turning with this angular velocity \[rad/s\] about an axis through `pivot` \[m\].
+    #[must_use]
+    pub fn spinning(self, spin: [f64; 3], pivot: [f64; 3]) -> Self {
+        Self { motion: RigidMotion { spin, pivot, ..self.motion }, ..self }
+    }
+
+    /// The same obstacle turned by `|turn|` radians about the axis `turn` through `pivot`, which becomes the pivot of its
+    /// motion.
+    #[must_use]
+    pub fn turned(self, turn: [f64; 3], pivot: [f64; 3]) -> Self {
+        Self { turn: product(rotation(turn), self.turn), motion: RigidMotion { pivot, ..self.motion }, ..self }
+    }
+
+    /// Where a point of the region is at time `t` \[s\].
+    pub(crate) fn place(&self, x: [f64; 3], t: f64) -> [f64; 3] {
+        let RigidMotion { velocity, spin, pivot } = self.motion;
+        let turned = times(&product(rotation(spin.map(|w| w * t)), self.turn), minus(x, pivot));
+        std::array::from_fn(|axis| pivot[axis] + velocity[axis] * t + turned[axis])
+    }
+
+    /// Whether it stays where its region says.
+    pub(crate) fn is_at_rest(&self) -> bool {
+        self.turn == EYE && self.motion.velocity == [0.0; 3] && self.motion.spin == [0.0; 3]
+    }
+
+    /// The unit normal, towards the free side, at a point where the obstacle acts at time 0, `None` elsewhere; the first of
+    /// them in a corner of a container. Near the axis of a cylinder and the centre of a ball it shrinks to zero:
     /// `n = r/√(r·r + 1e-8)`.
     #[inline]
     pub fn normal(&self, x: [f64; 3]) -> Option<[f64; 3]> {
-        match self.region {
-            Region::Plane { point, normal } => (dot(minus(x, point), normal) <= 1e-6).then_some(normal),
-            Region::Cylinder { start, end, radius } => {
-                let axis = minus(end, start);
-                let length = dot(axis, axis).sqrt();
-                let axis = axis.map(|a| a / length);
-                let from_start = minus(x, start);
-                let along = dot(from_start, axis);
-                let radial: [f64; 3] = std::array::from_fn(|i| from_start[i] - along * axis[i]);
-                let distance = (dot(radial, radial) + 1e-8).sqrt();
-                let inside = (0.0..=length).contains(&along) && distance <= radius;
-                inside.then(|| radial.map(|r| r / distance))
-            }
-        }
+        Placed::new(self, 0.0).normals(x).into_iter().next()
     }
 
-    /// The velocity \[m/s\] a node at `x` \[m\] has after contact.
+    /// The velocity \[m/s\] a node at `x` \[m\] has after contact at time 0.
     #[inline]
     pub fn collide(&self, x: [f64; 3], v: [f64; 3]) -> [f64; 3] {
-        match (self.normal(x), self.contact) {
-            (None, _) => v,
-            (Some(_), Contact::Sticky) => [0.0; 3],
-            (Some(n), Contact::Slip) => without(v, n, dot(n, v)),
-            (Some(n), Contact::Separate) => without(v, n, dot(n, v).min(0.0)),
-        }
+        Placed::new(self, 0.0).collide(x, v)
     }
 
     /// The cotangent of the velocity before contact, given it and the cotangent of the velocity after contact.
     #[inline]
     pub fn collide_vjp(&self, x: [f64; 3], v: [f64; 3], g: [f64; 3]) -> [f64; 3] {
-        match (self.normal(x), self.contact) {
-            (None, _) => g,
-            (Some(_), Contact::Sticky) => [0.0; 3],
-            (Some(n), Contact::Slip) => without(g, n, dot(n, g)),
-            (Some(n), Contact::Separate) => without(g, n, if dot(n, v) < 0.0 { dot(n, g) } else { 0.0 }),
-        }
+        super::contact::collide_vjp(&[Placed::new(self, 0.0)], x, v, g, &mut [0.0]).1
     }
-}
 
-/// All obstacles in order: the velocity after contact.
-#[inline]
-pub(crate) fn collide(colliders: &[Collider], x: [f64; 3], v: [f64; 3]) -> [f64; 3] {
-    colliders.iter().fold(v, |v, collider| collider.collide(x, v))
-}
-
-/// All obstacles in order: the velocity after contact, and the cotangent of the one before.
-pub(crate) fn collide_vjp(colliders: &[Collider], x: [f64; 3], v: [f64; 3], g: [f64; 3]) -> ([f64; 3], [f64; 3]) {
-    match colliders.split_first() {
-        None => (v, g),
-        Some((first, rest)) => {
-            let (after, g) = collide_vjp(rest, x, first.collide(x, v), g);
-            (after, first.collide_vjp(x, v, g))
+    /// Whether the numbers make sense.
+    ///
+    /// # Errors
+    ///
+    /// [`ErrorKind::Input`] naming the first that does not.
+    pub(crate) fn check(&self) -> Result<()> {
+        let fault = |what: &str, found: String, wanted: &str| {
+            Err(Error::new(ErrorKind::Input, what).at("collider").found(found).wanted(wanted))
+        };
+        let finite = |values: &[f64]| values.iter().all(|x| x.is_finite());
+        let (places, sizes): (Vec<f64>, Vec<f64>) = match self.region {
+            Region::Plane { point, normal } => ([point, normal].concat(), vec![]),
+            Region::Cylinder { start, end, radius } => ([start, end].concat(), vec![radius]),
+            Region::Sphere { centre, radius } => (centre.to_vec(), vec![radius]),
+            Region::Cuboid { centre, half } => (centre.to_vec(), half.to_vec()),
+        };
+        let RigidMotion { velocity, spin, pivot } = self.motion;
+        if !finite(&places) || !finite(&[velocity, spin, pivot].concat()) || !finite(self.turn.as_flattened()) {
+            return fault("an obstacle has no place or motion", format!("{self:?}"), "finite numbers");
+        }
+        if sizes.iter().any(|&size| !(size > 0.0 && size.is_finite())) {
+            return fault("an obstacle has no size", format!("{sizes:?} m"), "positive lengths in metres");
+        }
+        match self.contact {
+            Contact::Friction(mu) if !(mu >= 0.0 && mu.is_finite()) => {
+                fault("the coefficient of friction cannot be used", mu.to_string(), "0 or more")
+            }
+            _ => Ok(()),
         }
     }
 }
 
 #[inline(always)]
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+pub(super) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 #[inline(always)]
-fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+pub(super) fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
-/// `v − n·amount`
-#[inline(always)]
-fn without(v: [f64; 3], n: [f64; 3], amount: f64) -> [f64; 3] {
-    [v[0] - n[0] * amount, v[1] - n[1] * amount, v[2] - n[2] * amount]
+pub(super) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// `m x`
+pub(super) fn times(m: &[[f64; 3]; 3], x: [f64; 3]) -> [f64; 3] {
+    m.map(|row| dot(row, x))
+}
 
-    /// A node inside all of them, one after the other.
-    fn pile(contact: Contact) -> Vec<Collider> {
-        vec![
-            Collider::plane([0.0; 3], [0.3, 1.0, -0.2], contact),
-            Collider::cylinder([-1.0, 0.0, 0.0], [1.0, 0.1, 0.0], 0.5, contact),
-        ]
-    }
+pub(super) fn product(a: [[f64; 3]; 3], b: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
+    a.map(|row| std::array::from_fn(|j| (0..3).map(|k| row[k] * b[k][j]).sum()))
+}
 
-    #[test]
-    fn adjoints_agree_with_central_differences() {
-        let (x, g) = ([0.1, -0.1, 0.05], [0.7, -0.4, 0.9]);
-        for contact in [Contact::Sticky, Contact::Slip, Contact::Separate] {
-            for v in [[0.3, -1.0, 0.2], [0.3, 1.0, -0.2], [-1.0, 0.1, 0.8]] {
-                let colliders = pile(contact);
-                assert!(colliders.iter().all(|collider| collider.normal(x).is_some()));
-                let (after, before) = collide_vjp(&colliders, x, v, g);
-                assert_eq!(after, collide(&colliders, x, v));
-                for axis in 0..3 {
-                    let along = |by: f64| {
-                        let mut v = v;
-                        v[axis] += by;
-                        dot(g, collide(&colliders, x, v))
-                    };
-                    let difference = (along(1e-6) - along(-1e-6)) / 2e-6;
-                    assert!(
-                        (before[axis] - difference).abs() < 1e-8,
-                        "{contact:?}: {before:?}, axis {axis}: {difference}"
-                    );
-                }
-            }
-        }
+/// The rotation by `|turn|` radians about the axis `turn` (Rodrigues).
+pub(crate) fn rotation(turn: [f64; 3]) -> [[f64; 3]; 3] {
+    let angle = dot(turn, turn).sqrt();
+    if angle == 0.0 {
+        return EYE;
     }
-
-    #[test]
-    fn only_separate_contact_lets_go() {
-        let (x, away) = ([0.0, -0.1, 0.0], [0.5, 1.0, 0.0]);
-        let ground = |contact| Collider::plane([0.0; 3], [0.0, 1.0, 0.0], contact).collide(x, away);
-        assert_eq!(ground(Contact::Sticky), [0.0; 3]);
-        assert_eq!(ground(Contact::Slip), [0.5, 0.0, 0.0]);
-        assert_eq!(ground(Contact::Separate), away);
-    }
-
-    #[test]
-    fn a_cylinder_ends_where_it_ends() {
-        let rod = Collider::cylinder([0.0; 3], [1.0, 0.0, 0.0], 0.1, Contact::Sticky);
-        assert!(rod.normal([0.5, 0.09, 0.0]).is_some());
-        assert!(rod.normal([0.5, 0.11, 0.0]).is_none());
-        assert!(rod.normal([1.01, 0.0, 0.0]).is_none());
-        let n = rod.normal([0.5, 0.0, 0.05]).unwrap();
-        approx::assert_abs_diff_eq!(n[2], 1.0, epsilon = 1e-5);
-    }
+    let n = turn.map(|t| t / angle);
+    let (sin, cos) = angle.sin_cos();
+    let skew = [[0.0, -n[2], n[1]], [n[2], 0.0, -n[0]], [-n[1], n[0], 0.0]];
+    std::array::from_fn(|i| std::array::from_fn(|j| cos * EYE[i][j] + sin * skew[i][j] + (1.0 - cos) * n[i] * n[j]))
 }

@@ -7,9 +7,9 @@
 use gradreel::Element;
 use rayon::prelude::*;
 
-use super::collider::{collide, collide_vjp};
+use super::contact::{Placed, collide, collide_jvp, collide_vjp};
 use super::denormals::Flush;
-use super::kernel::scatter;
+use super::kernel::{scatter, scatter_tangent};
 use super::lattice::{Lattice, SLAB};
 use super::row::{Level, Number};
 use super::transfer::Record;
@@ -59,6 +59,34 @@ pub(crate) fn scatter_all<T: Number>(
     records: &[Record<T>],
     buckets: &Buckets,
 ) {
+    by_slabs(lattice, grid, buckets, |first_plane, region, order| {
+        scatter(level, lattice, first_plane, region, records, order);
+    });
+}
+
+/// Clears `grid` and scatters into it how all records change with the positions and with themselves; see
+/// [`push_tangent`](super::transfer::push_tangent).
+pub(crate) fn scatter_tangents<T: Number>(
+    level: Level,
+    lattice: &Lattice<T>,
+    grid: &mut Vec<T>,
+    records: &[Record<T>],
+    tangents: &[Record<T>],
+    buckets: &Buckets,
+) {
+    by_slabs(lattice, grid, buckets, |first_plane, region, order| {
+        scatter_tangent(level, lattice, first_plane, region, records, tangents, order);
+    });
+}
+
+/// Clears `grid` and visits each slab's region of it with the slab's first plane and its particles; slabs that could touch
+/// the same node are not visited at once.
+fn by_slabs<T: Number>(
+    lattice: &Lattice<T>,
+    grid: &mut Vec<T>,
+    buckets: &Buckets,
+    visit: impl Fn(usize, &mut [T], &[u32]) + Sync,
+) {
     grid.resize(lattice.len(), T::ZERO);
     grid.par_chunks_mut(lattice.stride[0]).for_each(|plane| plane.fill(T::ZERO));
     let slab_len = SLAB * lattice.stride[0];
@@ -69,7 +97,7 @@ pub(crate) fn scatter_all<T: Number>(
             let slab = 2 * pair + phase;
             if slab < buckets.slabs() {
                 let _flush = Flush::start();
-                scatter(level, lattice, slab * SLAB, region, records, buckets.slab(slab));
+                visit(slab * SLAB, region, buckets.slab(slab));
             }
         });
     }
@@ -77,12 +105,12 @@ pub(crate) fn scatter_all<T: Number>(
 
 /// Turns `[momentum, mass]` into `[velocity, mass]` at every node: gravity, then obstacles. Nodes too light to count get
 /// velocity 0.
-pub(crate) fn update<T: Number>(world: &World, lattice: &Lattice<T>, dt: f64, grid: &mut [T]) {
+pub(crate) fn update<T: Number>(world: &World, obstacles: &[Placed], lattice: &Lattice<T>, dt: f64, grid: &mut [T]) {
     let least = T::from_f64(world.least_mass());
     let kick = world.gravity.map(|g| g * dt);
     each_plane(lattice, grid, |node, value| {
         if value[3] > least {
-            let v = collide(&world.colliders, lattice.node(node), free_velocity(value, kick));
+            let v = collide(obstacles, lattice.node(node), free_velocity(value, kick));
             value[..3].copy_from_slice(&v.map(T::from_f64));
         } else {
             value[..3].fill(T::ZERO);
@@ -90,30 +118,41 @@ pub(crate) fn update<T: Number>(world: &World, lattice: &Lattice<T>, dt: f64, gr
     });
 }
 
+/// The cotangents, or the tangents, of what nodes have in common.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct OnWorld {
+    /// Of gravity.
+    pub gravity: [f64; 3],
+    /// Of the coefficients of friction, one per obstacle.
+    pub friction: Vec<f64>,
+}
+
 /// The adjoint of [`update`]: `grid` becomes `[velocity, mass]` as there, and `cotangent` turns from that of the velocity
-/// into that of momentum and mass: `g_mom = g/m`, `g_mass = −g·mom/m²`. Returns the cotangent of gravity.
+/// into that of momentum and mass: `g_mom = g/m`, `g_mass = −g·mom/m²`. Adds to the cotangents of the world.
 pub(crate) fn update_vjp<T: Number>(
     world: &World,
+    obstacles: &[Placed],
     lattice: &Lattice<T>,
     dt: f64,
     grid: &mut [T],
     cotangent: &mut [T],
-) -> [f64; 3] {
+    on_world: &mut OnWorld,
+) {
     let least = T::from_f64(world.least_mass());
     let kick = world.gravity.map(|g| g * dt);
     let plane = lattice.stride[0].max(1);
     let both = grid.par_chunks_mut(plane).zip(cotangent.par_chunks_mut(plane)).enumerate();
-    let planes: Vec<[f64; 3]> = both
+    let planes: Vec<OnWorld> = both
         .map(|(x, (values, cotangents))| {
             let _flush = Flush::start();
-            let mut on_gravity = [0.0; 3];
+            let mut sums = OnWorld { gravity: [0.0; 3], friction: vec![0.0; obstacles.len()] };
             for (at, (value, g)) in values.chunks_exact_mut(4).zip(cotangents.chunks_exact_mut(4)).enumerate() {
                 if value[3] > least {
-                    let node = [x, at / lattice.shape[2], at % lattice.shape[2]];
+                    let node = lattice.node([x, at / lattice.shape[2], at % lattice.shape[2]]);
                     let free = free_velocity(value, kick);
                     let after = [g[0], g[1], g[2]].map(Element::to_f64);
-                    let (v, before) = collide_vjp(&world.colliders, lattice.node(node), free, after);
-                    (0..3).for_each(|axis| on_gravity[axis] += dt * before[axis]);
+                    let (v, before) = collide_vjp(obstacles, node, free, after, &mut sums.friction);
+                    (0..3).for_each(|axis| sums.gravity[axis] += dt * before[axis]);
                     let mass = value[3].to_f64();
                     let momentum: [f64; 3] = std::array::from_fn(|i| value[i].to_f64());
                     let on_mass = -(0..3).map(|i| before[i] * momentum[i]).sum::<f64>() / (mass * mass);
@@ -125,10 +164,47 @@ pub(crate) fn update_vjp<T: Number>(
                     g.fill(T::ZERO);
                 }
             }
-            on_gravity
+            sums
         })
         .collect();
-    std::array::from_fn(|axis| planes.iter().map(|plane| plane[axis]).sum())
+    on_world.friction.resize(obstacles.len(), 0.0);
+    let sum = |of: &dyn Fn(&OnWorld) -> f64| planes.iter().map(of).sum::<f64>();
+    (0..3).for_each(|axis| on_world.gravity[axis] += sum(&|plane| plane.gravity[axis]));
+    (0..obstacles.len()).for_each(|k| on_world.friction[k] += sum(&|plane| plane.friction[k]));
+}
+
+/// The tangent of [`update`]: `tangent` turns from that of momentum and mass into that of the velocity. `grid` still holds
+/// `[momentum, mass]`; `change` holds the tangents of the world.
+pub(crate) fn update_jvp<T: Number>(
+    world: &World,
+    obstacles: &[Placed],
+    lattice: &Lattice<T>,
+    dt: f64,
+    grid: &[T],
+    tangent: &mut [T],
+    change: &OnWorld,
+) {
+    let least = T::from_f64(world.least_mass());
+    let kick = world.gravity.map(|g| g * dt);
+    let plane = lattice.stride[0].max(1);
+    tangent.par_chunks_mut(plane).zip(grid.par_chunks(plane)).enumerate().for_each(|(x, (tangents, values))| {
+        let _flush = Flush::start();
+        for (at, (d, value)) in tangents.chunks_exact_mut(4).zip(values.chunks_exact(4)).enumerate() {
+            if value[3] > least {
+                let per_mass = 1.0 / value[3].to_f64();
+                let on_mass = d[3].to_f64() * per_mass;
+                let free = free_velocity(value, kick);
+                let along: [f64; 3] = std::array::from_fn(|i| {
+                    (d[i].to_f64() - value[i].to_f64() * on_mass) * per_mass + dt * change.gravity[i]
+                });
+                let node = lattice.node([x, at / lattice.shape[2], at % lattice.shape[2]]);
+                d[..3].copy_from_slice(&collide_jvp(obstacles, node, free, along, &change.friction).map(T::from_f64));
+                d[3] = T::ZERO;
+            } else {
+                d.fill(T::ZERO);
+            }
+        }
+    });
 }
 
 /// `momentum/mass + dt g` \[m/s\]

@@ -3,7 +3,7 @@
 use super::lattice::Lattice;
 use super::row::{Level, Number, Row};
 use super::state::{BLOCK, C, V};
-use super::transfer::{Record, gather, pull, push};
+use super::transfer::{Record, gather, gather_tangent, pull, push, push_tangent};
 
 /// Declares a function that runs `$body` with the best rows of this machine.
 macro_rules! by_level {
@@ -58,6 +58,131 @@ unsafe fn scatter_body<T: Number, R: Row<T>>(
 ) {
     for &particle in order {
         unsafe { push::<T, R>(lattice, first_plane, region, &records[particle as usize]) };
+    }
+}
+
+by_level! {
+    /// Scatters the tangents of the records listed in `order`; see [`push_tangent`].
+    fn scatter_tangent(
+        lattice: &Lattice<T>,
+        first_plane: usize,
+        region: &mut [T],
+        records: &[Record<T>],
+        tangents: &[Record<T>],
+        order: &[u32],
+    ) = scatter_tangent_body
+}
+
+#[inline(always)]
+unsafe fn scatter_tangent_body<T: Number, R: Row<T>>(
+    lattice: &Lattice<T>,
+    first_plane: usize,
+    region: &mut [T],
+    records: &[Record<T>],
+    tangents: &[Record<T>],
+    order: &[u32],
+) {
+    for &particle in order {
+        let (record, tangent) = (&records[particle as usize], &tangents[particle as usize]);
+        unsafe { push_tangent::<T, R>(lattice, first_plane, region, record, tangent) };
+    }
+}
+
+by_level! {
+    /// The tangent of a block's gather and motion: reads positions of `now`, and turns the positions, velocities and affine
+    /// velocities of `tangent` from those before the substep into those after it.
+    fn advance_tangent(
+        lattice: &Lattice<T>,
+        grid: &[T],
+        tangents: &[T],
+        dt: T,
+        now: &[T],
+        len: usize,
+        tangent: &mut [T],
+    ) = advance_tangent_body
+}
+
+#[inline(always)]
+unsafe fn advance_tangent_body<T: Number, R: Row<T>>(
+    lattice: &Lattice<T>,
+    grid: &[T],
+    tangents: &[T],
+    dt: T,
+    now: &[T],
+    len: usize,
+    tangent: &mut [T],
+) {
+    let len = len.min(BLOCK);
+    let (now, tangent) = (&now[..V * BLOCK], &mut tangent[..(C + 9) * BLOCK]);
+    let four = T::from_f64(4.0) * lattice.inverse_dx * lattice.inverse_dx;
+    for i in 0..len {
+        let x = [now[i], now[BLOCK + i], now[2 * BLOCK + i]];
+        let dx = [tangent[i], tangent[BLOCK + i], tangent[2 * BLOCK + i]];
+        let found = unsafe { gather_tangent::<T, R>(lattice, grid, tangents, x, dx) };
+        for axis in 0..3 {
+            tangent[(V + axis) * BLOCK + i] = found.sum[axis];
+            tangent[axis * BLOCK + i] = dx[axis] + dt * found.sum[axis];
+        }
+        for k in 0..9 {
+            tangent[(C + k) * BLOCK + i] = four * found.moment[k];
+        }
+    }
+}
+
+by_level! {
+    /// What the first `len` particles of a block gather from a grid: three arrays.
+    fn interpolate(
+        lattice: &Lattice<T>,
+        grid: &[T],
+        now: &[T],
+        len: usize,
+        out: &mut [T],
+    ) = interpolate_body
+}
+
+#[inline(always)]
+unsafe fn interpolate_body<T: Number, R: Row<T>>(
+    lattice: &Lattice<T>,
+    grid: &[T],
+    now: &[T],
+    len: usize,
+    out: &mut [T],
+) {
+    let (now, out) = (&now[..V * BLOCK], &mut out[..3 * BLOCK]);
+    for i in 0..len.min(BLOCK) {
+        let found = unsafe { gather::<T, R>(lattice, grid, [now[i], now[BLOCK + i], now[2 * BLOCK + i]]) };
+        (0..3).for_each(|axis| out[axis * BLOCK + i] = found.sum[axis]);
+    }
+}
+
+by_level! {
+    /// The tangent of [`interpolate`]; reads the positions of `now` and `tangent`.
+    fn interpolate_tangent(
+        lattice: &Lattice<T>,
+        grid: &[T],
+        tangents: &[T],
+        now: &[T],
+        tangent: &[T],
+        len: usize,
+        out: &mut [T],
+    ) = interpolate_tangent_body
+}
+
+#[inline(always)]
+unsafe fn interpolate_tangent_body<T: Number, R: Row<T>>(
+    lattice: &Lattice<T>,
+    grid: &[T],
+    tangents: &[T],
+    now: &[T],
+    tangent: &[T],
+    len: usize,
+    out: &mut [T],
+) {
+    let (now, tangent, out) = (&now[..V * BLOCK], &tangent[..V * BLOCK], &mut out[..3 * BLOCK]);
+    for i in 0..len.min(BLOCK) {
+        let at = |array: &[T]| [array[i], array[BLOCK + i], array[2 * BLOCK + i]];
+        let found = unsafe { gather_tangent::<T, R>(lattice, grid, tangents, at(now), at(tangent)) };
+        (0..3).for_each(|axis| out[axis * BLOCK + i] = found.sum[axis]);
     }
 }
 
@@ -184,5 +309,45 @@ unsafe fn collect_body<T: Number, R: Row<T>>(
             affine[k * BLOCK + i] = found.moment[k];
         }
         mass[i] = on_mass;
+    }
+}
+
+by_level! {
+    /// As [`collect`], for a scatter that carries no mass: adds to the positions of `cotangent`, writes the cotangents of
+    /// what was scattered to `affine` (9 arrays) and `sums` (3 arrays).
+    fn collect_old(
+        lattice: &Lattice<T>,
+        cotangents: &[T],
+        velocities: &[T],
+        scattered: &[Record<T>],
+        gathered: &[Record<T>],
+        cotangent: &mut [T],
+        affine: &mut [T],
+        sums: &mut [T],
+    ) = collect_old_body
+}
+
+#[inline(always)]
+#[allow(clippy::too_many_arguments)] // plain data of one loop
+unsafe fn collect_old_body<T: Number, R: Row<T>>(
+    lattice: &Lattice<T>,
+    cotangents: &[T],
+    velocities: &[T],
+    scattered: &[Record<T>],
+    gathered: &[Record<T>],
+    cotangent: &mut [T],
+    affine: &mut [T],
+    sums: &mut [T],
+) {
+    let (cotangent, affine, sums) = (&mut cotangent[..V * BLOCK], &mut affine[..9 * BLOCK], &mut sums[..3 * BLOCK]);
+    for (i, (scattered, gathered)) in scattered.iter().zip(gathered).enumerate().take(BLOCK) {
+        let found = unsafe { pull::<T, R>(lattice, scattered, cotangents, gathered, velocities) };
+        for axis in 0..3 {
+            cotangent[axis * BLOCK + i] += found.position[axis];
+            sums[axis * BLOCK + i] = found.sum[axis];
+        }
+        for k in 0..9 {
+            affine[k * BLOCK + i] = found.moment[k];
+        }
     }
 }

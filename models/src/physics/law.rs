@@ -1,6 +1,6 @@
 //! A material, traced: the programs that a substep runs over blocks of particles.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use gradreel::scalar::{Lanes, Mat3, Program, Scalar};
 
@@ -28,7 +28,8 @@ const SLOTS: usize = FIXED + PARAMETER_LIMIT + OUTPUTS + 2 * HISTORY_LIMIT;
 /// - `law`: `F, C, dt, parameters, history ↦ F′, τ, history′`, for looking at a material by itself;
 /// - `forward`: `F, C, dt, s, m, parameters, history ↦ F′, A, history′`, all that happens to one particle before the
 ///   transfer: `F_trial = (I + dt C) F`, the return map, and `A = m C − s τ` with `s = dt V₀ 4/dx²`;
-/// - `reverse`: its vector-Jacobian product with respect to `F, C, m`, the parameters and the history.
+/// - `reverse`: its vector-Jacobian product with respect to `F, C, m`, the parameters and the history;
+/// - `tangent`: its Jacobian-vector product.
 #[derive(Debug, Clone)]
 pub struct Law {
     material: Arc<dyn Material>,
@@ -37,6 +38,8 @@ pub struct Law {
     law: Program,
     forward: Program,
     reverse: Program,
+    /// Made when first asked for.
+    tangent: Arc<OnceLock<Program>>,
 }
 
 impl Law {
@@ -84,7 +87,7 @@ impl Law {
         });
         let wanted: Vec<usize> = (0..18).chain(20..FIXED + parameters.len() + history.len()).collect();
         let reverse = forward.vjp_wrt(&wanted);
-        Self { material: Arc::new(material), parameters, history, law, forward, reverse }
+        Self { material: Arc::new(material), parameters, history, law, forward, reverse, tangent: Arc::default() }
     }
 
     /// The material's name.
@@ -148,6 +151,32 @@ impl Law {
         let count_out = self.cotangent_count();
         let mut results = cut(arrays(out, count_out), with);
         self.reverse.run(with.len, &inputs[..count + outputs], &mut results[..count_out]);
+    }
+
+    /// Runs the tangent program: `direction` holds the tangents of mass and parameters, `tangent` those of a state, of which
+    /// `F`, `C` and history are read. Those of `F`, `A` and history after the substep go to `out`, one array each.
+    pub(crate) fn push_forward<T: Number>(
+        &self,
+        now: &[T],
+        with: &Run<'_, T>,
+        tangent: &[T],
+        direction: &Run<'_, T>,
+        out: &mut [T],
+    ) {
+        const SLOTS: usize = 2 * (FIXED + PARAMETER_LIMIT + HISTORY_LIMIT);
+        let count = self.input_count();
+        let mut inputs = [Lanes::Same(T::ZERO); SLOTS];
+        inputs[..count].copy_from_slice(&self.inputs(now, with)[..count]);
+        inputs[count..2 * count].copy_from_slice(&self.inputs(tangent, direction)[..count]);
+        let outputs = OUTPUTS + self.history.len();
+        let mut results = cut(arrays(out, outputs), with);
+        let program = self.tangent.get_or_init(|| self.forward.jvp());
+        program.run(with.len, &inputs[..2 * count], &mut results[..outputs]);
+    }
+
+    /// Arrays that [`Law::push_forward`] writes.
+    pub(crate) fn tangent_count(&self) -> usize {
+        OUTPUTS + self.history.len()
     }
 
     /// Arrays that [`Law::pull_back`] writes.

@@ -1,15 +1,16 @@
 //! Physics: the differentiable material point method.
 //!
 //! Particles carry a piece of material each; a grid that is new in every substep lets them exchange momentum. A substep is
-//! MLS-MPM: quadratic B-splines, affine velocities (APIC), no damping. Everything has an exact adjoint: the transfers by
-//! hand, the material by differentiating its scalar program.
+//! MLS-MPM: quadratic B-splines, affine velocities (APIC, or a blend with FLIP), no damping. Everything has an exact adjoint:
+//! the transfers by hand, the material by differentiating its scalar program.
 //!
-//! - [`World`]: grid spacing, gravity, [`Collider`]s, limits.
+//! - [`World`]: grid spacing, gravity, [`Collider`]s (planes, boxes, balls, cylinders; solid or containers; at rest or moving;
+//!   sticky, slippery or with Coulomb friction), the blend of APIC with FLIP, limits.
 //! - [`Material`]: one constitutive law, written for one particle; [`Law`]: the same, traced. [`materials`] lists them, and
 //!   [`check_material`] checks them.
 //! - [`rollout`]: thousands of substeps as one node of the tape, with a [`Schedule`] and [`Remat`]; [`simulate`]: the same
-//!   for several materials at once.
-//! - [`State`], [`Simulation`]: one substep at a time, forwards and backwards, on plain arrays.
+//!   for several materials at once; [`Rollout::jvp`]: forward mode, several directions at once.
+//! - [`State`], [`Simulation`], [`Tangent`]: one substep at a time, forwards, backwards and in forward mode, on plain arrays.
 //!
 //! Units are SI throughout; world y is up; node (0, 0, 0) of the grid is the world's origin. Results do not depend on the
 //! number of threads, bit for bit.
@@ -19,8 +20,11 @@
 
 mod check;
 mod collider;
+mod contact;
 mod denormals;
 mod failure;
+mod flip;
+mod forward;
 mod grid;
 mod kernel;
 mod lattice;
@@ -42,7 +46,10 @@ mod values;
 mod world;
 
 pub use check::{MaterialCheck, MaterialReport, check_material};
-pub use collider::{Collider, Contact, Region};
+pub(crate) use collider::rotation;
+pub use collider::{Collider, Contact, Region, RigidMotion};
+pub use forward::Tangent;
+pub(crate) use lattice::neighbours;
 pub use law::Law;
 pub use material::{Given, History, Material, Point};
 pub use parameters::{Map, Parameter, lame};

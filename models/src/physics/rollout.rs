@@ -1,15 +1,18 @@
 //! A whole simulation as one op of the tape.
 
+mod jvp;
+
 use std::sync::Arc;
 
 use gradreel::{Backward, DType, Error, ErrorKind, Forward, Op, Reads, Result, Spec, Tensor, Var};
 
-use super::lattice::Lattice;
+use super::collider::Contact;
+use super::lattice::neighbours;
 use super::law::Law;
 use super::remat::Remat;
 use super::row::Number;
 use super::scene::{Scene, Substance, simulate};
-use super::state::V;
+use super::state::{State, V};
 use super::substep::{Portion, Simulation};
 use super::timestep::Schedule;
 use super::trajectory::Trajectory;
@@ -24,6 +27,7 @@ use super::world::World;
 /// | velocity | `[3]` or `[n, 3]` | m/s |
 /// | density | `[1]` or `[n]` | kg/m³ |
 /// | gravity, if [`Rollout::gravity`] | `[3]` | m/s² |
+/// | friction, if [`Rollout::friction`] | `[1]` or `[colliders]` | - |
 /// | each parameter of each material | `[1]` or `[n]` | its own |
 ///
 /// The output is `[frames, n, 3]` \[m\]; frame 0 is the input. All inputs have the same dtype, `f32` or `f64`, and live on
@@ -38,6 +42,9 @@ pub struct Rollout {
     pub material_of: Option<Arc<[u32]>>,
     /// Whether gravity is an input, in place of that of `world`.
     pub gravity: bool,
+    /// Whether the coefficients of [`Contact::Friction`] are an input, in place of those of the obstacles: one for all, or one
+    /// per obstacle, of which those of obstacles with friction count.
+    pub friction: bool,
     /// Times.
     pub schedule: Schedule,
     /// What is kept for the backward pass; `None` keeps nothing, for a rollout that is not differentiated.
@@ -93,7 +100,7 @@ pub struct Body {
 pub fn rollout(world: &World, law: &Law, schedule: Schedule, remat: Remat, body: &Body) -> Result<Var> {
     let Body { positions, velocity, density, parameters } = body.clone();
     let materials = vec![Substance { law: law.clone(), parameters }];
-    let scene = Scene { positions, velocity, density, gravity: None, materials, material_of: None };
+    let scene = Scene { positions, velocity, density, gravity: None, friction: None, materials, material_of: None };
     simulate(world, &scene, schedule, remat)
 }
 
@@ -125,6 +132,10 @@ impl Op for Rollout {
             let (fits, wanted) = match index {
                 1 => (dims == [3] || dims == [n, 3], format!("[3] or [{n}, 3]")),
                 3 if self.gravity => (dims == [3], "[3]".to_owned()),
+                _ if self.friction && index == self.friction_at() => {
+                    let colliders = self.world.colliders.len();
+                    (dims == [1] || dims == [colliders], format!("[1] or [{colliders}], one per obstacle"))
+                }
                 _ => (dims == [1] || dims == [n], format!("[1] or [{n}]")),
             };
             if !fits {
@@ -168,27 +179,11 @@ impl Op for Rollout {
 
 impl Rollout {
     fn forward<T: Number>(&self, inputs: &[Tensor]) -> Result<Forward> {
-        let positions: Vec<[T; 3]> = triples(&inputs[0]);
-        finite("positions", inputs[0].slice::<T>(), 3)?;
-        let velocities: Vec<[T; 3]> = triples(&inputs[1]);
-        finite("velocity", inputs[1].slice::<T>(), 3)?;
-        let n = positions.len();
-        let order = self.order(&positions);
+        let n = inputs[0].dims()[0];
         let world = self.world_of::<T>(inputs)?;
-        world.check()?;
-        self.schedule.check()?;
-        let values = self.values::<T>(inputs, n)?;
-        for (index, (law, parameters)) in self.laws.iter().zip(&values.parameters).enumerate() {
-            let member = |particle: usize| self.material_of.as_ref().is_none_or(|of| of[particle] as usize == index);
-            self.schedule.check_waves(&world, law, &values.density, parameters, n, member)?;
-        }
+        let (order, values) = self.prepare::<T>(inputs, &world)?;
         let mut simulation = self.simulation(&world, &values, &order)?;
-        let x: Vec<[T; 3]> = order.iter().map(|&p| positions[p as usize]).collect();
-        let v: Vec<[T; 3]> = match velocities[..] {
-            [one] if inputs[1].dims().len() == 1 => vec![one; n],
-            _ => order.iter().map(|&p| velocities[p as usize]).collect(),
-        };
-        let start = simulation.at_rest(&x, &v)?;
+        let start = start::<T>(&simulation, inputs, &order)?;
         let mut output = vec![[T::ZERO; 3]; self.schedule.frames * n];
         let trajectory = rayon::scope(|_| {
             Trajectory::forward(&mut simulation, start, self.schedule, self.remat, |frame, state| {
@@ -199,6 +194,22 @@ impl Rollout {
         })?;
         let output = Tensor::from_vec(output.into_flattened(), [self.schedule.frames, n, 3]);
         Ok(Forward::with_residual(output, Kept { trajectory, order }))
+    }
+
+    /// Checks what is given; the order of the particles, and densities and parameters in the caller's order.
+    fn prepare<T: Number>(&self, inputs: &[Tensor], world: &World) -> Result<(Vec<u32>, Inputs<T>)> {
+        finite("positions", inputs[0].slice::<T>(), 3)?;
+        finite("velocity", inputs[1].slice::<T>(), 3)?;
+        let positions: Vec<[T; 3]> = triples(&inputs[0]);
+        let n = positions.len();
+        world.check()?;
+        self.schedule.check()?;
+        let values = self.values::<T>(inputs, n)?;
+        for (index, (law, parameters)) in self.laws.iter().zip(&values.parameters).enumerate() {
+            let member = |particle: usize| self.material_of.as_ref().is_none_or(|of| of[particle] as usize == index);
+            self.schedule.check_waves(world, law, &values.density, parameters, n, member)?;
+        }
+        Ok((self.order(&positions), values))
     }
 
     fn backward<T: Number>(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
@@ -227,13 +238,20 @@ impl Rollout {
         if self.gravity {
             cotangents.push(values.gravity.map(T::from_f64).to_vec());
         }
+        if self.friction {
+            let all = values.friction.iter().map(|&g| T::from_f64(g));
+            let rough = self.world.colliders.iter().map(|c| matches!(c.contact, Contact::Friction(_)));
+            let all: Vec<T> = all.zip(rough).map(|(g, rough)| if rough { g } else { T::ZERO }).collect();
+            cotangents.push(if inputs[self.friction_at()].len() == 1 { total(&all, 1) } else { all });
+        }
         cotangents.extend(values.parameters);
         let tape = cx.input(0).tape();
         let mut gradients = Vec::with_capacity(inputs.len());
         for (index, (cotangent, input)) in cotangents.into_iter().zip(&inputs).enumerate() {
             let name = format!("gradient of {}", self.input_names()[index]);
+            let of_world = (3..self.inputs_of_world()).contains(&index);
             let width = if index < 2 || (index == 3 && self.gravity) { 3 } else { 1 };
-            let gradient = if input.len() == cotangent.len() && input.len() <= width {
+            let gradient = if of_world || (input.len() == cotangent.len() && input.len() <= width) {
                 cotangent
             } else if input.len() == width {
                 total(&cotangent, width)
@@ -254,17 +272,49 @@ impl Rollout {
     fn input_names(&self) -> Vec<&'static str> {
         let parameters = self.laws.iter().flat_map(|law| law.parameters()).map(|parameter| parameter.name);
         let gravity = self.gravity.then_some("gravity");
-        ["positions", "velocity", "density"].into_iter().chain(gravity).chain(parameters).collect()
+        let friction = self.friction.then_some("friction");
+        ["positions", "velocity", "density"].into_iter().chain(gravity).chain(friction).chain(parameters).collect()
     }
 
-    /// The world, with the gravity that is an input.
+    /// Where friction is among the inputs, if it is one.
+    fn friction_at(&self) -> usize {
+        3 + usize::from(self.gravity)
+    }
+
+    /// Inputs before the parameters of the materials.
+    fn inputs_of_world(&self) -> usize {
+        self.friction_at() + usize::from(self.friction)
+    }
+
+    /// The world, with the gravity and the friction that are inputs.
     fn world_of<T: Number>(&self, inputs: &[Tensor]) -> Result<World> {
-        if !self.gravity {
-            return Ok(self.world.clone());
+        let mut world = self.world.clone();
+        if self.gravity {
+            let gravity = inputs[3].slice::<T>();
+            finite("gravity", gravity, 3)?;
+            world.gravity = std::array::from_fn(|axis| gravity[axis].to_f64());
         }
-        let gravity = inputs[3].slice::<T>();
-        finite("gravity", gravity, 3)?;
-        Ok(World { gravity: std::array::from_fn(|axis| gravity[axis].to_f64()), ..self.world.clone() })
+        if self.friction {
+            let given = inputs[self.friction_at()].slice::<T>();
+            finite("friction", given, 1)?;
+            let mut rough = 0;
+            for (index, collider) in world.colliders.iter_mut().enumerate() {
+                if let Contact::Friction(mu) = &mut collider.contact {
+                    *mu = given[if given.len() == 1 { 0 } else { index }].to_f64();
+                    rough += 1;
+                }
+            }
+            if rough == 0 {
+                return Err(Error::new(
+                    ErrorKind::Input,
+                    "a coefficient of friction is given, but nothing has friction",
+                )
+                .at("rollout")
+                .found(format!("{} colliders, none with Contact::Friction", world.colliders.len()))
+                .fix("give a collider the contact Contact::Friction(coefficient)"));
+            }
+        }
+        Ok(world)
     }
 
     /// Densities and parameters in the caller's order, checked.
@@ -274,7 +324,7 @@ impl Rollout {
             each => Values::Each(each.to_vec()),
         };
         let density = values(&inputs[2]);
-        let mut rest = inputs[3 + usize::from(self.gravity)..].iter().map(values);
+        let mut rest = inputs[self.inputs_of_world()..].iter().map(values);
         let parameters: Vec<Vec<Values<T>>> =
             self.laws.iter().map(|law| rest.by_ref().take(law.parameters().len()).collect()).collect();
         for (law, parameters) in self.laws.iter().zip(&parameters) {
@@ -309,13 +359,8 @@ impl Rollout {
         Ok(simulation)
     }
 
-    /// Particles sorted by material, then by the cell of their stencil: neighbours in space are neighbours in memory.
     fn order<T: Number>(&self, positions: &[[T; 3]]) -> Vec<u32> {
-        let lattice = Lattice::of_spacing(self.world.dx);
-        let material = |p: u32| self.material_of.as_ref().map_or(0, |of| of[p as usize]);
-        let mut order: Vec<u32> = (0..positions.len() as u32).collect();
-        order.sort_by_cached_key(|&p| (material(p), lattice.locate(positions[p as usize]).0));
-        order
+        neighbours(self.world.dx, positions, |p| self.material_of.as_ref().map_or(0, |of| of[p]))
     }
 
     /// Whether every particle has a material.
@@ -350,6 +395,17 @@ impl Rollout {
 struct Inputs<T> {
     density: Values<T>,
     parameters: Vec<Vec<Values<T>>>,
+}
+
+/// The state at the start, in grid order.
+fn start<T: Number>(simulation: &Simulation<'_, T>, inputs: &[Tensor], order: &[u32]) -> Result<State<T>> {
+    let (positions, velocities): (Vec<[T; 3]>, Vec<[T; 3]>) = (triples(&inputs[0]), triples(&inputs[1]));
+    let x: Vec<[T; 3]> = order.iter().map(|&p| positions[p as usize]).collect();
+    let v: Vec<[T; 3]> = match velocities[..] {
+        [one] if inputs[1].dims().len() == 1 => vec![one; order.len()],
+        _ => order.iter().map(|&p| velocities[p as usize]).collect(),
+    };
+    simulation.at_rest(&x, &v)
 }
 
 /// A tensor of triples.

@@ -21,6 +21,9 @@ pub struct Scene {
     pub density: Var,
     /// Gravity \[m/s²\] in place of the world's, to be differentiated.
     pub gravity: Option<Var>,
+    /// Coefficients of friction in place of those of the obstacles, to be differentiated: one for all obstacles that have
+    /// [`Contact::Friction`](super::Contact::Friction), or one per obstacle.
+    pub friction: Option<Var>,
     /// The materials.
     pub materials: Vec<Substance>,
     /// The index in `materials` of each particle's material; may be left out where there is only one.
@@ -55,6 +58,7 @@ pub struct Substance {
 ///     velocity: tape.constant(Tensor::from_vec(vec![0.0, 0.0, 0.0], [3])),
 ///     density: number(1000.0),
 ///     gravity: Some(tape.leaf(Tensor::from_vec(vec![0.0, -9.8, 0.0], [3]))),
+///     friction: None,
 ///     materials: vec![of("drucker_prager", &[1e5, 0.3, 35.0, 0.0]), of("neo_hookean", &[1e5, 0.3])],
 ///     material_of: Some([0, 0, 0, 0, 1, 1, 1, 1].into()),
 /// };
@@ -75,6 +79,7 @@ pub fn simulate(world: &World, scene: &Scene, schedule: Schedule, remat: Remat) 
     let others: Vec<&Var> = [&scene.velocity, &scene.density]
         .into_iter()
         .chain(&scene.gravity)
+        .chain(&scene.friction)
         .chain(scene.materials.iter().flat_map(|material| &material.parameters))
         .collect();
     let differentiable = scene.positions.is_differentiable() || others.iter().any(|var| var.is_differentiable());
@@ -83,6 +88,7 @@ pub fn simulate(world: &World, scene: &Scene, schedule: Schedule, remat: Remat) 
         laws: scene.materials.iter().map(|material| material.law.clone()).collect(),
         material_of: scene.material_of.clone(),
         gravity: scene.gravity.is_some(),
+        friction: scene.friction.is_some(),
         schedule,
         remat: differentiable.then_some(remat),
     };

@@ -212,6 +212,43 @@ impl<T: Number> State<T> {
         }
     }
 
+    /// Sets the affine velocity of a particle.
+    pub(crate) fn set_affine_velocity(&mut self, particle: usize, c: [[T; 3]; 3]) {
+        c.into_iter().enumerate().for_each(|(row, values)| self.write(particle, C + 3 * row, values));
+    }
+
+    /// All numbers of all particles, one particle after the other.
+    pub(crate) fn numbers(&self) -> Vec<f64> {
+        let each = (0..self.len).flat_map(|p| (0..COMPONENTS + self.history).map(move |k| (p, k)));
+        each.map(|(p, k)| self.values[self.index(p, k)].to_f64()).collect()
+    }
+
+    /// Takes over what [`State::numbers`] of a state of the same size returned.
+    pub(crate) fn restore(&mut self, numbers: &[f64]) -> Result<()> {
+        let width = COMPONENTS + self.history;
+        if numbers.len() != self.len * width || numbers.iter().any(|x| !x.is_finite()) {
+            return Err(Error::new(ErrorKind::Input, "the saved state does not belong to this scene, or is damaged")
+                .found(format!("{} numbers", numbers.len()))
+                .wanted(format!("{} finite ones, {width} for each of {} particles", self.len * width, self.len)));
+        }
+        for (at, &value) in numbers.iter().enumerate() {
+            let slot = self.index(at / width, at % width);
+            self.values[slot] = T::from_f64(value);
+        }
+        if self.len > 0 {
+            self.extent = (0..self.len).map(|p| self.read(p, 0)).fold([self.read(0, 0); 2], widen);
+        }
+        Ok(())
+    }
+
+    /// Sets three values starting at a component.
+    pub(crate) fn write(&mut self, particle: usize, component: usize, value: [T; 3]) {
+        for (axis, value) in value.into_iter().enumerate() {
+            let at = self.index(particle, component + axis);
+            self.values[at] = value;
+        }
+    }
+
     /// Three values starting at a component.
     pub(crate) fn read(&self, particle: usize, component: usize) -> [T; 3] {
         std::array::from_fn(|i| self.values[self.index(particle, component + i)])

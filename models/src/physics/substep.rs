@@ -1,4 +1,4 @@
-//! One substep forwards and backwards.
+//! One substep forwards and backwards; see `forward.rs` for forward mode, `flip.rs` for the blend of APIC with FLIP.
 //!
 //! Forwards: material → records → scatter → node update → gather. Backwards, from the state at the start of the substep:
 //! material, scatter again; scatter the cotangents of what was gathered; node adjoint; gather the cotangents of what was
@@ -11,8 +11,11 @@ use gradreel::scalar::Lanes;
 use gradreel::{Error, ErrorKind, Result};
 use rayon::prelude::*;
 
+use super::contact::Placed;
 use super::denormals::Flush;
 use super::failure::{Moment, failure};
+use super::flip::Old;
+use super::forward::Buffers;
 use super::grid::{Buckets, scatter_all, update, update_vjp};
 use super::kernel::{Limits, Motion, advance, collect};
 use super::lattice::Lattice;
@@ -39,25 +42,28 @@ pub struct Portion<'a, T> {
 /// Materials in a world with a fixed substep: steps states forwards and cotangents backwards.
 #[derive(Debug)]
 pub struct Simulation<'a, T: Number> {
-    world: &'a World,
-    dt: f64,
-    particles: usize,
+    pub(super) world: &'a World,
+    pub(super) dt: f64,
+    pub(super) particles: usize,
     /// History variables per particle, of the material with the most.
     history: usize,
-    mass: Values<T>,
-    portions: Vec<Portion<'a, T>>,
+    pub(super) mass: Values<T>,
+    pub(super) portions: Vec<Portion<'a, T>>,
     labels: Vec<u32>,
-    level: Level,
+    pub(super) level: Level,
     /// Substeps taken forwards, for error messages.
     pub(crate) substep: usize,
     // Buffers.
-    scattered: Vec<Record<T>>,
+    pub(super) obstacles: Vec<Placed>,
+    pub(super) scattered: Vec<Record<T>>,
     gathered: Vec<Record<T>>,
     slab_of: Vec<u32>,
     motions: Vec<Motion<T>>,
-    buckets: Buckets,
-    grid: Vec<T>,
-    cotangent_grid: Vec<T>,
+    pub(super) buckets: Buckets,
+    pub(super) grid: Vec<T>,
+    pub(super) cotangent_grid: Vec<T>,
+    pub(super) old: Old<T>,
+    pub(super) tangents: Vec<Buffers<T>>,
     totals: Totals<T>,
 }
 
@@ -126,6 +132,7 @@ impl<'a, T: Number> Simulation<'a, T> {
             labels: Vec::new(),
             level: Level::detect(),
             substep: 0,
+            obstacles: Vec::new(),
             scattered: vec![[T::ZERO; 16]; particles],
             gathered: Vec::new(),
             slab_of: vec![0; particles],
@@ -133,6 +140,8 @@ impl<'a, T: Number> Simulation<'a, T> {
             buckets: Buckets::default(),
             grid: Vec::new(),
             cotangent_grid: Vec::new(),
+            old: Old::default(),
+            tangents: Vec::new(),
             totals,
         })
     }
@@ -159,6 +168,12 @@ impl<'a, T: Number> Simulation<'a, T> {
         Ok(State::at_rest(positions, velocities)?.with_history(&history))
     }
 
+    /// Sets how many substeps the next one comes after; moving obstacles depend on it. A substep forwards counts itself, one
+    /// backwards does not.
+    pub fn rewind(&mut self, substeps: usize) {
+        self.substep = substeps;
+    }
+
     /// Gives particles the numbers by which errors name them.
     pub(crate) fn label(&mut self, labels: Vec<u32>) {
         self.labels = labels;
@@ -181,7 +196,13 @@ impl<'a, T: Number> Simulation<'a, T> {
             return Ok(());
         }
         let lattice = self.scatter(now, &mut next.values)?;
-        update(self.world, &lattice, self.dt, &mut self.grid);
+        self.scatter_old(now, &lattice);
+        update(self.world, &self.obstacles, &lattice, self.dt, &mut self.grid);
+        self.advance(&lattice, now, next)
+    }
+
+    /// Grid to particle, from the node velocities.
+    pub(super) fn advance(&mut self, lattice: &Lattice<T>, now: &State<T>, next: &mut State<T>) -> Result<()> {
         let bounds = self.world.bounds.unwrap_or([[f64::NEG_INFINITY; 3], [f64::INFINITY; 3]]);
         let limits = Limits {
             dt: T::from_f64(self.dt),
@@ -197,7 +218,7 @@ impl<'a, T: Number> Simulation<'a, T> {
             .enumerate()
             .for_each(|(block, ((now, next), motion))| {
                 let _flush = Flush::start();
-                *motion = advance(level, &lattice, grid, &limits, now, block_len(particles, block), next);
+                *motion = advance(level, lattice, grid, &limits, now, block_len(particles, block), next);
             });
         // A state that broke down stays unusable.
         next.extent = [[T::INFINITY; 3]; 2];
@@ -207,6 +228,7 @@ impl<'a, T: Number> Simulation<'a, T> {
                 return Err(failure(self.world, moment, block * BLOCK + at, now, next, &self.scattered));
             }
         }
+        self.blend(lattice, now, next);
         next.extent = self.motions.iter().fold(self.motions[0].extent, |extent, motion| {
             let [low, high] = motion.extent;
             widen(widen(extent, low), high)
@@ -234,12 +256,22 @@ impl<'a, T: Number> Simulation<'a, T> {
             return Ok(());
         }
         let lattice = self.scatter(now, &mut scratch.values)?;
+        self.scatter_old(now, &lattice);
         self.scatter_cotangents(&lattice, cotangent);
-        let on_gravity = update_vjp(self.world, &lattice, self.dt, &mut self.grid, &mut self.cotangent_grid);
-        (0..3).for_each(|axis| self.totals.gravity[axis] += on_gravity[axis]);
+        update_vjp(
+            self.world,
+            &self.obstacles,
+            &lattice,
+            self.dt,
+            &mut self.grid,
+            &mut self.cotangent_grid,
+            &mut self.totals.world,
+        );
+        self.scatter_old_cotangents(&lattice, cotangent);
         let (level, particles, stride) = (self.level, self.particles, now.stride());
         let (grid, cotangent_grid) = (&self.grid, &self.cotangent_grid);
         let constants = Constants::of(self.world, self.dt, &self.mass);
+        let old = (self.world.flip > 0.0).then_some(&self.old);
         let (portions, places, widths) = (&self.portions, &self.totals.places, self.totals.widths);
         now.values
             .par_chunks_exact(stride)
@@ -264,6 +296,11 @@ impl<'a, T: Number> Simulation<'a, T> {
                     &mut affine,
                     &mut on_mass,
                 );
+                let mut on_old = [T::ZERO; 9 * BLOCK];
+                if let Some(old) = old {
+                    let masses = constants.mass.run(block * BLOCK, scattered.len());
+                    old.collect(level, &lattice, block, now, masses, cotangent, &mut on_old, &mut on_mass);
+                }
                 let mut sink = Sink { sums, each };
                 let mut first_place = 1;
                 for portion in portions {
@@ -285,19 +322,25 @@ impl<'a, T: Number> Simulation<'a, T> {
                         }
                     });
                 }
+                if old.is_some() {
+                    let on_c = cotangent[C * BLOCK..][..9 * BLOCK].iter_mut();
+                    on_c.zip(&on_old).for_each(|(sum, &g)| *sum += g);
+                }
                 let lanes = 0..block_len(particles, block);
                 sink.add(places[0], lanes.clone(), &on_mass[lanes]);
             });
         Ok(())
     }
 
-    /// The cotangents of density, parameters and gravity that the backward substeps have added up.
+    /// The cotangents of density, parameters, gravity and friction that the backward substeps have added up.
     pub fn value_gradients(&self) -> ValueGradients<T> {
         let mut found = self.totals.places.iter().map(|&place| self.totals.of(place, self.particles));
         let volume = T::from_f64(self.world.particle_volume);
         let density = found.next().unwrap_or_default().into_iter().map(|g| g * volume).collect();
         let parameters = found.collect();
-        ValueGradients { density, parameters, gravity: self.totals.gravity }
+        let mut friction = self.totals.world.friction.clone();
+        friction.resize(self.world.colliders.len(), 0.0);
+        ValueGradients { density, parameters, gravity: self.totals.world.gravity, friction }
     }
 
     /// Momentum \[kg m/s\] and mass \[kg\] on the grid after the last forward substep.
@@ -312,7 +355,7 @@ impl<'a, T: Number> Simulation<'a, T> {
     }
 
     #[track_caller]
-    fn check(&self, states: &[&State<T>]) {
+    pub(super) fn check(&self, states: &[&State<T>]) {
         for state in states {
             let (found, wanted) = ((state.len(), state.history_count()), (self.particles, self.history));
             assert!(
@@ -324,7 +367,10 @@ impl<'a, T: Number> Simulation<'a, T> {
     }
 
     /// Material and particle-to-grid: fills `scattered`, the buckets and the grid, and `F` of `next`.
-    fn scatter(&mut self, now: &State<T>, next: &mut [T]) -> Result<Lattice<T>> {
+    pub(super) fn scatter(&mut self, now: &State<T>, next: &mut [T]) -> Result<Lattice<T>> {
+        let time = self.substep as f64 * self.dt;
+        self.obstacles.clear();
+        self.obstacles.extend(self.world.colliders.iter().map(|collider| Placed::new(collider, time)));
         let lattice = Lattice::covering(now.extent, self.world.dx, self.world.node_limit)?;
         let constants = Constants::of(self.world, self.dt, &self.mass);
         let (portions, particles, stride) = (&self.portions, self.particles, now.stride());
@@ -383,20 +429,20 @@ impl<'a, T: Number> Simulation<'a, T> {
 }
 
 /// What the materials need besides the state.
-struct Constants<'a, T> {
+pub(super) struct Constants<'a, T> {
     dt: T,
     stress_scale: T,
-    mass: &'a Values<T>,
+    pub(super) mass: &'a Values<T>,
 }
 
 impl<'a, T: Number> Constants<'a, T> {
-    fn of(world: &World, dt: f64, mass: &'a Values<T>) -> Self {
+    pub(super) fn of(world: &World, dt: f64, mass: &'a Values<T>) -> Self {
         let stress_scale = T::from_f64(dt * world.particle_volume * 4.0 / (world.dx * world.dx));
         Self { dt: T::from_f64(dt), stress_scale, mass }
     }
 
     /// The particles of a portion that lie in a block, if any do.
-    fn run(&self, portion: &'a Portion<'a, T>, block: usize, particles: usize) -> Option<Run<'a, T>> {
+    pub(super) fn run(&self, portion: &'a Portion<'a, T>, block: usize, particles: usize) -> Option<Run<'a, T>> {
         let start = block * BLOCK;
         let particle = portion.particles.start.max(start);
         let end = portion.particles.end.min(start + block_len(particles, block));
@@ -412,12 +458,12 @@ impl<'a, T: Number> Constants<'a, T> {
     }
 }
 
-fn block_len(particles: usize, block: usize) -> usize {
+pub(super) fn block_len(particles: usize, block: usize) -> usize {
     (particles - block * BLOCK).min(BLOCK)
 }
 
 /// Lends a piece of memory that belongs to the thread; its contents are left over from before.
-fn with_scratch<T: Number>(len: usize, run: impl FnOnce(&mut [T])) {
+pub(super) fn with_scratch<T: Number>(len: usize, run: impl FnOnce(&mut [T])) {
     thread_local! {
         static SCRATCH: RefCell<Vec<f64>> = const { RefCell::new(Vec::new()) };
     }

@@ -5,6 +5,7 @@
 
 use std::ops::Range;
 
+use super::grid::OnWorld;
 use super::row::Number;
 use super::state::BLOCK;
 use super::values::Values;
@@ -29,8 +30,8 @@ pub(crate) struct Totals<T> {
     pub sums: Vec<f64>,
     /// Per block, an array for each other value.
     pub each: Vec<T>,
-    /// The cotangent of gravity.
-    pub gravity: [f64; 3],
+    /// The cotangents of gravity and friction.
+    pub world: OnWorld,
 }
 
 impl<T: Number> Totals<T> {
@@ -50,7 +51,7 @@ impl<T: Number> Totals<T> {
         let places = values.map(place).collect();
         let widths = [shared.max(1), arrays.max(1) * BLOCK];
         let (sums, each) = (vec![0.0; blocks * widths[0]], vec![T::ZERO; blocks * widths[1]]);
-        Self { places, widths, sums, each, gravity: [0.0; 3] }
+        Self { places, widths, sums, each, world: OnWorld::default() }
     }
 
     /// The sums of a value: one number, or one per particle.

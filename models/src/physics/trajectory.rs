@@ -2,6 +2,7 @@
 
 use gradreel::Result;
 
+use super::forward::Tangent;
 use super::remat::Remat;
 use super::row::Number;
 use super::state::State;
@@ -45,6 +46,28 @@ impl<T: Number> Trajectory<T> {
         Ok(Self { schedule, segment, snapshots })
     }
 
+    /// Simulates from `start` and carries tangents along, calling `frame(index, state, tangents)` at each frame.
+    pub fn forward_jvp(
+        simulation: &mut Simulation<'_, T>,
+        start: State<T>,
+        mut tangents: Vec<Tangent<T>>,
+        schedule: Schedule,
+        mut frame: impl FnMut(usize, &State<T>, &[Tangent<T>]),
+    ) -> Result<()> {
+        frame(0, &start, &tangents);
+        let mut now = start;
+        let mut next = now.zeros_like();
+        simulation.substep = 0;
+        for step in 1..=schedule.steps() {
+            simulation.substep_jvp(&now, &mut next, &mut tangents)?;
+            std::mem::swap(&mut now, &mut next);
+            if step % schedule.substeps == 0 {
+                frame(step / schedule.substeps, &now, &tangents);
+            }
+        }
+        Ok(())
+    }
+
     /// Carries the cotangents of all frames back: `add(index, cotangent)` adds that of a frame. Returns the cotangent of the
     /// start; those of density and parameters are in the simulation.
     pub fn backward(
@@ -69,6 +92,7 @@ impl<T: Number> Trajectory<T> {
                     add((step + 1) / self.schedule.substeps, &mut cotangent);
                 }
                 let now = if step == first { snapshot } else { &again[step - first - 1] };
+                simulation.substep = step;
                 simulation.substep_vjp(now, &mut scratch, &mut cotangent)?;
             }
         }

@@ -3,7 +3,7 @@
 //! With quadratic B-spline weights `w` and `δ = x_node − x_particle`, a particle *scatters* `w (q + A δ)` and `w m`; it
 //! *gathers* `v = Σ w v_i` and `c = 4/dx² Σ w v_i δᵀ`. The adjoint of the gather is the same scatter with
 //! `q = gv`, `A = 4/dx² gc`, `m = 0`; the adjoint of the scatter is the same gather over node cotangents. Only the
-//! position needs more: it enters through `w` and through `δ` (see [`pull`]).
+//! position needs more: it enters through `w` and through `δ` (see [`pull`]; forwards [`push_tangent`], [`gather_tangent`]).
 //!
 //! Everything here is `#[inline(always)]` and generic over the [`Row`]; [`super::kernel`] instantiates it.
 
@@ -130,6 +130,108 @@ pub(crate) unsafe fn gather<T: Number, R: Row<T>>(lattice: &Lattice<T>, grid: &[
         let (x, y) = (along_x.mul(weight).fold(), along_y.mul(weight).fold());
         let z = sum.mul(R::nodes(s.delta[2])).fold();
         Gathered { sum: sum.fold(), moment: [x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]] }
+    }
+}
+
+/// Weights of a node row and how they change when the particle moves, for the rows of a stencil.
+struct MovingWeights<T> {
+    /// Times the weights along z: the row's weight.
+    plain: T,
+    /// Times the weights along z: its change by movement along x and y.
+    across: T,
+    /// Times the derivative of the weights along z.
+    along: T,
+}
+
+impl<T: Number> Stencil<T> {
+    #[inline(always)]
+    fn moving(&self, a: usize, b: usize, dx: [T; 3]) -> MovingWeights<T> {
+        let plain = self.w[0][a] * self.w[1][b];
+        let across = self.dw[0][a] * dx[0] * self.w[1][b] + self.w[0][a] * (self.dw[1][b] * dx[1]);
+        MovingWeights { plain, across, along: plain * dx[2] }
+    }
+}
+
+/// Adds the tangent of what a particle scatters to a region of the grid that starts at plane `first_plane`:
+/// `w (dq + dA δ) + dw (q + A δ)`, where the tangent's `dq` already holds `dq − A dx`.
+///
+/// # Safety
+///
+/// The machine must have the instruction set of `R`.
+#[inline(always)]
+pub(crate) unsafe fn push_tangent<T: Number, R: Row<T>>(
+    lattice: &Lattice<T>,
+    first_plane: usize,
+    region: &mut [T],
+    record: &Record<T>,
+    tangent: &Record<T>,
+) {
+    let s = Stencil::new(lattice, first_plane, region.len() / lattice.stride[0], position(record));
+    let dx = position(tangent);
+    // SAFETY: as in `push`.
+    unsafe {
+        let delta_z = R::nodes(s.delta[2]);
+        let [x1, y1, centre1] = columns::<T, R>(record, delta_z);
+        let [x2, y2, centre2] = columns::<T, R>(tangent, delta_z);
+        let (weight, slope) = (R::nodes(s.w[2]), R::nodes(s.dw[2]));
+        for a in 0..3 {
+            let delta = R::splat(s.delta[0][a]);
+            let (plane1, plane2) = (x1.mul_add(delta, centre1), x2.mul_add(delta, centre2));
+            for b in 0..3 {
+                let at = region.as_mut_ptr().add(s.start + a * lattice.stride[0] + b * lattice.stride[1]);
+                let delta = R::splat(s.delta[1][b]);
+                let (value, change) = (y1.mul_add(delta, plane1), y2.mul_add(delta, plane2));
+                let moving = s.moving(a, b, dx);
+                let by_weight = change.mul(R::splat(moving.plain));
+                let by_weight = value.mul_add(R::splat(moving.across), by_weight);
+                let sum = by_weight.mul_add(weight, R::load(at));
+                value.mul(R::splat(moving.along)).mul_add(slope, sum).store(at);
+            }
+        }
+    }
+}
+
+/// The tangent of a gather at `x`, whose own tangent is `dx`: node values `grid` change by `tangents`.
+///
+/// # Safety
+///
+/// The machine must have the instruction set of `R`.
+#[inline(always)]
+pub(crate) unsafe fn gather_tangent<T: Number, R: Row<T>>(
+    lattice: &Lattice<T>,
+    grid: &[T],
+    tangents: &[T],
+    x: [T; 3],
+    dx: [T; 3],
+) -> Gathered<T> {
+    let s = Stencil::new(lattice, 0, lattice.shape[0], x);
+    // SAFETY: as in `push`; both grids have the lattice's shape.
+    unsafe {
+        let zero = R::splat(T::ZERO);
+        let (weight, slope) = (R::nodes(s.w[2]), R::nodes(s.dw[2]));
+        let (mut sum, mut along_x, mut along_y, mut velocity) = (zero, zero, zero, zero);
+        for a in 0..3 {
+            let step = a * lattice.stride[0] + s.start;
+            for b in 0..3 {
+                let at = step + b * lattice.stride[1];
+                let (v, dv) = (R::load(grid.as_ptr().add(at)), R::load(tangents.as_ptr().add(at)));
+                let moving = s.moving(a, b, dx);
+                let by_weight = v.mul_add(R::splat(moving.across), dv.mul(R::splat(moving.plain)));
+                let change = v.mul(R::splat(moving.along)).mul(slope);
+                let change = by_weight.mul_add(weight, change);
+                sum = sum.add(change);
+                along_x = change.mul_add(R::splat(s.delta[0][a]), along_x);
+                along_y = change.mul_add(R::splat(s.delta[1][b]), along_y);
+                velocity = v.mul(R::splat(moving.plain)).mul_add(weight, velocity);
+            }
+        }
+        let (x, y, z) = (along_x.fold(), along_y.fold(), sum.mul(R::nodes(s.delta[2])).fold());
+        let (sum, velocity) = (sum.fold(), velocity.fold());
+        let mut moment = [x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]];
+        for (k, moment) in moment.iter_mut().enumerate() {
+            *moment -= velocity[k / 3] * dx[k % 3];
+        }
+        Gathered { sum, moment }
     }
 }
 

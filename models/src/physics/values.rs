@@ -50,7 +50,7 @@ impl<T: Number> Values<T> {
     }
 }
 
-/// Gradients with respect to density, parameters and gravity: one number where one value was given for all particles,
+/// Gradients with respect to density, parameters, gravity and friction: one number where one value was given for all particles,
 /// one per particle where there was one each.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ValueGradients<T> {
@@ -60,6 +60,8 @@ pub struct ValueGradients<T> {
     pub parameters: Vec<Vec<T>>,
     /// Per m/s².
     pub gravity: [f64; 3],
+    /// Per unit of each obstacle's coefficient of friction; 0 for one without.
+    pub friction: Vec<f64>,
 }
 
 /// Checks densities and parameters; returns the number of parameters.

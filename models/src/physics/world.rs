@@ -20,6 +20,10 @@ pub struct World {
     pub gravity: [f64; 3],
     /// Obstacles, applied in this order.
     pub colliders: Vec<Collider>,
+    /// How much of its own velocity a particle keeps: 0 for APIC, 1 for FLIP. A particle's new velocity is
+    /// `Σ w v_i + flip (v − Σ w v_i⁰)`, where `v_i⁰` is the velocity that the grid had before forces acted; it moves with
+    /// `Σ w v_i`, and its affine velocity is that of APIC.
+    pub flip: f64,
     /// Rest volume of a particle \[m³\].
     pub particle_volume: f64,
     /// Lowest and highest allowed position \[m\]; a particle outside stops the rollout with an error.
@@ -29,12 +33,13 @@ pub struct World {
 }
 
 impl World {
-    /// Earth's gravity, no obstacles, no bounds, `(dx/2)³` per particle, at most 2²⁴ nodes.
+    /// Earth's gravity, no obstacles, no bounds, APIC, `(dx/2)³` per particle, at most 2²⁴ nodes.
     pub fn new(dx: f64) -> Self {
         Self {
             dx,
             gravity: [0.0, -9.8, 0.0],
             colliders: Vec::new(),
+            flip: 0.0,
             particle_volume: (dx / 2.0).powi(3),
             bounds: None,
             node_limit: 1 << 24,
@@ -46,7 +51,7 @@ impl World {
         1e-8 * self.dx.powi(3)
     }
 
-    /// Whether spacing, volume and gravity make sense.
+    /// Whether spacing, volume, gravity, transfer and obstacles make sense.
     ///
     /// # Errors
     ///
@@ -63,6 +68,11 @@ impl World {
         if self.gravity.iter().any(|g| !g.is_finite()) {
             return fault("gravity is not finite", format!("{:?} m/s²", self.gravity), "three finite numbers");
         }
-        Ok(())
+        if !(0.0..=1.0).contains(&self.flip) {
+            return fault("the share of FLIP cannot be used", self.flip.to_string(), "0 (APIC) to 1 (FLIP)");
+        }
+        self.colliders.iter().enumerate().try_for_each(|(index, collider)| {
+            collider.check().map_err(|e| e.within(format!("World::colliders[{index}]")))
+        })
     }
 }

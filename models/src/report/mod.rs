@@ -13,4 +13,5 @@ pub mod progress;
 pub mod quantity;
 pub mod reconstruction;
 pub mod run_folder;
+pub mod simulation;
 pub mod synthesis;

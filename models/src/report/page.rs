@@ -63,7 +63,7 @@ pub struct Page<'a> {
     pub animation_caption: String,
     /// The particles, for the player.
     pub scene: Option<Scene>,
-    /// Convergence plots.
+    /// Curves, of convergence for instance.
     pub plots: Vec<Plot>,
     /// What was measured and what was assumed: name and text.
     pub notes: Vec<(String, String)>,
@@ -158,7 +158,7 @@ fn animation(gif: &[u8], caption: &str) -> String {
         base64::encode(gif),
         if caption.is_empty() { String::new() } else { format!("<figcaption>{}</figcaption>", escape(caption)) }
     );
-    section("card animation", "Input and reconstruction", &content)
+    section("card animation", "In motion", &content)
 }
 
 /// The particle player. The data stand in an inert script element; no `<` survives in it that could end the element.
@@ -187,7 +187,7 @@ fn plots(list: &[Plot]) -> String {
     let figures: String =
         list.iter().map(|plot| format!("<figure class=\"card\">\n{}</figure>\n", plot.svg())).collect();
     let content = if figures.is_empty() { figures } else { format!("<div class=\"plots\">\n{figures}</div>\n") };
-    section("convergence", "Convergence", &content)
+    section("convergence", "Curves", &content)
 }
 
 fn notes(list: &[(String, String)]) -> String {

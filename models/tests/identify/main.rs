@@ -3,3 +3,4 @@
 mod gradient;
 mod recovery;
 mod scene;
+mod tracks;

@@ -104,8 +104,15 @@ fn a_rollout_that_kept_nothing_has_no_gradient() {
     let (drop, tape) = (Drop::new(3), Tape::new());
     let leaf = |values: Vec<f64>, shape: &[usize]| tape.leaf(Tensor::from_vec(values, shape));
     let laws = vec![Law::of(NeoHookean)];
-    let op =
-        Rollout { world: drop.world, laws, material_of: None, gravity: false, schedule: drop.schedule, remat: None };
+    let op = Rollout {
+        world: drop.world,
+        laws,
+        material_of: None,
+        gravity: false,
+        friction: false,
+        schedule: drop.schedule,
+        remat: None,
+    };
     let positions = leaf(drop.positions, &[27, 3]);
     let others = [drop.density, drop.young, drop.poisson].map(|values| leaf(values, &[1]));
     let velocity = leaf(drop.velocity, &[3]);

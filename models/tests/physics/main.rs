@@ -2,11 +2,15 @@
 
 mod conservation;
 mod decomposition;
+mod derivatives;
 mod failures;
+mod flip;
 mod gradients;
 mod laws;
 mod materials;
 mod mixtures;
+mod obstacles;
+mod plain_scene;
 mod repeatability;
 mod scene;
 mod scene_tape;

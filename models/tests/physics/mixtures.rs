@@ -68,6 +68,7 @@ impl Plain {
             velocity: leaf(&self.velocity, &[3]),
             density: leaves[1].clone(),
             gravity: Some(leaves[0].clone()),
+            friction: None,
             materials: materials.collect(),
             material_of: self.material_of.clone().map(Arc::from),
         };

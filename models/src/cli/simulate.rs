@@ -1,0 +1,205 @@
+//! `gradreel simulate`: a scene file in motion.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use gradreel::{Error, ErrorKind, Result};
+
+use crate::physics::Number;
+use crate::report::interrupt;
+use crate::report::progress::Progress;
+use crate::report::run_folder::RunFolder;
+use crate::report::simulation::{Format, Record};
+use crate::scenes::{Precision, Runner, SceneFile, Setup};
+
+/// Arguments of `gradreel simulate`.
+#[derive(clap::Args)]
+#[command(after_long_help = HELP)]
+pub(super) struct Arguments {
+    /// The scene: a TOML file (see below)
+    scene: PathBuf,
+    /// Folder for the results [default: runs/<scene>, runs/<scene>-2, …]
+    #[arg(long, value_name = "FOLDER")]
+    out: Option<PathBuf>,
+    /// Go on with the run in --out where it was interrupted
+    #[arg(long, requires = "out")]
+    resume: bool,
+    /// Say what would be done, and stop
+    #[arg(long)]
+    plan: bool,
+    /// Simulate for so long instead [s]
+    #[arg(long, value_name = "S")]
+    duration: Option<f64>,
+    /// Compute with these numbers instead
+    #[arg(long, value_name = "TYPE", value_parser = ["f32", "f64"])]
+    precision: Option<String>,
+    /// Files to write for each frame
+    #[arg(long, value_name = "FORMATS", value_delimiter = ',', default_value = "ply")]
+    frames: Vec<Format>,
+    /// No animation
+    #[arg(long)]
+    no_gif: bool,
+    /// No progress on stderr
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+const HELP: &str = "\
+A scene file:
+
+    [time]
+    duration_s = 1.0
+    frames_per_s = 24             # default 24
+    # substeps_per_frame = 200    # found from the speed of sound if left out
+    [grid]
+    spacing_m = 0.03              # particles are half of it apart (particles_per_cell = 8)
+    # flip = 0.0                  # 0 APIC (calm) … 1 FLIP (lively);  precision = \"f64\"
+    [ground]                      # a floor; contact: sticky, slip, separate, friction
+    contact = \"friction\"
+    friction = 0.4
+    [materials.rubber]            # any name
+    law = \"neo_hookean\"           # and its parameters, in SI units
+    density_kg_m3 = 1000
+    young = 2e5                   # Pa
+    poisson = 0.4
+    [[objects]]                   # as many as you like
+    material = \"rubber\"
+    shape.sphere = { centre_m = [0, 0.5, 0], radius_m = 0.15 }
+    velocity_m_s = [0.5, 0, 0]
+    spin_rad_s = [0, 0, 8]
+    [[colliders]]                 # solid, or container = true; may move
+    shape.box = { centre_m = [0.6, 0.2, 0], size_m = [0.1, 0.4, 0.6] }
+    velocity_m_s = [-0.3, 0, 0]
+
+Shapes of objects:    box, sphere, cylinder, cone, torus, mesh (file = OBJ, PLY or STL; scale; translate_m),
+                      particles (file = PLY or npy)
+Shapes of colliders:  plane, box, sphere, cylinder
+Laws:                 neo_hookean, fixed_corotated, stvk_hencky (young, poisson); von_mises (+ yield_stress);
+                      drucker_prager (young, poisson, friction_angle [deg], cohesion); newtonian (viscosity, bulk);
+                      viscoplastic (shear, bulk, yield_stress, plastic_viscosity);
+                      snow (young, poisson, critical_compression, critical_stretch, hardening)
+
+Examples:
+  gradreel simulate examples/scenes/rubber.toml                 a folder in runs/ with an index.html
+  gradreel simulate my.toml --plan                              particles, memory and substeps only
+  gradreel simulate my.toml --out runs/my --frames ply,npy      both kinds of files
+  gradreel simulate my.toml --out runs/my --resume              go on after Ctrl-C
+
+The folder holds frames/frame_0000.ply …, motion.gif, totals.json (mass, momentum, energy), scene.toml and index.html.";
+
+/// Simulates a scene into a folder.
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    interrupt::install()?;
+    let mut file = SceneFile::read(&arguments.scene)?;
+    file.time.duration_s = arguments.duration.unwrap_or(file.time.duration_s);
+    match arguments.precision.as_deref() {
+        Some("f64") => file.grid.precision = Precision::F64,
+        Some(_) => file.grid.precision = Precision::F32,
+        None => {}
+    }
+    let folder = arguments.scene.parent().unwrap_or(Path::new("."));
+    let setup = Setup::of(&file, folder).map_err(|e| e.within(arguments.scene.display()))?;
+    let name = arguments.scene.file_stem().map_or("scene".into(), |stem| stem.to_string_lossy());
+    if !arguments.quiet {
+        print_plan(&name, &file, &setup);
+    }
+    if arguments.plan {
+        return Ok(());
+    }
+    match setup.precision {
+        Precision::F32 => simulate::<f32>(arguments, &name, &file, &setup),
+        Precision::F64 => simulate::<f64>(arguments, &name, &file, &setup),
+    }
+}
+
+fn simulate<T: Number>(arguments: &Arguments, name: &str, file: &SceneFile, setup: &Setup) -> Result<()> {
+    let text =
+        toml::to_string_pretty(file).map_err(|e| Error::new(ErrorKind::Io, "the scene cannot be written").found(e))?;
+    let (mut record, mut runner) = if arguments.resume {
+        let folder = RunFolder::open(arguments.out.as_deref().unwrap_or(Path::new(".")))?;
+        let (record, snapshot) = Record::resume(folder, name, &text, file, setup, &arguments.frames)?;
+        (record, Runner::<T>::resume(setup, &snapshot)?)
+    } else {
+        let folder = match &arguments.out {
+            Some(folder) => RunFolder::create(folder)?,
+            None => RunFolder::create_free(Path::new("runs"), name)?,
+        };
+        (Record::begin(folder, name, &text, file, setup, &arguments.frames)?, Runner::<T>::new(setup)?)
+    };
+    record.animated = !arguments.no_gif;
+    let root = record.root().display().to_string();
+    let go_on = format!("go on with `gradreel simulate {} --out {root} --resume`", arguments.scene.display());
+    let progress = Progress::new(arguments.quiet);
+    let last = setup.schedule.frames - 1;
+    let mut frame = runner.frame();
+    if !arguments.resume {
+        record.add(&frame)?;
+    }
+    let stage = progress.stage("simulating", last as u64);
+    let begun = Instant::now();
+    while frame.index < last {
+        let advanced = match runner.advance(|| !interrupt::requested()) {
+            Ok(advanced) => advanced,
+            Err(error) => {
+                record.publish(begun.elapsed().as_secs_f64())?;
+                return Err(error
+                    .within(format!("between frames {} and {}", frame.index, frame.index + 1))
+                    .fix(format!(
+                        "give more substeps (time.substeps_per_frame, {} here; or a smaller time.cfl), a softer material or \
+                         wider world.bounds_m; what went before is in {root}",
+                        frame.substeps
+                    )));
+            }
+        };
+        if !advanced {
+            record.save(&runner.snapshot())?;
+            record.publish(begun.elapsed().as_secs_f64())?;
+            return interrupt::check().map_err(|e| e.fix(go_on));
+        }
+        let before = frame.substeps;
+        frame = runner.frame();
+        if frame.substeps != before && !arguments.quiet {
+            eprintln!("  frame {}: {} substeps per frame from here on, not {before}", frame.index, frame.substeps);
+        }
+        record.add(&frame)?;
+        record.save_now_and_then(|| runner.snapshot())?;
+        stage.set(frame.index as u64, &format!("fastest {:.2} m/s", frame.totals.fastest_m_s));
+    }
+    stage.finish("");
+    record.publish(begun.elapsed().as_secs_f64())?;
+    record.forget_state()?;
+    if !arguments.quiet {
+        println!("\n  open {}", record.root().join("index.html").display());
+    }
+    Ok(())
+}
+
+/// What will be done, before it is.
+fn print_plan(name: &str, file: &SceneFile, setup: &Setup) {
+    let title = if file.title.is_empty() { name } else { &file.title };
+    println!("{title}");
+    let line = |label: &str, text: String| println!("  {label:<11} {text}");
+    for (index, object) in file.objects.iter().enumerate() {
+        let count = setup.object_of.iter().filter(|&&of| of as usize == index).count();
+        let stuff =
+            &setup.materials[setup.material_of[setup.object_of.partition_point(|&of| (of as usize) < index)] as usize];
+        line(&format!("object {index}"), format!("{} ({}), {count} particles", object.material, stuff.law.name()));
+    }
+    let [particles, grid] = setup.memory().map(|bytes| bytes as f64 / f64::from(1 << 20));
+    let precision = if setup.precision == Precision::F64 { "f64" } else { "f32" };
+    line("particles", format!("{}, {precision}, about {particles:.0} MiB, and {grid:.0} MiB of grid", setup.len()));
+    let schedule = setup.schedule;
+    let dt = schedule.dt();
+    line("time", format!("{} frames of {:.4} s, {} s", schedule.frames - 1, schedule.frame_dt, file.time.duration_s));
+    let [sound, speed] = setup.speeds;
+    let share = (sound + speed) * dt / setup.world.dx;
+    line(
+        "substeps",
+        format!(
+            "{} per frame ({}), {dt:.3e} s: sound {sound:.1} m/s and particles {speed:.1} m/s cross {share:.2} cells",
+            schedule.substeps,
+            if setup.automatic { "found" } else { "given" },
+        ),
+    );
+    line("work", format!("{:.3e} particle substeps", setup.len() as f64 * schedule.steps() as f64));
+}

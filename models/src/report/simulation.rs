@@ -1,0 +1,370 @@
+//! The folder of a simulation: frames, totals, state to go on from, animation and page.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use gradreel::io::npy;
+use gradreel::{Error, ErrorKind, Result, Tensor};
+use serde_json::{Value, json};
+
+use super::animation::{Picture, gif};
+use super::page::{Headline, Page, Scene};
+use super::plot::{Plot, Series};
+use super::ply::ply;
+use super::run_folder::RunFolder;
+use crate::physics::{Contact, Region};
+use crate::scenes::{Frame, SceneFile, Setup, Snapshot, Totals, View, positions_of};
+
+/// Time between two saved states.
+const BETWEEN_STATES: Duration = Duration::from_secs(20);
+/// Frames of the animation at most; of more, every second, third, … is shown.
+const MOST_PICTURES: usize = 240;
+/// Positions in the page's player at most; of more particles, every second, third, … is shown.
+const MOST_POSITIONS: usize = 600_000;
+
+/// A kind of file that each frame is written to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Format {
+    /// Point clouds with colours.
+    Ply,
+    /// NumPy arrays `[n, 3]`.
+    Npy,
+}
+
+/// What a simulation writes.
+#[derive(Debug)]
+pub struct Record<'a> {
+    folder: RunFolder,
+    title: String,
+    text: String,
+    file: &'a SceneFile,
+    setup: &'a Setup,
+    formats: Vec<Format>,
+    view: View,
+    /// Every how many frames a picture is taken.
+    every: usize,
+    pictures: Vec<Picture>,
+    /// Positions of some particles, frame by frame.
+    shown: Vec<Vec<[f32; 3]>>,
+    totals: Vec<Totals>,
+    substeps: usize,
+    saved: Instant,
+    /// Whether to write an animation.
+    pub animated: bool,
+}
+
+impl<'a> Record<'a> {
+    /// A new run.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn begin(
+        folder: RunFolder,
+        name: &str,
+        text: &str,
+        file: &'a SceneFile,
+        setup: &'a Setup,
+        formats: &[Format],
+    ) -> Result<Self> {
+        folder.write("scene.toml", text.as_bytes())?;
+        Ok(Self::new(folder, name, text, file, setup, formats))
+    }
+
+    fn new(
+        folder: RunFolder,
+        name: &str,
+        text: &str,
+        file: &'a SceneFile,
+        setup: &'a Setup,
+        formats: &[Format],
+    ) -> Self {
+        let title = if file.title.is_empty() { name } else { &file.title };
+        Self {
+            folder,
+            title: title.into(),
+            text: text.into(),
+            file,
+            setup,
+            formats: formats.to_vec(),
+            view: View::of(setup, &file.camera),
+            every: setup.schedule.frames.div_ceil(MOST_PICTURES),
+            pictures: Vec::new(),
+            shown: Vec::new(),
+            totals: Vec::new(),
+            substeps: setup.schedule.substeps,
+            saved: Instant::now(),
+            animated: true,
+        }
+    }
+
+    /// An interrupted run, with the frames it has written, and where to go on.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] when nothing was saved, or for another scene; a file that cannot be read.
+    pub fn resume(
+        folder: RunFolder,
+        name: &str,
+        text: &str,
+        file: &'a SceneFile,
+        setup: &'a Setup,
+        formats: &[Format],
+    ) -> Result<(Self, Snapshot)> {
+        let place = folder.root().display().to_string();
+        if !folder.has("state.npy") {
+            return Err(Error::new(ErrorKind::Input, "there is nothing to go on from")
+                .at(place)
+                .found("no saved state: the run finished, or has not begun")
+                .fix("start a new run in another folder"));
+        }
+        if folder.read("scene.toml")? != text.as_bytes() {
+            return Err(Error::new(ErrorKind::Input, "the run in this folder is of another scene")
+                .at(place)
+                .fix("give the scene and the options that it was begun with, or start a new run"));
+        }
+        let damaged = |what: String| {
+            Error::new(ErrorKind::Input, "the saved state cannot be read").at(&place).found(what).fix("start a new run")
+        };
+        let state = npy::from_bytes(&folder.read("state.npy")?).and_then(|state| state.to_vec())?;
+        let about: Value = serde_json::from_slice(&folder.read("state.json")?).map_err(|e| damaged(e.to_string()))?;
+        let number = |key: &str| {
+            let number = about[key].as_u64().and_then(|n| usize::try_from(n).ok());
+            number.ok_or_else(|| damaged(format!("no number `{key}`")))
+        };
+        let snapshot = Snapshot { frame: number("frame")?, substeps: number("substeps_per_frame")?, state };
+        let mut record = Self::new(folder, name, text, file, setup, formats);
+        record.totals = serde_json::from_value(about["totals"].clone()).map_err(|e| damaged(e.to_string()))?;
+        for index in 0..=snapshot.frame {
+            let (ply, npy) = (frame_name(index, Format::Ply), frame_name(index, Format::Npy));
+            let bytes = record.folder.read(if record.folder.has(&ply) { &ply } else { &npy })?;
+            let positions = positions_of(&bytes).map_err(|e| e.within(format!("frame {index}")))?;
+            if positions.len() != setup.len() {
+                return Err(damaged(format!("{} particles in frame {index}, not {}", positions.len(), setup.len())));
+            }
+            let positions: Vec<[f32; 3]> = positions.iter().map(|x| x.map(|x| x as f32)).collect();
+            record.show(index, &positions);
+        }
+        Ok((record, snapshot))
+    }
+
+    /// The folder.
+    pub fn root(&self) -> &Path {
+        self.folder.root()
+    }
+
+    /// Writes a frame.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn add(&mut self, frame: &Frame) -> Result<()> {
+        for &format in &self.formats {
+            let bytes = match format {
+                Format::Ply => {
+                    let colours: Vec<[u8; 3]> =
+                        self.setup.object_of.iter().map(|&object| self.setup.colours[object as usize]).collect();
+                    ply(&frame.positions, Some(&colours))?
+                }
+                Format::Npy => {
+                    let numbers = frame.positions.as_flattened().to_vec();
+                    npy::to_bytes(&Tensor::from_vec(numbers, [frame.positions.len(), 3]))?
+                }
+            };
+            self.folder.write(&frame_name(frame.index, format), &bytes)?;
+        }
+        self.totals.push(frame.totals.clone());
+        self.substeps = frame.substeps;
+        self.show(frame.index, &frame.positions);
+        Ok(())
+    }
+
+    /// Takes a picture, and keeps positions for the player.
+    fn show(&mut self, index: usize, positions: &[[f32; 3]]) {
+        if !index.is_multiple_of(self.every) {
+            return;
+        }
+        let time = index as f64 * self.setup.schedule.frame_dt;
+        if self.animated {
+            self.pictures.push(self.view.picture(self.setup, positions, time));
+        }
+        self.shown.push(positions.iter().copied().step_by(self.thinning()).collect());
+    }
+
+    /// Every how many particles one is in the player.
+    fn thinning(&self) -> usize {
+        let frames = self.setup.schedule.frames.div_ceil(self.every);
+        (frames * self.setup.len()).div_ceil(MOST_POSITIONS).max(1)
+    }
+
+    /// Saves a state to go on from.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn save(&mut self, snapshot: &Snapshot) -> Result<()> {
+        let state = Tensor::from_vec(snapshot.state.clone(), [snapshot.state.len()]);
+        self.folder.write("state.npy", &npy::to_bytes(&state)?)?;
+        let about = json!({
+            "frame": snapshot.frame,
+            "substeps_per_frame": snapshot.substeps,
+            "totals": &self.totals[..self.totals.len().min(snapshot.frame + 1)],
+        });
+        self.folder.write("state.json", about.to_string().as_bytes())?;
+        self.saved = Instant::now();
+        Ok(())
+    }
+
+    /// Saves a state every twenty seconds.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn save_now_and_then(&mut self, snapshot: impl FnOnce() -> Snapshot) -> Result<()> {
+        if self.saved.elapsed() < BETWEEN_STATES { Ok(()) } else { self.save(&snapshot()) }
+    }
+
+    /// Removes the saved state of a run that is finished.
+    ///
+    /// # Errors
+    /// A file that cannot be removed.
+    pub fn forget_state(&self) -> Result<()> {
+        for name in ["state.npy", "state.json"].map(|name| self.folder.path(name)) {
+            if name.is_file() {
+                std::fs::remove_file(&name).map_err(|e| Error::io(&name, "remove the saved state", &e))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes totals, animation and page for the frames so far.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn publish(&self, seconds: f64) -> Result<()> {
+        let schedule = self.setup.schedule;
+        let totals = json!({
+            "units": "SI",
+            "particles": self.setup.len(),
+            "frame_dt_s": schedule.frame_dt,
+            "substeps_per_frame": self.substeps,
+            "frames": self.totals,
+        });
+        let totals = serde_json::to_string_pretty(&totals)
+            .map_err(|e| Error::new(ErrorKind::Io, "the totals cannot be written").at("totals.json").found(e))?;
+        self.folder.write("totals.json", totals.as_bytes())?;
+        let rate = 1.0 / (schedule.frame_dt * self.every as f64);
+        let animation = if self.animated && !self.pictures.is_empty() {
+            let bytes = gif(&self.pictures, rate)?;
+            self.folder.write("motion.gif", &bytes)?;
+            Some(bytes)
+        } else {
+            None
+        };
+        self.folder.write("index.html", self.page(animation.as_deref(), seconds).html().as_bytes())
+    }
+
+    fn page<'b>(&'b self, animation: Option<&'b [u8]>, seconds: f64) -> Page<'b> {
+        let setup = self.setup;
+        let thinning = self.thinning();
+        let colours = setup.object_of.iter().step_by(thinning).map(|&object| setup.colours[object as usize]).collect();
+        let floor = setup.world.colliders.iter().find_map(|collider| match collider.region {
+            Region::Plane { point, normal } if normal[1] > 0.999 => Some(point[1] as f32),
+            _ => None,
+        });
+        let lowest = setup.positions.iter().map(|x| x[1] as f32).fold(f32::INFINITY, f32::min);
+        let scene = Scene {
+            frames: self.shown.clone(),
+            colours,
+            frame_dt: setup.schedule.frame_dt * self.every as f64,
+            ground: floor.unwrap_or(lowest),
+            cameras: Vec::new(),
+        };
+        let total = self.totals.last();
+        let headline = |symbol: &str, label: &str, value: f64, unit: &str, note: &str| Headline {
+            symbol: symbol.into(),
+            label: label.into(),
+            readable: format!("{value:.4} {unit}"),
+            exact: format!("{value:.9e} {unit}"),
+            note: note.into(),
+        };
+        let headlines = total.map_or_else(Vec::new, |total| {
+            vec![
+                headline("m", "Mass", total.mass_kg, "kg", &format!("{} particles", setup.len())),
+                headline("t", "Simulated", total.time_s, "s", &format!("{} frames", self.totals.len() - 1)),
+                headline("E", "Kinetic energy", total.kinetic_j, "J", "at the end"),
+            ]
+        });
+        let curve = |label: &str, of: &dyn Fn(&Totals) -> f64| Series {
+            label: label.into(),
+            points: self.totals.iter().map(|total| (total.time_s, of(total))).collect(),
+        };
+        let plot = |title: &str, y_label: &str, series: Vec<Series>| Plot {
+            title: title.into(),
+            x_label: "time [s]".into(),
+            y_label: y_label.into(),
+            log_y: false,
+            series,
+            reference: None,
+        };
+        let start = self.totals.first().map_or(0.0, |total| total.potential_j);
+        let plots = vec![
+            plot(
+                "Energy",
+                "energy [J]",
+                vec![
+                    curve("kinetic", &|t| t.kinetic_j),
+                    curve("potential, from the start", &|t| t.potential_j - start),
+                ],
+            ),
+            plot("Centre of mass", "height [m]", vec![curve("height", &|t| t.centre_m[1])]),
+        ];
+        let mut notes: Vec<(String, String)> = setup
+            .materials
+            .iter()
+            .map(|stuff| {
+                let values = stuff.law.parameters().iter().zip(&stuff.parameters);
+                let values: Vec<String> = values.map(|(p, value)| format!("{} {value} {}", p.name, p.unit)).collect();
+                let text = format!("{}, {} kg/m³, {}", stuff.law.name(), stuff.density, values.join(", "));
+                (stuff.name.clone(), text)
+            })
+            .collect();
+        notes.push((
+            "substeps".into(),
+            format!("{} per frame, {:.3e} s", self.substeps, setup.schedule.frame_dt / self.substeps as f64),
+        ));
+        let rough = setup.world.colliders.iter().filter(|c| matches!(c.contact, Contact::Friction(_))).count();
+        notes.push(("obstacles".into(), format!("{}, {rough} with friction", setup.world.colliders.len())));
+        if thinning > 1 {
+            notes.push(("player".into(), format!("shows one particle of {thinning}; the files hold all")));
+        }
+        let mut files = vec![
+            ("totals.json".into(), "mass, momentum and energy of every frame".into()),
+            ("scene.toml".into(), "the scene, with everything that was assumed".into()),
+        ];
+        if animation.is_some() {
+            files.push(("motion.gif".into(), "the animation above".into()));
+        }
+        for &format in &self.formats {
+            files.push((frame_name(0, format), "the first of the frames".into()));
+        }
+        Page {
+            title: &self.title,
+            subtitle: format!(
+                "{} particles, grid of {} m, {} frames",
+                setup.len(),
+                self.file.grid.spacing_m,
+                self.totals.len().saturating_sub(1)
+            ),
+            headlines,
+            animation,
+            animation_caption: String::new(),
+            scene: Some(scene),
+            plots,
+            notes,
+            timings: vec![("simulation and pictures".into(), seconds)],
+            config_toml: self.text.clone(),
+            files,
+        }
+    }
+}
+
+fn frame_name(index: usize, format: Format) -> String {
+    let ending = if format == Format::Ply { "ply" } else { "npy" };
+    format!("frames/frame_{index:04}.{ending}")
+}

@@ -1,0 +1,210 @@
+//! Particles that fill a shape: one in each cell of a lattice, a little off its centre.
+
+use std::path::Path;
+
+use gradreel::io::npy;
+use gradreel::{Error, ErrorKind, Key, Result};
+
+use super::file::Shape;
+use super::mesh::{Mesh, ply};
+
+/// Most lattice cells that are looked at for one shape.
+const MOST_CELLS: f64 = 2e8;
+/// How far particles lie off the centres of their cells, at most, in cells; keeps neighbours apart.
+const JITTER: f64 = 0.25;
+
+/// The particles of a shape \[m\], `spacing` \[m\] apart; files are looked for beside the scene, in `folder`.
+///
+/// ```
+/// use gradreel_models::scenes::{Shape, fill};
+///
+/// let ball = Shape::Sphere { centre_m: [0.0, 1.0, 0.0], radius_m: 0.2 };
+/// let particles = fill(&ball, 0.02, 7, std::path::Path::new("."))?;
+/// let volume = particles.len() as f64 * 0.02_f64.powi(3);
+/// assert!((volume / (4.0 / 3.0 * std::f64::consts::PI * 0.008) - 1.0).abs() < 0.02);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
+///
+/// # Errors
+/// [`ErrorKind::Input`] for a shape without size, one too small to hold a particle or too large for the lattice, and for
+/// files that cannot be used.
+pub fn fill(shape: &Shape, spacing: f64, seed: u64, folder: &Path) -> Result<Vec<[f64; 3]>> {
+    let particles = match shape {
+        Shape::Particles { file, scale, translate_m } => {
+            check_sizes(&[*scale], "scale")?;
+            read_particles(&folder.join(file), *scale, *translate_m)?
+        }
+        Shape::Mesh { file, scale, translate_m } => {
+            check_sizes(&[*scale], "scale")?;
+            let mesh = Mesh::read(&folder.join(file))?.placed(*scale, *translate_m);
+            fill_mesh(&mesh, spacing, seed)?
+        }
+        primitive => fill_primitive(primitive, spacing, seed)?,
+    };
+    if particles.is_empty() {
+        return Err(Error::new(ErrorKind::Input, "the shape holds no particle")
+            .found(format!("particles {spacing:.4e} m apart"))
+            .wanted("a shape at least as large as that in every direction")
+            .fix("make the shape larger, or grid.spacing_m smaller; a mesh may be in other units: see its scale"));
+    }
+    Ok(particles)
+}
+
+/// A box of cells.
+struct Cells {
+    low: [f64; 3],
+    counts: [usize; 3],
+    spacing: f64,
+}
+
+impl Cells {
+    /// The cells that cover `bounds`, as many as fit best.
+    fn covering([low, high]: [[f64; 3]; 2], spacing: f64) -> Result<Self> {
+        let counts: [f64; 3] = std::array::from_fn(|axis| ((high[axis] - low[axis]) / spacing).round().max(1.0));
+        let cells: f64 = counts.iter().product();
+        if cells > MOST_CELLS {
+            return Err(Error::new(ErrorKind::Input, "the shape is too large for this grid")
+                .found(format!("{cells:.2e} cells of {spacing:.4e} m in the box around it"))
+                .wanted(format!("at most {MOST_CELLS:.0e}"))
+                .fix("raise grid.spacing_m, or make the shape smaller; a mesh may be in other units: see its scale"));
+        }
+        // Centred, where the size is no multiple of the spacing.
+        let low = std::array::from_fn(|axis| 0.5 * (low[axis] + high[axis] - counts[axis] * spacing));
+        Ok(Self { low, counts: counts.map(|n| n as usize), spacing })
+    }
+
+    fn at(&self, axis: usize, index: usize, jitter: f64) -> f64 {
+        self.low[axis] + (index as f64 + 0.5 + jitter) * self.spacing
+    }
+
+    fn len(&self) -> usize {
+        self.counts.iter().product()
+    }
+}
+
+/// One triple of offsets per cell.
+fn offsets(seed: u64, cells: usize) -> impl Iterator<Item = [f64; 3]> {
+    let mut numbers = Key::new(seed).uniform(3 * cells).map(|u| 2.0 * JITTER * (u - 0.5));
+    std::iter::from_fn(move || Some([numbers.next()?, numbers.next()?, numbers.next()?]))
+}
+
+fn fill_primitive(shape: &Shape, spacing: f64, seed: u64) -> Result<Vec<[f64; 3]>> {
+    let (centre, half) = extent(shape)?;
+    let bounds = [-1.0, 1.0].map(|side| std::array::from_fn(|axis| centre[axis] + side * half[axis]));
+    let cells = Cells::covering(bounds, spacing)?;
+    let [_, ny, nz] = cells.counts;
+    let places = offsets(seed, cells.len()).enumerate().map(|(cell, jitter)| {
+        let index = [cell / (ny * nz), cell / nz % ny, cell % nz];
+        std::array::from_fn(|axis| cells.at(axis, index[axis], jitter[axis]))
+    });
+    Ok(places.filter(|&x: &[f64; 3]| holds(shape, std::array::from_fn(|axis| x[axis] - centre[axis]))).collect())
+}
+
+/// Centre and half of the edge lengths of the box around a primitive.
+fn extent(shape: &Shape) -> Result<([f64; 3], [f64; 3])> {
+    Ok(match *shape {
+        Shape::Box { centre_m, size_m } => {
+            check_sizes(&size_m, "size_m")?;
+            (centre_m, size_m.map(|s| s / 2.0))
+        }
+        Shape::Sphere { centre_m, radius_m } => {
+            check_sizes(&[radius_m], "radius_m")?;
+            (centre_m, [radius_m; 3])
+        }
+        Shape::Cylinder { centre_m, radius_m, height_m } | Shape::Cone { centre_m, radius_m, height_m } => {
+            check_sizes(&[radius_m, height_m], "radius_m and height_m")?;
+            (centre_m, [radius_m, height_m / 2.0, radius_m])
+        }
+        Shape::Torus { centre_m, ring_radius_m, tube_radius_m } => {
+            check_sizes(&[ring_radius_m, tube_radius_m], "ring_radius_m and tube_radius_m")?;
+            let outer = ring_radius_m + tube_radius_m;
+            (centre_m, [outer, tube_radius_m, outer])
+        }
+        Shape::Mesh { .. } | Shape::Particles { .. } => ([0.0; 3], [0.0; 3]),
+    })
+}
+
+/// Whether a primitive holds a point, counted from its centre.
+fn holds(shape: &Shape, x: [f64; 3]) -> bool {
+    let from_axis = x[0].hypot(x[2]);
+    match *shape {
+        Shape::Box { size_m, .. } => (0..3).all(|axis| x[axis].abs() <= size_m[axis] / 2.0),
+        Shape::Sphere { radius_m, .. } => from_axis.hypot(x[1]) <= radius_m,
+        Shape::Cylinder { radius_m, height_m, .. } => from_axis <= radius_m && x[1].abs() <= height_m / 2.0,
+        Shape::Cone { radius_m, height_m, .. } => {
+            let up = x[1] / height_m + 0.5;
+            (0.0..=1.0).contains(&up) && from_axis <= radius_m * (1.0 - up)
+        }
+        Shape::Torus { ring_radius_m, tube_radius_m, .. } => (from_axis - ring_radius_m).hypot(x[1]) <= tube_radius_m,
+        Shape::Mesh { .. } | Shape::Particles { .. } => false,
+    }
+}
+
+/// Cells whose centres have a winding number other than 0; counted along upright lines.
+fn fill_mesh(mesh: &Mesh, spacing: f64, seed: u64) -> Result<Vec<[f64; 3]>> {
+    let cells = Cells::covering(mesh.bounds(), spacing)?;
+    let [nx, ny, nz] = cells.counts;
+    let columns = mesh.columns([cells.at(0, 0, 0.0), cells.at(2, 0, 0.0)], spacing, [nx, nz]);
+    let mut jitter = offsets(seed, cells.len());
+    let mut particles = Vec::new();
+    for (column, triangles) in columns.iter().enumerate() {
+        let (i, k) = (column / nz, column % nz);
+        let crossings = mesh.crossings(cells.at(0, i, 0.0), cells.at(2, k, 0.0), triangles);
+        let (mut passed, mut winding) = (0, 0);
+        for j in 0..ny {
+            let offset = jitter.next().unwrap_or_default();
+            while passed < crossings.len() && crossings[passed].0 <= cells.at(1, j, 0.0) {
+                winding += crossings[passed].1;
+                passed += 1;
+            }
+            if winding != 0 {
+                particles.push([(0, i), (1, j), (2, k)].map(|(axis, n)| cells.at(axis, n, offset[axis])));
+            }
+        }
+    }
+    Ok(particles)
+}
+
+fn read_particles(path: &Path, scale: f64, translate: [f64; 3]) -> Result<Vec<[f64; 3]>> {
+    let bytes = std::fs::read(path)
+        .map_err(|e| Error::io(path, "read the particles", &e).fix("the path is relative to the scene file"))?;
+    let positions = positions_of(&bytes).map_err(|e| e.within(path.display()))?;
+    Ok(positions.iter().map(|x| std::array::from_fn(|axis| scale * x[axis] + translate[axis])).collect())
+}
+
+/// The positions in a PLY file, or in an npy file of shape `[n, 3]`.
+///
+/// # Errors
+/// [`ErrorKind::Input`] for another or a damaged file, [`ErrorKind::NonFinite`] for a position that is not finite.
+pub fn positions_of(bytes: &[u8]) -> Result<Vec<[f64; 3]>> {
+    let positions = if bytes.starts_with(b"ply") {
+        ply::read(bytes)?.vertices
+    } else if bytes.starts_with(b"\x93NUMPY") {
+        let array = npy::from_bytes(bytes)?;
+        if array.dims().len() != 2 || array.dims()[1] != 3 {
+            return Err(Error::new(ErrorKind::Input, "the array has the wrong shape")
+                .found(array.shape())
+                .wanted("[n, 3]"));
+        }
+        array.to_vec()?.as_chunks().0.to_vec()
+    } else {
+        return Err(
+            Error::new(ErrorKind::Input, "this is no particle file").wanted("a PLY file, or npy of shape [n, 3]")
+        );
+    };
+    if let Some(p) = positions.iter().position(|x| !x.iter().all(|x| x.is_finite())) {
+        let error = Error::new(ErrorKind::NonFinite, "a particle of the file has no place").at(format!("particle {p}"));
+        return Err(error.found(format!("{:?}", positions[p])).wanted("finite coordinates"));
+    }
+    Ok(positions)
+}
+
+fn check_sizes(sizes: &[f64], name: &str) -> Result<()> {
+    if sizes.iter().all(|&size| size > 0.0 && size.is_finite()) {
+        return Ok(());
+    }
+    Err(Error::new(ErrorKind::Input, "a shape has no size")
+        .at(name)
+        .found(format!("{sizes:?}"))
+        .wanted("positive numbers"))
+}

@@ -1,0 +1,231 @@
+//! Closed surfaces from files, and what lies inside them.
+
+mod obj;
+pub(super) mod ply;
+mod stl;
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use gradreel::{Error, ErrorKind, Result};
+
+/// A triangle mesh that encloses a volume: every edge is passed as often one way as the other.
+#[derive(Debug, Clone)]
+pub struct Mesh {
+    vertices: Vec<[f64; 3]>,
+    triangles: Vec<[u32; 3]>,
+}
+
+/// Corners and faces as a file has them; faces have three corners or more.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Surface {
+    pub vertices: Vec<[f64; 3]>,
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl Surface {
+    /// Adds a face as a fan of triangles.
+    fn add_face(&mut self, corners: &[u32]) {
+        for pair in corners[1..].windows(2) {
+            self.triangles.push([corners[0], pair[0], pair[1]]);
+        }
+    }
+}
+
+/// An [`ErrorKind::Input`] about the contents of a file.
+pub(super) fn damaged(what: impl Into<String>) -> Error {
+    Error::new(ErrorKind::Input, what).fix("export the file again")
+}
+
+impl Mesh {
+    /// Reads a file by its ending: `.obj`, `.ply` or `.stl`.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] for a file that is missing, damaged or of another kind, and for a surface that is not closed.
+    pub fn read(path: &Path) -> Result<Self> {
+        let bytes = std::fs::read(path)
+            .map_err(|e| Error::io(path, "read the mesh", &e).fix("the path is relative to the scene file"))?;
+        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+        Self::from_bytes(&bytes, &ending).map_err(|e| e.within(path.display()))
+    }
+
+    /// Reads a file in memory; `ending` is `obj`, `ply` or `stl`.
+    ///
+    /// # Errors
+    /// As [`Mesh::read`].
+    pub fn from_bytes(bytes: &[u8], ending: &str) -> Result<Self> {
+        let surface = match ending {
+            "obj" => obj::read(bytes)?,
+            "ply" => ply::read(bytes)?,
+            "stl" => stl::read(bytes)?,
+            other => {
+                return Err(Error::new(ErrorKind::Input, "this is no kind of mesh that can be read")
+                    .found(format!("the ending `.{other}`"))
+                    .wanted("`.obj`, `.ply` or `.stl`")
+                    .fix("export the mesh in one of these formats"));
+            }
+        };
+        Self::of_surface(&surface)
+    }
+
+    /// Joins corners at the same place, drops triangles without area, and checks that the surface is closed.
+    pub(super) fn of_surface(surface: &Surface) -> Result<Self> {
+        let finite = |x: &[f64; 3]| x.iter().all(|x| x.is_finite());
+        if let Some(at) = surface.vertices.iter().position(|x| !finite(x)) {
+            let found = format!("{:?}", surface.vertices[at]);
+            return Err(damaged("a corner of the mesh has no place").at(format!("vertex {at}")).found(found));
+        }
+        let mut places: HashMap<[u64; 3], u32> = HashMap::new();
+        let mut vertices = Vec::new();
+        let joined: Vec<u32> = surface
+            .vertices
+            .iter()
+            .map(|x| {
+                // Adding zero makes the two zeros one.
+                *places.entry(x.map(|x| (x + 0.0).to_bits())).or_insert_with(|| {
+                    vertices.push(*x);
+                    vertices.len() as u32 - 1
+                })
+            })
+            .collect();
+        let mut triangles = Vec::with_capacity(surface.triangles.len());
+        for (index, triangle) in surface.triangles.iter().enumerate() {
+            if let Some(&corner) = triangle.iter().find(|&&corner| corner as usize >= joined.len()) {
+                return Err(damaged("a face of the mesh names a corner that there is not")
+                    .at(format!("triangle {index}"))
+                    .found(format!("corner {corner}"))
+                    .wanted(format!("less than {}", joined.len())));
+            }
+            let [a, b, c] = triangle.map(|corner| joined[corner as usize]);
+            if a != b && b != c && c != a {
+                triangles.push([a, b, c]);
+            }
+        }
+        let mesh = Self { vertices, triangles };
+        mesh.check_closed()?;
+        Ok(mesh)
+    }
+
+    /// Whether every edge is passed as often one way as the other: then every point is inside or outside.
+    fn check_closed(&self) -> Result<()> {
+        if self.triangles.is_empty() {
+            return Err(damaged("the mesh has no faces").wanted("a closed surface of triangles"));
+        }
+        let mut balance: HashMap<(u32, u32), (i32, u32)> = HashMap::new();
+        for t in &self.triangles {
+            for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
+                let entry = balance.entry((a.min(b), a.max(b))).or_default();
+                entry.0 += if a < b { 1 } else { -1 };
+                entry.1 += 1;
+            }
+        }
+        let mut open: Vec<(u32, u32)> = balance.iter().filter(|(_, e)| e.0 != 0).map(|(&edge, _)| edge).collect();
+        open.sort_unstable();
+        let Some(&(a, b)) = open.first() else { return Ok(()) };
+        let flipped = balance[&(a, b)].1.is_multiple_of(2);
+        let place = |v: u32| format!("{:.4?}", self.vertices[v as usize]);
+        let what = if flipped { "faces of the mesh look different ways" } else { "the mesh has holes" };
+        let kind = if flipped { "edges between such faces" } else { "open edges" };
+        Err(Error::new(ErrorKind::Input, what)
+            .at(format!("the edge from {} to {}", place(a), place(b)))
+            .found(format!("{} {kind}", open.len()))
+            .wanted("a closed surface: every edge between two faces that are wound the same way")
+            .fix("close the holes and recalculate the normals in the modelling program (Blender: 3D Print Toolbox, Make Manifold)"))
+    }
+
+    /// The same mesh scaled and then moved \[m\].
+    #[must_use]
+    pub fn placed(mut self, scale: f64, translate: [f64; 3]) -> Self {
+        for x in &mut self.vertices {
+            *x = std::array::from_fn(|axis| scale * x[axis] + translate[axis]);
+        }
+        self
+    }
+
+    /// Lowest and highest coordinates \[m\].
+    pub fn bounds(&self) -> [[f64; 3]; 2] {
+        let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+        for x in self.triangles.iter().flatten().map(|&corner| self.vertices[corner as usize]) {
+            for axis in 0..3 {
+                bounds[0][axis] = bounds[0][axis].min(x[axis]);
+                bounds[1][axis] = bounds[1][axis].max(x[axis]);
+            }
+        }
+        bounds
+    }
+
+    /// The enclosed volume \[m³\]; negative where the faces look inwards.
+    pub fn volume(&self) -> f64 {
+        let corner = |v: u32| self.vertices[v as usize];
+        let six: f64 = self
+            .triangles
+            .iter()
+            .map(|t| {
+                let [a, b, c] = t.map(corner);
+                a[0] * (b[1] * c[2] - b[2] * c[1])
+                    + a[1] * (b[2] * c[0] - b[0] * c[2])
+                    + a[2] * (b[0] * c[1] - b[1] * c[0])
+            })
+            .sum();
+        six / 6.0
+    }
+
+    /// Where the upright line through `(x, z)` passes the surface: heights \[m\] in rising order, each with the change of the
+    /// winding number there.
+    ///
+    /// A line through an edge or a corner passes exactly one of the triangles that meet there: edges belong to the side of
+    /// greater x, and both triangles compute the same place of the edge.
+    pub fn crossings(&self, x: f64, z: f64, triangles: &[u32]) -> Vec<(f64, i32)> {
+        let mut found = Vec::new();
+        for &index in triangles {
+            let corners = self.triangles[index as usize].map(|corner| self.vertices[corner as usize]);
+            let mut winding = 0;
+            for k in 0..3 {
+                let (a, b) = (corners[k], corners[(k + 1) % 3]);
+                if (a[2] <= z) != (b[2] <= z) {
+                    // The same arithmetic whichever way the edge is passed.
+                    let (low, high) = if a[2] <= b[2] { (a, b) } else { (b, a) };
+                    let at = low[0] + (z - low[2]) / (high[2] - low[2]) * (high[0] - low[0]);
+                    if x < at {
+                        winding += if b[2] > a[2] { 1 } else { -1 };
+                    }
+                }
+            }
+            if winding != 0 {
+                found.push((height(corners, x, z), winding));
+            }
+        }
+        found.sort_by(|a, b| a.0.total_cmp(&b.0));
+        found
+    }
+
+    /// For each of a row of upright lines at `(first + k·step)` along x and along z, the triangles that may pass it.
+    pub(super) fn columns(&self, first: [f64; 2], step: f64, counts: [usize; 2]) -> Vec<Vec<u32>> {
+        let mut columns = vec![Vec::new(); counts[0] * counts[1]];
+        for (index, triangle) in self.triangles.iter().enumerate() {
+            let corners = triangle.map(|corner| self.vertices[corner as usize]);
+            let span = |axis: usize, first: f64, count: usize| {
+                let low = corners.iter().map(|x| x[axis]).fold(f64::INFINITY, f64::min);
+                let high = corners.iter().map(|x| x[axis]).fold(f64::NEG_INFINITY, f64::max);
+                // A float to integer cast saturates.
+                let from = (((low - first) / step).floor().max(0.0) as usize).min(count);
+                from..(((high - first) / step).ceil().max(0.0) as usize + 1).min(count)
+            };
+            for i in span(0, first[0], counts[0]) {
+                for k in span(2, first[1], counts[1]) {
+                    columns[i * counts[1] + k].push(index as u32);
+                }
+            }
+        }
+        columns
+    }
+}
+
+/// The height at which a triangle's plane passes the upright line.
+fn height([a, b, c]: [[f64; 3]; 3], x: f64, z: f64) -> f64 {
+    let (u, v) = ([b[0] - a[0], b[2] - a[2]], [c[0] - a[0], c[2] - a[2]]);
+    let area = u[0] * v[1] - u[1] * v[0];
+    let p = [x - a[0], z - a[2]];
+    let (s, t) = ((p[0] * v[1] - p[1] * v[0]) / area, (u[0] * p[1] - u[1] * p[0]) / area);
+    a[1] + s * (b[1] - a[1]) + t * (c[1] - a[1])
+}

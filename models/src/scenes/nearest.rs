@@ -1,0 +1,36 @@
+//! The name that somebody probably meant.
+
+/// The known name nearest to `wanted`: the one with the fewest letters to add, drop or change, if they are few, or
+/// one that begins alike.
+///
+/// ```
+/// use gradreel_models::scenes::nearest;
+///
+/// assert_eq!(nearest("neo_hokean", ["newtonian", "neo_hookean"]), Some("neo_hookean"));
+/// assert_eq!(nearest("radius", ["centre_m", "radius_m"]), Some("radius_m"));
+/// assert_eq!(nearest("steel", ["newtonian", "snow"]), None);
+/// ```
+pub fn nearest<'a>(wanted: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let folded = wanted.to_lowercase();
+    let scored = known.into_iter().map(|name| (distance(&folded, &name.to_lowercase()), name));
+    let (steps, name) = scored.min_by_key(|&(steps, _)| steps)?;
+    let few = steps <= 1 + wanted.chars().count() / 3;
+    let stem = wanted.chars().take(4).collect::<String>();
+    (few || (stem.len() >= 4 && name.starts_with(&stem))).then_some(name)
+}
+
+/// Letters to add, drop or change (Levenshtein).
+fn distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, &y) in b.iter().enumerate() {
+            let changed = diagonal + usize::from(x != y);
+            diagonal = row[j + 1];
+            row[j + 1] = changed.min(row[j] + 1).min(diagonal + 1);
+        }
+    }
+    row[b.len()]
+}

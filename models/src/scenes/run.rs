@@ -1,0 +1,168 @@
+//! A scene in motion: frame after frame, with substeps halved where one frame breaks down.
+
+use gradreel::{ErrorKind, Result};
+
+use super::setup::Setup;
+use super::totals::Totals;
+use crate::physics::{Number, Portion, Simulation, State, Values, neighbours};
+
+/// Most times the substeps of a scene are halved.
+const MOST_HALVINGS: usize = 4;
+
+/// What is known at the time of a frame.
+#[derive(Debug, Clone)]
+pub struct Frame {
+    /// Its number; 0 is the start.
+    pub index: usize,
+    /// Positions \[m\] in the order of the setup.
+    pub positions: Vec<[f32; 3]>,
+    /// Sums over all particles.
+    pub totals: Totals,
+    /// Substeps per frame from here on.
+    pub substeps: usize,
+}
+
+/// What a run can go on from: the last whole frame and the state there.
+#[derive(Debug, Clone)]
+pub struct Snapshot {
+    /// The frame.
+    pub frame: usize,
+    /// Substeps per frame.
+    pub substeps: usize,
+    /// The numbers of the state, particles in grid order.
+    pub state: Vec<f64>,
+}
+
+/// A scene that can be stepped frame by frame.
+#[derive(Debug)]
+pub struct Runner<'a, T> {
+    setup: &'a Setup,
+    /// The setup's number of each particle in grid order.
+    order: Vec<u32>,
+    masses: Values<T>,
+    now: State<T>,
+    frame: usize,
+    substeps: usize,
+    halvings: usize,
+}
+
+impl<'a, T: Number> Runner<'a, T> {
+    /// At the start.
+    ///
+    /// # Errors
+    /// As [`Simulation::of_portions`].
+    pub fn new(setup: &'a Setup) -> Result<Self> {
+        let order = neighbours(setup.world.dx, &setup.positions, |p| setup.material_of[p]);
+        let density = |p: u32| T::from_f64(setup.materials[setup.material_of[p as usize] as usize].density);
+        let masses = match &setup.materials[..] {
+            [one] => Values::Same(T::from_f64(one.density)),
+            _ => Values::Each(order.iter().map(|&p| density(p)).collect()),
+        };
+        let triple = |x: [f64; 3]| x.map(T::from_f64);
+        let list = |all: &[[f64; 3]]| -> Vec<[T; 3]> { order.iter().map(|&p| triple(all[p as usize])).collect() };
+        let (x, v) = (list(&setup.positions), list(&setup.velocities));
+        let mut runner = Self {
+            setup,
+            masses,
+            now: State::zeros(0),
+            frame: 0,
+            substeps: setup.schedule.substeps,
+            halvings: 0,
+            order,
+        };
+        runner.now = runner.simulation()?.at_rest(&x, &v)?;
+        for (p, &label) in runner.order.iter().enumerate() {
+            // The velocity gradient of a rigid rotation.
+            let [x, y, z] = setup.spins[label as usize].map(T::from_f64);
+            runner.now.set_affine_velocity(p, [[T::ZERO, -z, y], [z, T::ZERO, -x], [-y, x, T::ZERO]]);
+        }
+        Ok(runner)
+    }
+
+    /// At a frame of an earlier run of the same setup.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] for a snapshot of another scene.
+    pub fn resume(setup: &'a Setup, snapshot: &Snapshot) -> Result<Self> {
+        let mut runner = Self::new(setup)?;
+        runner.now.restore(&snapshot.state)?;
+        (runner.frame, runner.substeps) = (snapshot.frame, snapshot.substeps.max(1));
+        Ok(runner)
+    }
+
+    /// What the run could go on from.
+    pub fn snapshot(&self) -> Snapshot {
+        Snapshot { frame: self.frame, substeps: self.substeps, state: self.now.numbers() }
+    }
+
+    /// The frame that it stands at.
+    pub fn frame(&self) -> Frame {
+        let mut positions = vec![[0.0; 3]; self.order.len()];
+        for (x, &label) in self.now.positions().iter().zip(&self.order) {
+            positions[label as usize] = x.map(|x| x.to_f64() as f32);
+        }
+        let world = &self.setup.world;
+        let mass = |p: usize| self.masses.get(p).to_f64() * world.particle_volume;
+        let time = self.frame as f64 * self.setup.schedule.frame_dt;
+        let totals = Totals::of(&self.now, mass, world.gravity, world.dx, time);
+        Frame { index: self.frame, positions, totals, substeps: self.substeps }
+    }
+
+    /// Advances to the next frame; `go_on` is asked before every substep. False, and nothing changed, if it said no.
+    ///
+    /// Where the substeps were found automatically, a frame that breaks down is simulated again with twice as many, which
+    /// then stay; at most four times in a run.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Physics`] where it breaks down, naming the particle.
+    pub fn advance(&mut self, mut go_on: impl FnMut() -> bool) -> Result<bool> {
+        loop {
+            match self.try_frame(&mut go_on) {
+                Ok(None) => return Ok(false),
+                Ok(Some(state)) => {
+                    self.now = state;
+                    self.frame += 1;
+                    return Ok(true);
+                }
+                Err(error) => {
+                    let stepping = error.kind() == ErrorKind::Physics && error.to_string().contains("unstable");
+                    if !(self.setup.automatic && stepping && self.halvings < MOST_HALVINGS) {
+                        return Err(error);
+                    }
+                    self.halvings += 1;
+                    self.substeps *= 2;
+                }
+            }
+        }
+    }
+
+    fn try_frame(&self, go_on: &mut impl FnMut() -> bool) -> Result<Option<State<T>>> {
+        let mut simulation = self.simulation()?;
+        simulation.rewind(self.frame * self.substeps);
+        let mut now = self.now.clone();
+        let mut next = now.zeros_like();
+        for _ in 0..self.substeps {
+            if !go_on() {
+                return Ok(None);
+            }
+            simulation.substep(&now, &mut next)?;
+            std::mem::swap(&mut now, &mut next);
+        }
+        Ok(Some(now))
+    }
+
+    fn simulation(&self) -> Result<Simulation<'a, T>> {
+        let setup = self.setup;
+        let mut portions: Vec<Portion<'a, T>> = Vec::with_capacity(setup.materials.len());
+        for (index, stuff) in setup.materials.iter().enumerate() {
+            let start = portions.last().map_or(0, |portion| portion.particles.end);
+            let own = self.order[start..].iter().take_while(|&&p| setup.material_of[p as usize] as usize == index);
+            let parameters = stuff.parameters.iter().map(|&value| Values::Same(T::from_f64(value))).collect();
+            portions.push(Portion { law: &stuff.law, particles: start..start + own.count(), parameters });
+        }
+        let dt = setup.schedule.frame_dt / self.substeps as f64;
+        let mut simulation = Simulation::of_portions(&setup.world, dt, &self.masses, portions)?;
+        simulation.label(self.order.clone());
+        Ok(simulation)
+    }
+}

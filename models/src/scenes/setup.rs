@@ -1,0 +1,429 @@
+//! From a scene file to what the simulator takes, with everything that can be wrong named by its key.
+
+use std::path::Path;
+
+use gradreel::{Error, ErrorKind, Result};
+
+use super::file::{Barrier, Ground, Obstacle, Precision, SceneFile, Substance, Touch};
+use super::fill::fill;
+use super::nearest::nearest;
+use crate::physics::{Collider, Contact, Law, Map, Region, Schedule, Values, World, materials, rotation};
+
+/// Colours of objects that name none.
+const COLOURS: [[u8; 3]; 6] =
+    [[214, 96, 62], [66, 133, 201], [70, 160, 108], [226, 173, 62], [150, 104, 184], [120, 130, 140]];
+
+/// A material as the simulator takes it.
+#[derive(Debug, Clone)]
+pub struct Stuff {
+    /// Its name in the file.
+    pub name: String,
+    /// Its law.
+    pub law: Law,
+    /// Its parameters, in the law's order.
+    pub parameters: Vec<f64>,
+    /// Density \[kg/m³\].
+    pub density: f64,
+}
+
+/// All particles in the order of the objects, and what surrounds them.
+#[derive(Debug, Clone)]
+pub struct Setup {
+    /// Surroundings.
+    pub world: World,
+    /// Materials.
+    pub materials: Vec<Stuff>,
+    /// Positions \[m\].
+    pub positions: Vec<[f64; 3]>,
+    /// Velocities \[m/s\].
+    pub velocities: Vec<[f64; 3]>,
+    /// Angular velocity \[rad/s\] of each particle's object.
+    pub spins: Vec<[f64; 3]>,
+    /// Index of each particle's material.
+    pub material_of: Vec<u32>,
+    /// Index of each particle's object.
+    pub object_of: Vec<u32>,
+    /// Colour of each object.
+    pub colours: Vec<[u8; 3]>,
+    /// Frames and substeps.
+    pub schedule: Schedule,
+    /// Whether the substeps were found, and may be halved.
+    pub automatic: bool,
+    /// The fastest sound \[m/s\], and the speed \[m/s\] expected of particles.
+    pub speeds: [f64; 2],
+    /// Numbers to compute with.
+    pub precision: Precision,
+}
+
+impl Setup {
+    /// Fills the shapes and checks everything; files are looked for in `folder`.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] and [`ErrorKind::NonFinite`] naming the key that is wrong; [`ErrorKind::Physics`] for substeps
+    /// that are too long.
+    pub fn of(file: &SceneFile, folder: &Path) -> Result<Self> {
+        check_numbers(file)?;
+        check_ranges(file)?;
+        let per_edge = (file.grid.particles_per_cell as f64).cbrt().round();
+        let spacing = file.grid.spacing_m / per_edge;
+        let names: Vec<&str> = file.materials.keys().map(String::as_str).collect();
+        let materials = file.materials.iter().map(|(name, given)| stuff(name, given)).collect::<Result<Vec<_>>>()?;
+        let colliders = obstacles(file)?;
+        let world = World {
+            gravity: file.world.gravity_m_s2,
+            colliders: colliders.iter().map(|(_, collider)| *collider).collect(),
+            flip: file.grid.flip,
+            particle_volume: spacing.powi(3),
+            bounds: file.world.bounds_m,
+            node_limit: file.grid.node_limit,
+            ..World::new(file.grid.spacing_m)
+        };
+        world.check()?;
+        if file.objects.is_empty() {
+            return Err(Error::new(ErrorKind::Input, "the scene is empty")
+                .found("no objects")
+                .fix("add an object: [[objects]] with a material and a shape; see examples/scenes"));
+        }
+        let mut setup = Self {
+            world,
+            materials,
+            positions: Vec::new(),
+            velocities: Vec::new(),
+            spins: Vec::new(),
+            material_of: Vec::new(),
+            object_of: Vec::new(),
+            colours: Vec::new(),
+            schedule: Schedule { frames: 1, frame_dt: 1.0, substeps: 1 },
+            automatic: file.time.substeps_per_frame.is_none(),
+            speeds: [0.0; 2],
+            precision: file.grid.precision,
+        };
+        for (index, object) in file.objects.iter().enumerate() {
+            let place = format!("objects[{index}]");
+            let Some(material) = names.iter().position(|name| *name == object.material) else {
+                return Err(unknown("there is no material of this name", &object.material, &names, "[materials.…]")
+                    .at(format!("{place}.material")));
+            };
+            let mut particles = fill(&object.shape, spacing, file.grid.seed + index as u64, folder)
+                .map_err(|e| e.within(format!("{place}.shape")))?;
+            turn(&mut particles, object.turn_deg);
+            setup.check_places(&particles, &colliders).map_err(|e| e.within(&place))?;
+            let centre = mean(&particles);
+            let colour = object.colour.as_deref().map_or(Ok(COLOURS[index % COLOURS.len()]), colour);
+            setup.colours.push(colour.map_err(|e| e.within(format!("{place}.colour")))?);
+            for x in particles {
+                let r: [f64; 3] = std::array::from_fn(|axis| x[axis] - centre[axis]);
+                let turning = cross(object.spin_rad_s, r);
+                setup.velocities.push(std::array::from_fn(|axis| object.velocity_m_s[axis] + turning[axis]));
+                setup.positions.push(x);
+                setup.spins.push(object.spin_rad_s);
+                setup.material_of.push(material as u32);
+                setup.object_of.push(index as u32);
+            }
+        }
+        setup.plan(file)?;
+        Ok(setup)
+    }
+
+    /// How many particles.
+    pub fn len(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.positions.is_empty()
+    }
+
+    /// Bytes of the particles while they move, and of the grid's box at the start, about.
+    pub fn memory(&self) -> [usize; 2] {
+        let width = if self.precision == Precision::F64 { 8 } else { 4 };
+        let history = self.materials.iter().map(|stuff| stuff.law.history().len()).max().unwrap_or(0);
+        let flip = if self.world.flip > 0.0 { 16 } else { 0 };
+        // Three states (one to go back to), what is scattered, and lists of indices.
+        let particle = width * (3 * (24 + history) + 16 + flip) + 12;
+        let [low, high] = bounds(&self.positions);
+        let nodes: f64 = (0..3).map(|axis| ((high[axis] - low[axis]) / self.world.dx).ceil() + 4.0).product();
+        let grid = nodes * (4 * width * if self.world.flip > 0.0 { 2 } else { 1 }) as f64;
+        [self.len() * particle, grid as usize]
+    }
+
+    /// Frames and substeps.
+    fn plan(&mut self, file: &SceneFile) -> Result<()> {
+        let time = &file.time;
+        let frames = 1 + (time.duration_s * time.frames_per_s).round().max(1.0) as usize;
+        let used = |index: usize| self.material_of.contains(&(index as u32));
+        let sound = self
+            .materials
+            .iter()
+            .enumerate()
+            .filter(|(index, _)| used(*index))
+            .map(|(_, stuff)| stuff.law.wave_speed(&stuff.parameters, stuff.density))
+            .fold(0.0, f64::max);
+        let norm = |v: &[f64; 3]| v.iter().map(|v| v * v).sum::<f64>().sqrt();
+        let start = self.velocities.iter().map(norm).fold(0.0, f64::max);
+        let [low, high] = bounds(&self.positions);
+        let floor = file.ground.as_ref().map_or(low[1], |ground| ground.height_m.min(low[1]));
+        // Not farther than the duration allows.
+        let g = norm(&self.world.gravity);
+        let fallen = (2.0 * g * (high[1] - floor)).sqrt().min(g * time.duration_s);
+        let pushed = self.world.colliders.iter().map(|c| norm(&c.motion.velocity)).fold(0.0, f64::max);
+        let speed = (start.powi(2) + fallen.powi(2)).sqrt().max(pushed);
+        self.speeds = [sound, speed];
+        let frame_dt = 1.0 / time.frames_per_s;
+        self.schedule = match time.substeps_per_frame {
+            Some(substeps) => Schedule { frames, frame_dt, substeps },
+            None => Schedule::stable(&self.world, frames, frame_dt, sound, speed, time.cfl),
+        };
+        self.schedule.check()?;
+        for (index, stuff) in self.materials.iter().enumerate().filter(|(index, _)| used(*index)) {
+            let parameters: Vec<Values<f64>> = stuff.parameters.iter().map(|&value| Values::Same(value)).collect();
+            let first = self.material_of.iter().position(|&m| m as usize == index).unwrap_or(0);
+            self.schedule
+                .check_waves(&self.world, &stuff.law, &Values::Same(stuff.density), &parameters, first + 1, |p| {
+                    p == first
+                })
+                .map_err(|e| e.within(format!("materials.{}", stuff.name)))?;
+        }
+        Ok(())
+    }
+
+    /// Refuses particles that start out of bounds or inside an obstacle.
+    fn check_places(&self, particles: &[[f64; 3]], colliders: &[(String, Collider)]) -> Result<()> {
+        if let Some([low, high]) = self.world.bounds {
+            let outside = |x: &&[f64; 3]| (0..3).any(|axis| x[axis] < low[axis] || x[axis] > high[axis]);
+            if let Some(x) = particles.iter().find(outside) {
+                let count = particles.iter().filter(outside).count();
+                return Err(Error::new(ErrorKind::Input, "the object starts outside the world's bounds")
+                    .found(format!("{count} of {} particles, one at {x:.4?} m", particles.len()))
+                    .wanted(format!("between {low:?} and {high:?} m"))
+                    .fix("move the object, or widen world.bounds_m"));
+            }
+        }
+        for (name, collider) in colliders {
+            let inside = |x: &&[f64; 3]| collider.normal(**x).is_some();
+            if let Some(x) = particles.iter().find(inside) {
+                let count = particles.iter().filter(inside).count();
+                return Err(Error::new(ErrorKind::Input, "the object starts inside an obstacle")
+                    .found(format!("{count} of {} particles in {name}, one at {x:.4?} m", particles.len()))
+                    .wanted("objects that start free")
+                    .fix("move the object or the obstacle; an obstacle that holds objects needs `container = true`"));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// An error about a name, with the names that there are and the one that was probably meant.
+fn unknown(what: &str, found: &str, known: &[&str], whence: &str) -> Error {
+    let error = Error::new(ErrorKind::Input, what).found(format!("`{found}`"));
+    let error = error.wanted(if known.is_empty() {
+        format!("one defined under {whence}")
+    } else {
+        format!("one of {known:?}")
+    });
+    match nearest(found, known.iter().copied()) {
+        Some(near) => error.fix(format!("did you mean `{near}`?")),
+        None => error.fix(format!("choose one of these, or define it under {whence}")),
+    }
+}
+
+fn stuff(name: &str, given: &Substance) -> Result<Stuff> {
+    let place = format!("materials.{name}");
+    let laws: Vec<Law> = materials::all().into_iter().filter(|law| !law.name().starts_with("learned")).collect();
+    let names: Vec<&str> = laws.iter().map(Law::name).collect();
+    let Some(law) = laws.iter().find(|law| law.name() == given.law) else {
+        return Err(unknown("there is no law of this name", &given.law, &names, "the shipped laws").at(place + ".law"));
+    };
+    if given.density_kg_m3 <= 0.0 {
+        return Err(Error::new(ErrorKind::Input, "the density must be positive")
+            .at(place + ".density_kg_m3")
+            .found(format!("{} kg/m³", given.density_kg_m3)));
+    }
+    let known: Vec<&str> = law.parameters().iter().map(|p| p.name).collect();
+    if let Some(other) = given.parameters.keys().find(|key| !known.contains(&key.as_str())) {
+        let what = format!("the law {} has no parameter of this name", law.name());
+        return Err(unknown(&what, other, &known, "the law").at(place));
+    }
+    let value = |p: &crate::physics::Parameter| {
+        let fault = |what: String, found: String, wanted: String| {
+            Err(Error::new(ErrorKind::Input, what).at(format!("{place}.{}", p.name)).found(found).wanted(wanted))
+        };
+        let plausible = format!("{:.3e} to {:.3e} {} are plausible", p.prior[0], p.prior[1], p.unit);
+        match given.parameters.get(p.name) {
+            None => fault(format!("a parameter of {} is missing", law.name()), "no value".into(), plausible),
+            Some(&value) if p.map == Map::Log10 && value < 0.0 => {
+                fault("a parameter must not be negative".into(), format!("{value} {}", p.unit), plausible)
+            }
+            Some(&value) => Ok(value),
+        }
+    };
+    let parameters = law.parameters().iter().map(value).collect::<Result<Vec<f64>>>()?;
+    let sound = law.wave_speed(&parameters, given.density_kg_m3);
+    if !(sound > 0.0 && sound.is_finite()) {
+        return Err(Error::new(ErrorKind::Input, "with these parameters the material has no speed of sound")
+            .at(place)
+            .found(format!("{:?}", given.parameters))
+            .wanted("a positive stiffness, and a Poisson ratio above -1 and below 0.5"));
+    }
+    Ok(Stuff { name: name.into(), law: law.clone(), parameters, density: given.density_kg_m3 })
+}
+
+/// Ground and colliders, with the names by which errors speak of them.
+fn obstacles(file: &SceneFile) -> Result<Vec<(String, Collider)>> {
+    let mut all = Vec::new();
+    if let Some(Ground { height_m, contact, friction }) = &file.ground {
+        let contact = touch(*contact, *friction).map_err(|e| e.within("ground"))?;
+        all.push(("ground".to_owned(), Collider::plane([0.0, *height_m, 0.0], [0.0, 1.0, 0.0], contact)));
+    }
+    for (index, given) in file.colliders.iter().enumerate() {
+        let name = format!("colliders[{index}]");
+        let collider = obstacle(given).and_then(|c| c.check().map(|()| c)).map_err(|e| e.within(&name))?;
+        all.push((name, collider));
+    }
+    Ok(all)
+}
+
+fn obstacle(given: &Obstacle) -> Result<Collider> {
+    let contact = touch(given.contact, given.friction)?;
+    let fault = |what: &str| Err(Error::new(ErrorKind::Input, what));
+    let (region, centre) = match given.shape {
+        Barrier::Plane { point_m, normal } => {
+            let length = normal.iter().map(|n| n * n).sum::<f64>().sqrt();
+            if length == 0.0 {
+                return fault("the normal of a plane has no direction");
+            }
+            (Region::Plane { point: point_m, normal: normal.map(|n| n / length) }, point_m)
+        }
+        Barrier::Box { centre_m, size_m } => {
+            (Region::Cuboid { centre: centre_m, half: size_m.map(|s| s / 2.0) }, centre_m)
+        }
+        Barrier::Sphere { centre_m, radius_m } => (Region::Sphere { centre: centre_m, radius: radius_m }, centre_m),
+        Barrier::Cylinder { start_m, end_m, radius_m } => {
+            if start_m == end_m {
+                return fault("both ends of a cylinder lie at the same place");
+            }
+            let centre = std::array::from_fn(|axis| 0.5 * (start_m[axis] + end_m[axis]));
+            (Region::Cylinder { start: start_m, end: end_m, radius: radius_m }, centre)
+        }
+    };
+    let pivot = given.pivot_m.unwrap_or(centre);
+    let mut collider = Collider::new(region, contact).moving(given.velocity_m_s).spinning(given.spin_rad_s, pivot);
+    if given.turn_deg != [0.0; 3] {
+        if given.pivot_m.is_some_and(|pivot| pivot != centre) {
+            // Turned about its own centre, then spun about another point: the region moves with the turn.
+            return fault("an obstacle has both turn_deg and a pivot_m that is not its centre");
+        }
+        collider = collider.turned(given.turn_deg.map(f64::to_radians), pivot);
+    }
+    collider.container = given.container;
+    Ok(collider)
+}
+
+fn touch(contact: Touch, friction: Option<f64>) -> Result<Contact> {
+    Ok(match (contact, friction) {
+        (Touch::Sticky, None) => Contact::Sticky,
+        (Touch::Slip, None) => Contact::Slip,
+        (Touch::Separate, None) => Contact::Separate,
+        (Touch::Friction, Some(mu)) => Contact::Friction(mu),
+        (Touch::Friction, None) => {
+            return Err(Error::new(ErrorKind::Input, "the contact is friction, but there is no coefficient")
+                .fix("add `friction = 0.4`, for example"));
+        }
+        (_, Some(mu)) => {
+            return Err(Error::new(ErrorKind::Input, "a coefficient of friction is given, but the contact is another")
+                .found(format!("friction = {mu}"))
+                .fix("add `contact = \"friction\"`, or remove the coefficient"));
+        }
+    })
+}
+
+/// Refuses numbers that are not finite, by their key.
+fn check_numbers(file: &SceneFile) -> Result<()> {
+    fn walk(value: &toml::Value, path: &str) -> Option<(String, f64)> {
+        match value {
+            toml::Value::Float(x) if !x.is_finite() => Some((path.to_owned(), *x)),
+            toml::Value::Array(all) => {
+                all.iter().enumerate().find_map(|(k, value)| walk(value, &format!("{path}[{k}]")))
+            }
+            toml::Value::Table(all) => all.iter().find_map(|(key, value)| {
+                walk(value, &if path.is_empty() { key.clone() } else { format!("{path}.{key}") })
+            }),
+            _ => None,
+        }
+    }
+    let value = toml::Value::try_from(file)
+        .map_err(|e| Error::new(ErrorKind::Input, "the scene cannot be looked through").found(e))?;
+    match walk(&value, "") {
+        None => Ok(()),
+        Some((key, found)) => Err(Error::new(ErrorKind::NonFinite, "a number of the scene is not finite")
+            .at(key)
+            .found(found)
+            .wanted("a finite number")),
+    }
+}
+
+fn check_ranges(file: &SceneFile) -> Result<()> {
+    let (time, grid) = (&file.time, &file.grid);
+    let frames = time.duration_s * time.frames_per_s;
+    let pixels = file.camera.pixels.unwrap_or([1, 1]);
+    let rules = [
+        (time.duration_s > 0.0, "time.duration_s", "a positive time in seconds"),
+        (time.frames_per_s > 0.0, "time.frames_per_s", "a positive rate"),
+        (frames <= 1e5, "time", "at most 100000 frames"),
+        (time.substeps_per_frame != Some(0), "time.substeps_per_frame", "at least 1"),
+        (time.cfl > 0.0 && time.cfl <= 1.0, "time.cfl", "above 0, at most 1"),
+        (grid.spacing_m > 0.0, "grid.spacing_m", "a positive length in metres"),
+        ([1, 8, 27, 64].contains(&grid.particles_per_cell), "grid.particles_per_cell", "1, 8, 27 or 64"),
+        ((0.0..=1.0).contains(&grid.flip), "grid.flip", "0 (APIC) to 1 (FLIP)"),
+        (pixels.iter().all(|&n| (1..=4096).contains(&n)), "camera.pixels", "1 to 4096 each way"),
+        (
+            file.camera.field_of_view_deg.is_none_or(|a| a > 0.0 && a < 170.0),
+            "camera.field_of_view_deg",
+            "above 0, below 170 degrees",
+        ),
+    ];
+    match rules.iter().find(|(holds, ..)| !holds) {
+        None => Ok(()),
+        Some((_, key, wanted)) => {
+            Err(Error::new(ErrorKind::Input, "a setting of the scene is outside its range").at(key).wanted(wanted))
+        }
+    }
+}
+
+fn colour(text: &str) -> Result<[u8; 3]> {
+    let digits = text.strip_prefix('#').filter(|d| d.len() == 6 && d.is_ascii());
+    let byte = |k: usize| digits.and_then(|d| u8::from_str_radix(&d[2 * k..2 * k + 2], 16).ok());
+    match [byte(0), byte(1), byte(2)] {
+        [Some(r), Some(g), Some(b)] => Ok([r, g, b]),
+        _ => Err(Error::new(ErrorKind::Input, "this is no colour").found(format!("`{text}`")).wanted("`#rrggbb`")),
+    }
+}
+
+/// Turns particles about their centre.
+fn turn(particles: &mut [[f64; 3]], turn_deg: [f64; 3]) {
+    if turn_deg == [0.0; 3] {
+        return;
+    }
+    let (centre, turn) = (mean(particles), rotation(turn_deg.map(f64::to_radians)));
+    for x in particles {
+        let r: [f64; 3] = std::array::from_fn(|axis| x[axis] - centre[axis]);
+        *x = std::array::from_fn(|i| centre[i] + (0..3).map(|j| turn[i][j] * r[j]).sum::<f64>());
+    }
+}
+
+fn mean(particles: &[[f64; 3]]) -> [f64; 3] {
+    [0, 1, 2].map(|axis| particles.iter().map(|x| x[axis]).sum::<f64>() / particles.len().max(1) as f64)
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+/// Lowest and highest coordinates.
+pub(super) fn bounds(positions: &[[f64; 3]]) -> [[f64; 3]; 2] {
+    let fold = |start: f64, choose: fn(f64, f64) -> f64| {
+        [0, 1, 2].map(|axis| positions.iter().map(|x| x[axis]).fold(start, choose))
+    };
+    [fold(f64::INFINITY, f64::min), fold(f64::NEG_INFINITY, f64::max)]
+}

@@ -1,0 +1,150 @@
+//! `gradreel simulate` as a person runs it.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const SCENE: &str = r#"
+title = "Two <small> boxes"
+[time]
+duration_s = 0.1
+frames_per_s = 40
+[grid]
+spacing_m = 0.06
+[ground]
+[materials.a]
+law = "neo_hookean"
+density_kg_m3 = 1000
+young = 3e4
+poisson = 0.3
+[materials.b]
+law = "newtonian"
+density_kg_m3 = 900
+viscosity = 5
+bulk = 2e4
+[[objects]]
+material = "a"
+shape.box = { centre_m = [0, 0.1, 0], size_m = [0.18, 0.18, 0.18] }
+[[objects]]
+material = "b"
+shape.box = { centre_m = [0, 0.4, 0], size_m = [0.18, 0.18, 0.18] }
+[[colliders]]
+shape.sphere = { centre_m = [0.4, 0.1, 0], radius_m = 0.1 }
+velocity_m_s = [-0.2, 0, 0]
+[camera]
+pixels = [96, 72]
+"#;
+
+fn folder(name: &str) -> PathBuf {
+    let path = std::env::temp_dir().join(format!("gradreel-simulate-{name}-{}", std::process::id()));
+    let _ = std::fs::remove_dir_all(&path);
+    std::fs::create_dir_all(&path).unwrap();
+    path
+}
+
+fn simulate(arguments: &[&str], within: &Path) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_gradreel")).arg("simulate").args(arguments).current_dir(within).output().unwrap()
+}
+
+#[test]
+fn a_scene_becomes_a_folder_of_results() {
+    let within = folder("whole");
+    std::fs::write(within.join("two.toml"), SCENE).unwrap();
+    let plan = simulate(&["two.toml", "--plan"], &within);
+    let text = String::from_utf8(plan.stdout).unwrap();
+    assert!(plan.status.success() && text.contains("432 particles") || text.contains("particles   432"), "{text}");
+    assert!(text.contains("substeps") && text.contains("MiB"), "{text}");
+    assert!(!within.join("runs").exists(), "a plan writes nothing");
+
+    let done = simulate(&["two.toml", "--frames", "ply,npy"], &within);
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let run = within.join("runs/two");
+    for file in
+        ["frames/frame_0000.ply", "frames/frame_0004.npy", "motion.gif", "totals.json", "scene.toml", "index.html"]
+    {
+        assert!(run.join(file).metadata().is_ok_and(|m| m.len() > 0), "no {file}");
+    }
+    assert!(!run.join("state.npy").exists() && !run.join("frames/frame_0005.ply").exists());
+    let page = std::fs::read_to_string(run.join("index.html")).unwrap();
+    assert!(page.contains("Two &lt;small&gt; boxes") && page.contains("image/gif"));
+    let totals: serde_json::Value = serde_json::from_slice(&std::fs::read(run.join("totals.json")).unwrap()).unwrap();
+    let frames = totals["frames"].as_array().unwrap();
+    assert_eq!(frames.len(), 5);
+    let mass = |k: usize| frames[k]["mass_kg"].as_f64().unwrap();
+    approx::assert_relative_eq!(mass(0), 216.0 * 0.03_f64.powi(3) * 1900.0, max_relative = 1e-5);
+    approx::assert_relative_eq!(mass(0), mass(4), max_relative = 1e-9);
+    // What falls freely turns height into motion.
+    let height = |k: usize| frames[k]["centre_m"][1].as_f64().unwrap();
+    assert!(height(4) < height(0));
+    // The copy is a scene, and says what was assumed.
+    let again = simulate(&["runs/two/scene.toml", "--plan"], &within);
+    assert!(again.status.success(), "{}", String::from_utf8_lossy(&again.stderr));
+    std::fs::remove_dir_all(within).unwrap();
+}
+
+#[test]
+fn a_bad_scene_leaves_no_folder_and_exits_with_2() {
+    let within = folder("bad");
+    std::fs::write(within.join("bad.toml"), SCENE.replace("newtonian", "newtonain")).unwrap();
+    let refused = simulate(&["bad.toml"], &within);
+    let text = String::from_utf8(refused.stderr).unwrap();
+    assert_eq!(refused.status.code(), Some(2), "{text}");
+    assert!(text.contains("bad.toml: materials.b.law") && text.contains("did you mean `newtonian`?"), "{text}");
+    assert!(!within.join("runs").exists());
+    assert_eq!(simulate(&["missing.toml"], &within).status.code(), Some(2));
+    let help = simulate(&["--help"], &within);
+    let help = String::from_utf8(help.stdout).unwrap();
+    assert!(help.contains("shape.sphere") && help.contains("drucker_prager"), "{help}");
+    std::fs::remove_dir_all(within).unwrap();
+}
+
+#[cfg(unix)]
+#[test]
+fn a_run_that_is_interrupted_goes_on_to_the_same_end() {
+    use std::time::{Duration, Instant};
+
+    let within = folder("interrupted");
+    // Long enough to be caught in the middle.
+    let scene = SCENE.replace("duration_s = 0.1", "duration_s = 0.3").replace("spacing_m = 0.06", "spacing_m = 0.03");
+    std::fs::write(within.join("two.toml"), scene).unwrap();
+    let arguments = ["two.toml", "--frames", "npy", "--no-gif"];
+    let whole = simulate(&[&arguments[..], &["--out", "whole"]].concat(), &within);
+    assert!(whole.status.success(), "{}", String::from_utf8_lossy(&whole.stderr));
+    let resumed = [&arguments[..], &["--out", "parts"]].concat();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_gradreel"))
+        .arg("simulate")
+        .args(&resumed)
+        .current_dir(&within)
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    let begun = Instant::now();
+    while !within.join("parts/frames/frame_0002.npy").exists() && begun.elapsed() < Duration::from_secs(60) {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let signal = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(signal.success());
+    let code = child.wait().unwrap().code();
+    // On a very fast machine it may have finished.
+    if code == Some(130) {
+        assert!(within.join("parts/state.npy").exists() && within.join("parts/totals.json").exists());
+        let other = simulate(&[&resumed[..], &["--resume", "--precision", "f64"]].concat(), &within);
+        assert!(String::from_utf8_lossy(&other.stderr).contains("another scene"), "{other:?}");
+        let rest = simulate(&[&resumed[..], &["--resume"]].concat(), &within);
+        assert!(rest.status.success(), "{}", String::from_utf8_lossy(&rest.stderr));
+        assert!(!within.join("parts/state.npy").exists());
+    } else {
+        assert_eq!(code, Some(0));
+    }
+    let read = |run: &str, file: &str| std::fs::read(within.join(run).join(file)).unwrap();
+    for file in ["frames/frame_0005.npy", "frames/frame_0012.npy"] {
+        assert!(read("whole", file) == read("parts", file), "{file} differs");
+    }
+    let heights = |run: &str| -> Vec<f64> {
+        let totals: serde_json::Value = serde_json::from_slice(&read(run, "totals.json")).unwrap();
+        totals["frames"].as_array().unwrap().iter().map(|t| t["centre_m"][1].as_f64().unwrap()).collect()
+    };
+    let (whole, parts) = (heights("whole"), heights("parts"));
+    assert_eq!((whole.len(), parts.len()), (13, 13));
+    whole.iter().zip(&parts).for_each(|(a, b)| approx::assert_relative_eq!(a, b, max_relative = 1e-12));
+    std::fs::remove_dir_all(within).unwrap();
+}

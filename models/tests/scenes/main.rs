@@ -1,0 +1,7 @@
+//! Scene files: the gallery, shapes and meshes, refused scenes, and the command.
+
+mod bad_scenes;
+mod command;
+mod filling;
+mod gallery;
+mod meshes;
