@@ -120,7 +120,7 @@ fn page(found: &Synthesis<'_>, animation: &[u8]) -> String {
 /// Pictures on one sheet as PNG, about as many rows as columns, each pixel repeated so many times each way.
 ///
 /// # Errors
-/// As [`png`].
+/// As [`png()`].
 pub fn sheet(pictures: &[Picture], enlarged: usize) -> Result<Vec<u8>> {
     let columns = (1..=pictures.len()).find(|columns| columns * columns >= pictures.len()).unwrap_or(1);
     let sheet = Picture::grid(columns, pictures);

@@ -2,41 +2,46 @@
 
 use gradreel::{Error, ErrorKind, Result};
 
-use super::DenoiserSizes;
+use super::ModelSizes;
 
-/// Bytes that sampling holds beside the weights, estimated from the sizes of the largest activations.
+/// Bytes that sampling holds beside the weights' file, estimated from the sizes of the largest activations and weights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Footprint {
     /// What all views of a step share, at its largest: the un-projected volume on its way through the spatial net.
     pub shared: usize,
-    /// What each view that runs adds: its frustum on its way through the frustum net and the depth-wise attention, and the
-    /// UNet's own images.
+    /// What each view that runs adds: the UNet's largest weight, widened and made ready for a minimal filter, beside the
+    /// view's frustum and images.
     pub view: usize,
+    /// The decoder's pictures, after the sampling.
+    pub decoding: usize,
     /// The largest single array of one view.
     pub largest: usize,
 }
 
 impl Footprint {
-    /// The estimate for latents of `width²` in numbers of so many bytes.
-    pub fn of(sizes: &DenoiserSizes, width: usize, number: usize) -> Self {
-        let (volume, unet) = (&sizes.volume, &sizes.unet);
+    /// The estimate for numbers of so many bytes.
+    pub fn of(sizes: &ModelSizes, number: usize) -> Self {
+        let (volume, unet, width) = (&sizes.denoiser.volume, &sizes.denoiser.unet, sizes.latent_width());
         let voxels = volume.voxels.pow(3) * number;
-        let unprojected = sizes.ring.views * volume.features * voxels;
-        let frustum = volume.depth * width * width * number;
-        // four heads of half as many channels each, for keys and for values
-        let keys = 2 * volume.frustum[0] * frustum;
+        let unprojected = sizes.denoiser.ring.views * volume.features * voxels;
+        let frustum = volume.frustum[0] * volume.depth * width * width * number;
         let (wide, pixels) = (unet.base * unet.multipliers[0], width * width * number);
+        // 3×3 taps of a layer that takes in a skip, and 16 of it as a minimal filter
+        let deep = unet.base * unet.multipliers.iter().max().expect("four levels");
+        let weight = 2 * deep * deep * (9 + 16) * number;
+        let decoder = sizes.autoencoder.base * sizes.autoencoder.multipliers.get(1).unwrap_or(&1);
         Self {
             shared: 3 * unprojected + 4 * volume.spatial[0] * voxels,
-            // pyramid, its normalised copies, keys and values; skips, gates of the transformers
-            view: 4 * volume.frustum[0] * frustum + 2 * keys + 30 * wide * pixels,
-            largest: keys.max(8 * wide * pixels),
+            // the pyramid and its normalised copies; skips, gates of the transformers
+            view: weight + 6 * frustum + 30 * wide * pixels,
+            decoding: 8 * decoder * sizes.image * sizes.image * number,
+            largest: frustum.max(8 * wide * pixels),
         }
     }
 
     /// Bytes held at most with so many views at once.
     pub fn total(&self, at_once: usize) -> usize {
-        self.shared.max(self.shared / 4 + at_once * self.view)
+        self.shared.max(self.shared / 4 + at_once * self.view).max(self.decoding)
     }
 
     /// The most views at once, up to `most`, that stay within a budget of bytes.

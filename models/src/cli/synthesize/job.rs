@@ -5,6 +5,7 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
+use gradreel::backend::cpu::pool;
 use gradreel::io::TensorFile;
 use gradreel::{Device, Error, ErrorKind, Result, Tensor};
 use serde::{Deserialize, Serialize};
@@ -155,7 +156,7 @@ impl Job {
                 .fix("200 leaves the margin that the published model was trained with"));
         }
         let picture = open_picture(&arguments.image, sizes.image, Some(crop).filter(|crop| *crop > 0))?;
-        let footprint = Footprint::of(&sizes.denoiser, sizes.latent_width(), size_of::<f32>());
+        let footprint = Footprint::of(&sizes, size_of::<f32>());
         let most = match device {
             // more views than threads wait for each other
             Device::Cpu => rayon::current_num_threads().min(sizes.denoiser.ring.views),
@@ -163,6 +164,8 @@ impl Job {
         };
         let budget = arguments.memory.map_or(MEMORY, |size| size.0);
         let at_once = footprint.at_once(budget, most).map_err(|e| e.at("--memory"))?;
+        // buffers that wait for their next use count as well
+        pool::set_limit(pool::limit().min(budget - footprint.total(at_once)));
         let folder = folder(&settings)?;
         Ok(Self { folder, settings, sizes, weights, picture, at_once, footprint })
     }
