@@ -42,7 +42,7 @@ fn main() -> Result<()> {
     let settings = SamplerSettings { steps: 4, guidance: 2.0, seed: 7 };
     let subject = Subject::encode(&weights, &sizes, &picture, 20f64.to_radians(), settings.picture_key(), &device)?;
 
-    let footprint = Footprint::of(&sizes.denoiser, sizes.latent_width(), size_of::<f32>());
+    let footprint = Footprint::of(&sizes, size_of::<f32>());
     let most = footprint.at_once(100_000_000, sizes.denoiser.ring.views)?;
     println!("{most} views fit into 100 MB at once");
     let [one, two] = [1, 2].map(|at_once| Ensemble::new(&weights, &sizes.denoiser, &device, at_once));
