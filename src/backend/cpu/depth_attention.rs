@@ -15,8 +15,6 @@ use crate::scalar::{Job, Lane, Real};
 const STRIP: usize = 1024;
 /// Pixels of a strip where there are too few heads to keep the threads busy.
 const NARROW: usize = 256;
-/// Work items that are enough.
-const ENOUGH: usize = 8;
 /// Channels, or depths, that one pass over a row of scores takes in.
 const GROUP: usize = 4;
 
@@ -76,7 +74,9 @@ struct Strip {
 
 /// Runs all strips of some heads in parallel; each gets rows of scratch, one for each depth.
 fn strips<T: Real>(sizes: Sizes, heads: usize, run: impl Fn(Strip, &mut [T]) + Sync) {
-    let widest = if heads * sizes.pixels.div_ceil(STRIP) < ENOUGH { NARROW } else { STRIP };
+    // pixels do not meet, so the width of a strip changes no bit
+    let few = heads * sizes.pixels.div_ceil(STRIP) < rayon::current_num_threads();
+    let widest = if few { NARROW } else { STRIP };
     let across = sizes.pixels.div_ceil(widest);
     let scratch = || vec![T::ZERO; sizes.depths * STRIP];
     (0..heads * across).into_par_iter().for_each_init(scratch, |scratch, item| {

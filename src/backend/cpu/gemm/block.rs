@@ -4,13 +4,8 @@
 //! or in place, stays in the first-level cache and meets every strip of that block. The depth is cut so that a strip
 //! fits, and the cuts depend on nothing but its length: however the product is divided among threads, each of its
 //! elements is the same sum in the same order.
-//!
-//! Threads that divide the rows share a right factor that was packed before, by all of them: packing is a third of the
-//! work of a product of a few hundred rows where each part packs for itself.
 
 use std::ops::Range;
-
-use rayon::prelude::*;
 
 use super::scratch;
 use super::tile::{Extent, Strip};
@@ -29,9 +24,6 @@ const STRIPS: usize = 12;
 /// first-level cache.
 const FEW_STRIPS: usize = 3;
 const FAR: usize = 2048;
-/// Places along the depth that are packed for all strips of a block before the next ones, where the lines of a factor lie
-/// side by side: it is then read along its rows, and not in jumps from row to row.
-const PLACES: usize = 16;
 
 /// Cuts `0..length` into even pieces of at most `most`, at least one.
 pub(super) fn pieces(length: usize, most: usize) -> impl Iterator<Item = Range<usize>> + Clone {
@@ -44,69 +36,16 @@ pub(super) const fn depth_block<T>() -> usize {
     LINE / size_of::<T>()
 }
 
-/// Columns of the right factor packed as a whole: strips of a tile's columns, the last one as wide as its vectors.
-pub(super) fn packed_columns(columns: usize, tile: Extent) -> usize {
-    columns - columns % tile.columns + (columns % tile.columns).next_multiple_of(tile.vector)
-}
-
-/// Blocks of whole strips of some columns.
-fn blocks(columns: usize, tile: Extent) -> impl Iterator<Item = Range<usize>> + Clone {
-    let strips = pieces(columns.div_ceil(tile.columns), COLUMNS / tile.columns);
-    strips.map(move |block| block.start * tile.columns..columns.min(block.end * tile.columns))
-}
-
-/// Packs all columns of the right factor on all threads: one block of the depth after another, each
-/// `[strip, depth, columns of a strip]`.
-pub(super) fn pack_whole<T: Real>(task: &Task<'_, T>, columns: usize, mut into: &mut [T]) {
-    let mut parts = Vec::new();
-    for depth in pieces(task.depth.len(), depth_block::<T>()) {
-        for block in blocks(columns, task.tile) {
-            let (part, rest) = into.split_at_mut(packed_columns(block.len(), task.tile) * depth.len());
-            parts.push((block, task.depth.start + depth.start..task.depth.start + depth.end, part));
-            into = rest;
-        }
-    }
-    parts.into_par_iter().with_max_len(1).for_each(|(block, depth, part)| pack(task, block, depth, part));
-}
-
-/// Packs a block of the right factor.
-fn pack<T: Real>(task: &Task<'_, T>, block: Range<usize>, depth: Range<usize>, into: &mut [T]) {
-    let Extent { columns: tile_columns, vector, .. } = task.tile;
-    let beside = task.right.strided().is_some_and(|right| right.line == 1);
-    let places = if beside { PLACES } else { depth.len().max(1) };
-    for first in (0..depth.len()).step_by(places) {
-        let last = depth.len().min(first + places);
-        for start in (0..block.len()).step_by(tile_columns) {
-            let lines = block.start + start..block.end.min(block.start + start + tile_columns);
-            // the last strip is as wide as the vectors that its columns fill
-            let width = lines.len().next_multiple_of(vector);
-            let packed = &mut into[start * depth.len()..][first * width..last * width];
-            if width > lines.len() {
-                packed.fill(T::ZERO);
-            }
-            task.right.pack(lines, depth.start + first..depth.start + last, width, packed);
-        }
-    }
-}
-
-/// Makes the part `rows × columns` of a product, on the calling thread; all columns where the right factor was packed as a
-/// whole.
-pub(super) fn run<T: Real>(
-    task: &Task<'_, T>,
-    rows: Range<usize>,
-    columns: Range<usize>,
-    out: Out<'_, T>,
-    whole: Option<&[T]>,
-) {
+/// Makes the part `rows × columns` of a product, on the calling thread.
+pub(super) fn run<T: Real>(task: &Task<'_, T>, rows: Range<usize>, columns: Range<usize>, out: Out<'_, T>) {
     let Extent { rows: tile_rows, columns: tile_columns, .. } = task.tile;
     let depth_most = depth_block::<T>().min(task.depth.len());
     let block_columns = columns.len().min(COLUMNS).next_multiple_of(tile_columns);
     let one_block = columns.len() <= COLUMNS;
     let block_rows = rows.len().min(ROWS);
     let left_rows = if one_block { tile_rows } else { block_rows };
-    let right_columns = if whole.is_some() { 0 } else { block_columns };
-    scratch::with([depth_most * left_rows, depth_most * right_columns], |[left, right]| {
-        let mut part = Part { task, out, left, right, whole, one_block };
+    scratch::with([depth_most * left_rows, depth_most * block_columns], |[left, right]| {
+        let mut part = Part { task, out, left, right, one_block };
         for block in pieces(rows.len(), ROWS) {
             part.rows(rows.start + block.start..rows.start + block.end, columns.clone());
         }
@@ -118,8 +57,6 @@ struct Part<'a, T> {
     out: Out<'a, T>,
     left: &'a mut [T],
     right: &'a mut [T],
-    /// The right factor, where it was packed for all.
-    whole: Option<&'a [T]>,
     /// Whether every strip of the left factor is used for one block of the right one only.
     one_block: bool,
 }
@@ -134,11 +71,9 @@ impl<T: Real> Part<'_, T> {
                 || (left.depth == 1 || left.line == 1 && rows.len() <= tile_rows) && !reused
         });
         let height = if in_place.is_some_and(|left| left.line != 1) { rows_in_place } else { tile_rows };
-        let packed = packed_columns(columns.len(), self.task.tile);
         for depth in pieces(self.task.depth.len(), depth_block::<T>()) {
             let first = depth.start == 0;
             let last = depth.end == self.task.depth.len();
-            let depth_start = depth.start;
             let depth = self.task.depth.start + depth.start..self.task.depth.start + depth.end;
             if in_place.is_none() && !self.one_block {
                 for strip in pieces(rows.len(), tile_rows) {
@@ -147,16 +82,10 @@ impl<T: Real> Part<'_, T> {
                     self.task.left.pack(lines, depth.clone(), strip.len(), packed);
                 }
             }
-            for block in blocks(columns.len(), self.task.tile) {
-                let right = match self.whole {
-                    Some(whole) => whole[packed * depth_start + block.start * depth.len()..].as_ptr(),
-                    None => {
-                        let block = columns.start + block.start..columns.start + block.end;
-                        pack(self.task, block, depth.clone(), self.right);
-                        self.right.as_ptr()
-                    }
-                };
-                let block = columns.start + block.start..columns.start + block.end;
+            for block in pieces(columns.len().div_ceil(tile_columns), COLUMNS / tile_columns) {
+                let end = columns.len().min(block.end * tile_columns);
+                let block = columns.start + block.start * tile_columns..columns.start + end;
+                self.pack_right(block.clone(), depth.clone());
                 for strip in pieces(rows.len(), height) {
                     let lines = rows.start + strip.start..rows.start + strip.end;
                     let (left, left_row, left_depth) = match in_place {
@@ -178,7 +107,7 @@ impl<T: Real> Part<'_, T> {
                         left,
                         left_row,
                         left_depth,
-                        right,
+                        right: self.right.as_ptr(),
                         columns: block.len(),
                         first_column: block.start,
                         out: self.out.at(lines.start, block.start),
@@ -193,6 +122,20 @@ impl<T: Real> Part<'_, T> {
                     unsafe { job.run(Path::best(), self.task.tile) };
                 }
             }
+        }
+    }
+
+    fn pack_right(&mut self, block: Range<usize>, depth: Range<usize>) {
+        let Extent { columns: tile_columns, vector, .. } = self.task.tile;
+        for start in (0..block.len()).step_by(tile_columns) {
+            let lines = block.start + start..block.end.min(block.start + start + tile_columns);
+            // the last strip is as wide as the vectors that its columns fill
+            let width = lines.len().next_multiple_of(vector);
+            let packed = &mut self.right[start * depth.len()..][..width * depth.len()];
+            if width > lines.len() {
+                packed.fill(T::ZERO);
+            }
+            self.task.right.pack(lines, depth.clone(), width, packed);
         }
     }
 }

@@ -37,12 +37,6 @@ use tile::{Extent, Measure};
 /// Multiply-adds below which a product is made by one thread.
 const SMALL: usize = 1 << 20;
 
-/// Bytes up to which a packed factor is shared among threads.
-const SHARED: usize = 32 << 20;
-/// The least height, in tiles, of a slab that a thread makes with a shared factor, and slabs for each thread.
-const SLAB: usize = 4;
-const PARTS: usize = 4;
-
 /// How much better columns must fill the vectors than rows, for the product to be made transposed.
 const TURN: f64 = 1.15;
 
@@ -223,37 +217,16 @@ impl<T: Real> Task<'_, T> {
             return split::run(self, [m, n], chunks, out, par);
         }
         let threads = if par == Par::Sequential || m * n * k < SMALL { 1 } else { rayon::current_num_threads() };
-        if threads > 1 && self.run_shared([m, n], &out, threads) {
-            return;
-        }
         let [rows, columns] = self.grid(m, n, k, threads);
         let parts = [m.div_ceil(rows), n.div_ceil(columns)];
         let part = |i: usize| {
             let (row, column) = (i / parts[1] * rows, i % parts[1] * columns);
-            block::run(self, row..m.min(row + rows), column..n.min(column + columns), out.again(), None);
+            block::run(self, row..m.min(row + rows), column..n.min(column + columns), out.again());
         };
         match parts[0] * parts[1] {
             1 => part(0),
             count => (0..count).into_par_iter().with_max_len(1).for_each(part),
         }
-    }
-
-    /// Makes the product by slabs of rows that share the packed right factor; `false`, with nothing done, where there are
-    /// too few rows or that would take too much memory.
-    fn run_shared(&self, [m, n]: [usize; 2], out: &Out<'_, T>, threads: usize) -> bool {
-        let least = SLAB * self.tile.rows;
-        let packed = self.depth.len() * block::packed_columns(n, self.tile);
-        if m < threads * least || packed * size_of::<T>() > SHARED {
-            return false;
-        }
-        let rows = m.div_ceil(threads * PARTS).max(least).next_multiple_of(self.tile.rows);
-        scratch::with([packed], |[whole]| {
-            block::pack_whole(self, n, whole);
-            (0..m.div_ceil(rows)).into_par_iter().with_max_len(1).for_each(|i| {
-                block::run(self, i * rows..m.min((i + 1) * rows), 0..n, out.again(), Some(whole));
-            });
-        });
-        true
     }
 
     /// Rows and columns of the parts that the threads take, whole tiles, as square as the product allows.

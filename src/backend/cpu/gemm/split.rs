@@ -34,7 +34,7 @@ pub(super) fn run<T: Real>(task: &Task<'_, T>, [m, n]: [usize; 2], count: usize,
     let piece = |(i, values): (usize, &mut [T])| {
         let depth = task.depth.start + i * length..task.depth.start + k.min((i + 1) * length);
         let piece = Task { depth, scale: T::ONE, accumulate: false, epilogue: Epilogue::NONE, ..*task };
-        block::run(&piece, 0..m, 0..n, Out::rows(values, row), None);
+        block::run(&piece, 0..m, 0..n, Out::rows(values, row));
     };
     match par {
         Par::Sequential => partial.chunks_mut(m * row).enumerate().for_each(piece),
