@@ -196,4 +196,50 @@ macro_rules! elementwise {
         }
     )*};
 }
+/// Methods of a vector type around one register, each an expression of its operands' registers.
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+macro_rules! methods {
+    ($($name:ident($($b:ident),*) |$x:ident| $value:expr;)*) => {$(
+        #[inline(always)]
+        unsafe fn $name(self $(, $b: Self)*) -> Self {
+            let $x = self.0;
+            $(let $b = $b.0;)*
+            // SAFETY: the contract of `Lane`: the instruction set is enabled.
+            Self(unsafe { $value })
+        }
+    )*};
+}
+
+/// The methods of such a type that move numbers between registers and memory, by instructions of these names.
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+macro_rules! memory {
+    ($float:ident: $load:ident $store:ident $splat:ident $transpose:ident) => {
+        #[inline(always)]
+        unsafe fn transpose(rows: &[*const $float; 8], to: *mut $float, stride: usize) {
+            // SAFETY: the contract of `Lane`.
+            unsafe { $transpose(rows, to, stride) }
+        }
+
+        #[inline(always)]
+        unsafe fn load(from: *const $float) -> Self {
+            // SAFETY: the contract of `Lane`.
+            Self(unsafe { $load(from) })
+        }
+
+        #[inline(always)]
+        unsafe fn store(self, to: *mut $float) {
+            // SAFETY: the contract of `Lane`.
+            unsafe { $store(to, self.0) }
+        }
+
+        #[inline(always)]
+        unsafe fn splat(x: $float) -> Self {
+            // SAFETY: the contract of `Lane`.
+            Self(unsafe { $splat(x) })
+        }
+    };
+}
+
 pub(super) use elementwise;
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+pub(super) use {memory, methods};

@@ -5,7 +5,7 @@
 use std::arch::x86_64::*;
 
 use super::exp_ln::{Lane32, SQRT_HALF, single_precision};
-use super::lanes::{Lane, elementwise};
+use super::lanes::{Lane, elementwise, memory, methods};
 
 /// Eight `f32`.
 #[derive(Clone, Copy)]
@@ -20,18 +20,6 @@ pub struct F32x16(__m512);
 #[derive(Clone, Copy)]
 pub struct F64x8(__m512d);
 
-macro_rules! methods {
-    ($($name:ident($($b:ident),*) |$x:ident| $value:expr;)*) => {$(
-        #[inline(always)]
-        unsafe fn $name(self $(, $b: Self)*) -> Self {
-            let $x = self.0;
-            $(let $b = $b.0;)*
-            // SAFETY: the contract of `Lane`: the instruction set is enabled.
-            Self(unsafe { $value })
-        }
-    )*};
-}
-
 macro_rules! lane {
     (
         $name:ident: $float:ident x $width:literal in $registers:literal, $transpose:ident of $side:literal
@@ -45,29 +33,7 @@ macro_rules! lane {
 
             const SIDE: usize = $side;
 
-            #[inline(always)]
-            unsafe fn transpose(rows: &[*const $float; 8], to: *mut $float, stride: usize) {
-                // SAFETY: the contract of `Lane`.
-                unsafe { $transpose(rows, to, stride) }
-            }
-
-            #[inline(always)]
-            unsafe fn load(from: *const $float) -> Self {
-                // SAFETY: the contract of `Lane`.
-                Self(unsafe { $load(from) })
-            }
-
-            #[inline(always)]
-            unsafe fn store(self, to: *mut $float) {
-                // SAFETY: the contract of `Lane`.
-                unsafe { $store(to, self.0) }
-            }
-
-            #[inline(always)]
-            unsafe fn splat(x: $float) -> Self {
-                // SAFETY: the contract of `Lane`.
-                Self(unsafe { $splat(x) })
-            }
+            memory!($float: $load $store $splat $transpose);
 
             methods! {
                 add(b) |x| $add(x, b);

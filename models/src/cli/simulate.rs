@@ -115,18 +115,19 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
 fn simulate<T: Number>(arguments: &Arguments, name: &str, file: &SceneFile, setup: &Setup) -> Result<()> {
     let text =
         toml::to_string_pretty(file).map_err(|e| Error::new(ErrorKind::Io, "the scene cannot be written").found(e))?;
-    let (mut record, mut runner) = if arguments.resume {
-        let folder = RunFolder::open(arguments.out.as_deref().unwrap_or(Path::new(".")))?;
-        let (record, snapshot) = Record::resume(folder, name, &text, file, setup, &arguments.frames)?;
-        (record, Runner::<T>::resume(setup, &snapshot)?)
-    } else {
-        let folder = match &arguments.out {
-            Some(folder) => RunFolder::create(folder)?,
-            None => RunFolder::create_free(Path::new("runs"), name)?,
-        };
-        (Record::begin(folder, name, &text, file, setup, &arguments.frames)?, Runner::<T>::new(setup)?)
+    let folder = match &arguments.out {
+        _ if arguments.resume => RunFolder::open(arguments.out.as_deref().unwrap_or(Path::new(".")))?,
+        Some(folder) => RunFolder::create(folder)?,
+        None => RunFolder::create_free(Path::new("runs"), name)?,
     };
+    let mut record = Record::new(folder, name, &text, file, setup, &arguments.frames);
     record.animated = !arguments.no_gif;
+    let mut runner = if arguments.resume {
+        Runner::<T>::resume(setup, &record.resume()?)?
+    } else {
+        record.begin()?;
+        Runner::<T>::new(setup)?
+    };
     let root = record.root().display().to_string();
     let go_on = format!("go on with `gradreel simulate {} --out {root} --resume`", arguments.scene.display());
     let progress = Progress::new(arguments.quiet);

@@ -1,6 +1,7 @@
 //! Obstacles: analytic regions, at rest or moving as rigid bodies, acting on the velocities of grid nodes.
 
 use super::contact::Placed;
+use crate::vector::{EYE, dot, minus, product, rotation, times};
 use gradreel::{Error, ErrorKind, Result};
 
 /// How an obstacle acts on what touches it; `v` is the velocity of a node, `w` that of the obstacle there.
@@ -95,8 +96,6 @@ pub struct Collider {
     /// How it moves.
     pub motion: RigidMotion,
 }
-
-const EYE: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
 impl Collider {
     /// A solid region at rest.
@@ -230,39 +229,4 @@ impl Collider {
             _ => Ok(()),
         }
     }
-}
-
-#[inline(always)]
-pub(super) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-#[inline(always)]
-pub(super) fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-pub(super) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-/// `m x`
-pub(super) fn times(m: &[[f64; 3]; 3], x: [f64; 3]) -> [f64; 3] {
-    m.map(|row| dot(row, x))
-}
-
-pub(super) fn product(a: [[f64; 3]; 3], b: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
-    a.map(|row| std::array::from_fn(|j| (0..3).map(|k| row[k] * b[k][j]).sum()))
-}
-
-/// The rotation by `|turn|` radians about the axis `turn` (Rodrigues).
-pub(crate) fn rotation(turn: [f64; 3]) -> [[f64; 3]; 3] {
-    let angle = dot(turn, turn).sqrt();
-    if angle == 0.0 {
-        return EYE;
-    }
-    let n = turn.map(|t| t / angle);
-    let (sin, cos) = angle.sin_cos();
-    let skew = [[0.0, -n[2], n[1]], [n[2], 0.0, -n[0]], [-n[1], n[0], 0.0]];
-    std::array::from_fn(|i| std::array::from_fn(|j| cos * EYE[i][j] + sin * skew[i][j] + (1.0 - cos) * n[i] * n[j]))
 }

@@ -1,6 +1,7 @@
 //! What obstacles do to the velocity of a node, with both derivatives.
 
-use super::collider::{Collider, Contact, Region, cross, dot, minus, product, rotation, times};
+use super::collider::{Collider, Contact, Region};
+use crate::vector::{cross, dot, minus, product, rotation, times};
 
 /// An obstacle where it is at one moment.
 #[derive(Debug, Clone, Copy)]

@@ -46,7 +46,6 @@ mod values;
 mod world;
 
 pub use check::{MaterialCheck, MaterialReport, check_material};
-pub(crate) use collider::rotation;
 pub use collider::{Collider, Contact, Region, RigidMotion};
 pub use forward::Tangent;
 pub(crate) use lattice::neighbours;

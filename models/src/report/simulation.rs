@@ -54,23 +54,8 @@ pub struct Record<'a> {
 }
 
 impl<'a> Record<'a> {
-    /// A new run.
-    ///
-    /// # Errors
-    /// A file that cannot be written.
-    pub fn begin(
-        folder: RunFolder,
-        name: &str,
-        text: &str,
-        file: &'a SceneFile,
-        setup: &'a Setup,
-        formats: &[Format],
-    ) -> Result<Self> {
-        folder.write("scene.toml", text.as_bytes())?;
-        Ok(Self::new(folder, name, text, file, setup, formats))
-    }
-
-    fn new(
+    /// Nothing is read or written yet: [`Record::begin`] or [`Record::resume`] comes next.
+    pub fn new(
         folder: RunFolder,
         name: &str,
         text: &str,
@@ -97,18 +82,20 @@ impl<'a> Record<'a> {
         }
     }
 
-    /// An interrupted run, with the frames it has written, and where to go on.
+    /// A new run: writes its scene.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn begin(&self) -> Result<()> {
+        self.folder.write("scene.toml", self.text.as_bytes())
+    }
+
+    /// Takes up the frames that an interrupted run has written; where to go on.
     ///
     /// # Errors
     /// [`ErrorKind::Input`] when nothing was saved, or for another scene; a file that cannot be read.
-    pub fn resume(
-        folder: RunFolder,
-        name: &str,
-        text: &str,
-        file: &'a SceneFile,
-        setup: &'a Setup,
-        formats: &[Format],
-    ) -> Result<(Self, Snapshot)> {
+    pub fn resume(&mut self) -> Result<Snapshot> {
+        let (folder, setup) = (&self.folder, self.setup);
         let place = folder.root().display().to_string();
         if !folder.has("state.npy") {
             return Err(Error::new(ErrorKind::Input, "there is nothing to go on from")
@@ -116,7 +103,7 @@ impl<'a> Record<'a> {
                 .found("no saved state: the run finished, or has not begun")
                 .fix("start a new run in another folder"));
         }
-        if folder.read("scene.toml")? != text.as_bytes() {
+        if folder.read("scene.toml")? != self.text.as_bytes() {
             return Err(Error::new(ErrorKind::Input, "the run in this folder is of another scene")
                 .at(place)
                 .fix("give the scene and the options that it was begun with, or start a new run"));
@@ -131,19 +118,18 @@ impl<'a> Record<'a> {
             number.ok_or_else(|| damaged(format!("no number `{key}`")))
         };
         let snapshot = Snapshot { frame: number("frame")?, substeps: number("substeps_per_frame")?, state };
-        let mut record = Self::new(folder, name, text, file, setup, formats);
-        record.totals = serde_json::from_value(about["totals"].clone()).map_err(|e| damaged(e.to_string()))?;
+        self.totals = serde_json::from_value(about["totals"].clone()).map_err(|e| damaged(e.to_string()))?;
         for index in 0..=snapshot.frame {
             let (ply, npy) = (frame_name(index, Format::Ply), frame_name(index, Format::Npy));
-            let bytes = record.folder.read(if record.folder.has(&ply) { &ply } else { &npy })?;
+            let bytes = self.folder.read(if self.folder.has(&ply) { &ply } else { &npy })?;
             let positions = positions_of(&bytes).map_err(|e| e.within(format!("frame {index}")))?;
             if positions.len() != setup.len() {
                 return Err(damaged(format!("{} particles in frame {index}, not {}", positions.len(), setup.len())));
             }
             let positions: Vec<[f32; 3]> = positions.iter().map(|x| x.map(|x| x as f32)).collect();
-            record.show(index, &positions);
+            self.show(index, &positions);
         }
-        Ok((record, snapshot))
+        Ok(snapshot)
     }
 
     /// The folder.

@@ -1,9 +1,10 @@
 //! A picture of particles: little balls under one light, a floor with a grid, obstacles in grey.
 
 use super::file::Camera;
-use super::setup::{Setup, bounds};
+use super::setup::Setup;
 use crate::physics::{Collider, Region};
 use crate::report::animation::Picture;
+use crate::vector::{bounds, cross, dot, minus, plus};
 
 const BACKGROUND: [f64; 3] = [244.0, 246.0, 249.0];
 const FLOOR: [f64; 3] = [222.0, 226.0, 232.0];
@@ -32,7 +33,7 @@ pub struct View {
 impl View {
     /// The view that the file asks for; what it leaves out is chosen such that the start and the floor below it are seen.
     pub fn of(setup: &Setup, camera: &Camera) -> Self {
-        let [mut low, mut high] = bounds(&setup.positions);
+        let [mut low, mut high] = bounds(setup.positions.iter().copied());
         // Obstacles count where they are about as large as what moves.
         let size: f64 = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
         for [from, to] in setup.world.colliders.iter().filter_map(box_of) {
@@ -236,22 +237,6 @@ fn surface(collider: &Collider, spacing: f64) -> Vec<[f64; 3]> {
         }
     }
     points
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn plus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|i| a[i] + b[i])
-}
-
-fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|i| a[i] - b[i])
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 fn unit(a: [f64; 3]) -> [f64; 3] {

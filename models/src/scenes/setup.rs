@@ -7,7 +7,8 @@ use gradreel::{Error, ErrorKind, Result};
 use super::file::{Barrier, Ground, Obstacle, Precision, SceneFile, Substance, Touch};
 use super::fill::fill;
 use super::nearest::nearest;
-use crate::physics::{Collider, Contact, Law, Map, Region, Schedule, Values, World, materials, rotation};
+use crate::physics::{Collider, Contact, Law, Map, Region, Schedule, Values, World, materials};
+use crate::vector::{bounds, cross, minus, plus, rotation, times};
 
 /// Colours of objects that name none.
 const COLOURS: [[u8; 3]; 6] =
@@ -142,7 +143,7 @@ impl Setup {
         let flip = if self.world.flip > 0.0 { 16 } else { 0 };
         // Three states (one to go back to), what is scattered, and lists of indices.
         let particle = width * (3 * (24 + history) + 16 + flip) + 12;
-        let [low, high] = bounds(&self.positions);
+        let [low, high] = bounds(self.positions.iter().copied());
         let nodes: f64 = (0..3).map(|axis| ((high[axis] - low[axis]) / self.world.dx).ceil() + 4.0).product();
         let grid = nodes * (4 * width * if self.world.flip > 0.0 { 2 } else { 1 }) as f64;
         [self.len() * particle, grid as usize]
@@ -162,7 +163,7 @@ impl Setup {
             .fold(0.0, f64::max);
         let norm = |v: &[f64; 3]| v.iter().map(|v| v * v).sum::<f64>().sqrt();
         let start = self.velocities.iter().map(norm).fold(0.0, f64::max);
-        let [low, high] = bounds(&self.positions);
+        let [low, high] = bounds(self.positions.iter().copied());
         let floor = file.ground.as_ref().map_or(low[1], |ground| ground.height_m.min(low[1]));
         // Not farther than the duration allows.
         let g = norm(&self.world.gravity);
@@ -407,23 +408,10 @@ fn turn(particles: &mut [[f64; 3]], turn_deg: [f64; 3]) {
     }
     let (centre, turn) = (mean(particles), rotation(turn_deg.map(f64::to_radians)));
     for x in particles {
-        let r: [f64; 3] = std::array::from_fn(|axis| x[axis] - centre[axis]);
-        *x = std::array::from_fn(|i| centre[i] + (0..3).map(|j| turn[i][j] * r[j]).sum::<f64>());
+        *x = plus(centre, times(&turn, minus(*x, centre)));
     }
 }
 
 fn mean(particles: &[[f64; 3]]) -> [f64; 3] {
     [0, 1, 2].map(|axis| particles.iter().map(|x| x[axis]).sum::<f64>() / particles.len().max(1) as f64)
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-/// Lowest and highest coordinates.
-pub(super) fn bounds(positions: &[[f64; 3]]) -> [[f64; 3]; 2] {
-    let fold = |start: f64, choose: fn(f64, f64) -> f64| {
-        [0, 1, 2].map(|axis| positions.iter().map(|x| x[axis]).fold(start, choose))
-    };
-    [fold(f64::INFINITY, f64::min), fold(f64::NEG_INFINITY, f64::max)]
 }

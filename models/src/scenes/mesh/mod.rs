@@ -9,6 +9,8 @@ use std::path::Path;
 
 use gradreel::{Error, ErrorKind, Result};
 
+use crate::vector::bounds;
+
 /// A triangle mesh that encloses a volume: every edge is passed as often one way as the other.
 #[derive(Debug, Clone)]
 pub struct Mesh {
@@ -144,14 +146,7 @@ impl Mesh {
 
     /// Lowest and highest coordinates \[m\].
     pub fn bounds(&self) -> [[f64; 3]; 2] {
-        let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-        for x in self.triangles.iter().flatten().map(|&corner| self.vertices[corner as usize]) {
-            for axis in 0..3 {
-                bounds[0][axis] = bounds[0][axis].min(x[axis]);
-                bounds[1][axis] = bounds[1][axis].max(x[axis]);
-            }
-        }
-        bounds
+        bounds(self.triangles.iter().flatten().map(|&corner| self.vertices[corner as usize]))
     }
 
     /// The enclosed volume \[m³\]; negative where the faces look inwards.
