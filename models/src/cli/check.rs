@@ -8,10 +8,21 @@ use crate::video::inspect;
 
 /// Arguments of `gradreel check`.
 #[derive(clap::Args)]
+#[command(after_long_help = LAYOUTS)]
 pub(super) struct Arguments {
-    /// Folder of the clip: all_data.json and data/r_{camera}_{frame}.png
+    /// Folder of the clip, in one of the layouts below
     clip: PathBuf,
 }
+
+/// The layouts of clips, for the help of commands that open one.
+pub(super) const LAYOUTS: &str = "\
+Layouts of clips, recognised by the files in the folder:
+  PAC-NeRF      all_data.json and data/r_{camera}_{frame}.png
+  NeRF, D-NeRF  transforms.json, or transforms_train.json, …_val.json and …_test.json
+  COLMAP        sparse/0/cameras.txt and images.txt, and frames/{camera}/{number}.png
+  Spring-Gaus   camera.json and {camera}/{number}.png; of a real capture give …/dynamic/sequences/{object}/{number}.json
+All but PAC-NeRF's need transparent images, or masks under masks/ (white on the object). A file clip.toml in the folder says what
+a layout leaves open: up, metres_per_unit, origin, frames_per_s or duration_s, layout. What is assumed, `gradreel check` prints.";
 
 /// Prints what is there, what is missing and what will be assumed.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {

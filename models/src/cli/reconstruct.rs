@@ -17,7 +17,7 @@ use crate::video::{Clip, OpenOptions};
 #[derive(clap::Args)]
 #[command(after_long_help = EXAMPLES)]
 pub(super) struct Arguments {
-    /// Folder of the clip: all_data.json and data/r_{camera}_{frame}.png (PAC-NeRF layout)
+    /// Folder of the clip: PAC-NeRF, NeRF/D-NeRF, COLMAP or Spring-Gaus layout (see `gradreel check --help`)
     clip: PathBuf,
     /// Folder for the results [default: runs/<clip>, runs/<clip>-2, …]
     #[arg(long, value_name = "FOLDER")]

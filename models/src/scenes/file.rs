@@ -7,7 +7,7 @@ use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
 use super::film::FilmSettings;
-use super::nearest::nearest;
+use crate::nearest::suggestion;
 
 /// A scene as a file says it. Every key that carries a unit has it in its name; parameters of materials are in the SI unit
 /// of the material's own table (Pa, Pa s, degrees for angles of friction).
@@ -405,13 +405,4 @@ impl SceneFile {
         })?;
         Self::parse(&text).map_err(|e| e.within(path.display()))
     }
-}
-
-/// `did you mean …`, for a message of the form ``unknown field `a`, expected one of `b`, `c` ``.
-fn suggestion(message: &str) -> Option<String> {
-    let line = message.lines().find(|line| line.contains("unknown field `") || line.contains("unknown variant `"))?;
-    let mut quoted = line.split('`').skip(1).step_by(2);
-    let unknown = quoted.next()?;
-    let known: Vec<&str> = quoted.collect();
-    nearest(unknown, known.iter().copied()).map(|near| format!("did you mean `{near}`?"))
 }

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::camera::Camera;
 use super::foreground::{Foreground, Source, same_size};
 use super::image::Image;
-use super::layout::Layout;
+use super::layout::{Kind, Layout};
 use super::select::{Selection, select};
 
 /// One image of one camera, the object alone on white.
@@ -35,7 +35,7 @@ pub struct Frame {
 /// ```
 #[derive(Debug, Clone)]
 pub struct Clip {
-    /// Name of the clip's folder.
+    /// Name of the clip's folder, or of the sequence in it.
     pub name: String,
     /// The clip's folder.
     pub root: PathBuf,
@@ -49,6 +49,8 @@ pub struct Clip {
     pub frames: Vec<Vec<Frame>>,
     /// How each camera got its alpha.
     pub foreground: Vec<Foreground>,
+    /// What had to be assumed about axes, unit and times.
+    pub assumptions: Vec<String>,
 }
 
 /// What to open of a clip; the default is everything.
@@ -90,6 +92,9 @@ impl PixelRect {
 impl Clip {
     /// Reads a clip: the list, every selected image (in parallel), and the object's alpha in each.
     ///
+    /// `path` is the clip's folder, in any of the layouts of [`Format`](super::Format); for a real capture of Spring-Gaus,
+    /// the file of the sequence.
+    ///
     /// # Errors
     /// [`ErrorKind::Input`] with the file concerned and a way out, if the folder or list is missing or malformed, a
     /// matrix is unusable, an image is missing, corrupt, too large or of another size than its camera's others, frames
@@ -100,14 +105,15 @@ impl Clip {
         let Selection { cameras: ids, frames: numbers, times } = select(&layout, options)?;
         let jobs: Vec<(i64, i64)> = ids.iter().flat_map(|&c| numbers.iter().map(move |&f| (c, f))).collect();
         let images: Vec<Image> =
-            jobs.par_iter().map(|&(c, f)| Image::read(&layout.image('r', c, f))).collect::<Result<_>>()?;
+            jobs.par_iter().map(|&(c, f)| Image::read_frame(&layout.file(Kind::Image, c, f))).collect::<Result<_>>()?;
         let count = numbers.len();
         let mut cameras = Vec::new();
         let mut sources = Vec::new();
         for (&id, images) in ids.iter().zip(images.chunks(count)) {
             let size = [images[0].width, images[0].height];
+            layout.check_size(id, &layout.file(Kind::Image, id, numbers[0]), (size[0], size[1]))?;
             for (&number, image) in numbers.iter().zip(images) {
-                same_size(&layout.image('r', id, number), image, id, size)?;
+                same_size(&layout.file(Kind::Image, id, number), image, id, size)?;
             }
             let transparent = images.iter().any(Image::is_transparent_somewhere);
             sources.push(Source::choose(&layout, id, &numbers, size, transparent)?);
@@ -132,6 +138,7 @@ impl Clip {
             frame_numbers: numbers,
             frames,
             foreground,
+            assumptions: layout.assumptions.clone(),
         };
         clip.check_visible()?;
         Ok(clip)
@@ -167,6 +174,7 @@ impl Clip {
             frame_numbers: self.frame_numbers.clone(),
             frames,
             foreground: self.foreground.clone(),
+            assumptions: self.assumptions.clone(),
         }
     }
 

@@ -1,14 +1,14 @@
 //! Where a camera's alpha comes from, and the making of a frame from its images.
 
 use std::fmt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use gradreel::{Error, ErrorKind, Result};
 use ndarray::{Array2, Array3};
 
 use super::clip::Frame;
 use super::image::Image;
-use super::layout::{EXCLUDED, Layout, PLATE};
+use super::layout::{EXCLUDED, Format, Kind, Layout, PLATE};
 use super::matte;
 use super::select::ranges;
 
@@ -20,6 +20,8 @@ pub enum Foreground {
     MaskAlpha,
     /// Given masks `m_{camera}_{frame}.png`: the object on white.
     MaskOnWhite,
+    /// Given masks in `masks/`, white where the object is.
+    Mask,
     /// The transparent pixels of the images themselves.
     ImageAlpha,
     /// Difference against the background plate `r_{camera}_-1.png`.
@@ -31,6 +33,7 @@ impl fmt::Display for Foreground {
         f.write_str(match self {
             Foreground::MaskAlpha => "given masks a_{camera}_{frame}.png",
             Foreground::MaskOnWhite => "given masks m_{camera}_{frame}.png on white",
+            Foreground::Mask => "given masks, white where the object is",
             Foreground::ImageAlpha => "the alpha channel of the images",
             Foreground::Plate => "difference against the background plate",
         })
@@ -49,18 +52,18 @@ impl Source {
     pub fn choose(layout: &Layout, camera: i64, frames: &[i64], size: [usize; 2], transparent: bool) -> Result<Source> {
         let foreground = choose(layout, camera, frames, transparent)?;
         let read = |frame: i64| -> Result<Image> {
-            let path = layout.image('r', camera, frame);
-            let image = Image::read(&path)?;
+            let path = layout.file(Kind::Image, camera, frame);
+            let image = Image::read_frame(&path)?;
             same_size(&path, &image, camera, size)?;
             Ok(image)
         };
         let plate = if foreground == Foreground::Plate { Some(read(PLATE)?) } else { None };
-        let excluded = if layout.has_image('r', camera, EXCLUDED) { Some(read(EXCLUDED)?) } else { None };
+        let excluded = if layout.has(Kind::Image, camera, EXCLUDED) { Some(read(EXCLUDED)?) } else { None };
         if let Some(mask) = &excluded
             && !mask.has_alpha
         {
             return Err(Error::new(ErrorKind::Input, "the plate of excluded pixels has no alpha channel")
-                .at(layout.image('r', camera, EXCLUDED).display())
+                .at(layout.file(Kind::Image, camera, EXCLUDED).display())
                 .found("an opaque image")
                 .wanted("an RGBA image whose alpha above 50/255 marks the pixels to leave out")
                 .fix("export it with transparency, or remove it"));
@@ -75,11 +78,11 @@ impl Source {
             None => vec![1.0; w * h],
             Some(mask) => mask.pixels.iter().map(|p| if p[3] > 50 { 0.0 } else { 1.0 }).collect(),
         };
-        let mask = |prefix: char| -> Result<Image> {
-            let path = layout.image(prefix, camera, frame);
-            let mask = Image::read(&path)?;
+        let mask = |kind: Kind| -> Result<Image> {
+            let path = layout.file(kind, camera, frame);
+            let mask = Image::read_frame(&path)?;
             same_size(&path, &mask, camera, [w, h])?;
-            if prefix == 'a' && !mask.has_alpha {
+            if kind == Kind::MaskAlpha && !mask.has_alpha {
                 return Err(Error::new(ErrorKind::Input, "the mask has no alpha channel")
                     .at(path.display())
                     .found("an opaque image")
@@ -89,8 +92,9 @@ impl Source {
             Ok(mask)
         };
         let (rgb, alpha) = match (self.foreground, &self.plate) {
-            (Foreground::MaskAlpha, _) => on_white(&mask('a')?),
-            (Foreground::MaskOnWhite, _) => matte::from_white(&mask('m')?),
+            (Foreground::MaskAlpha, _) => on_white(&mask(Kind::MaskAlpha)?),
+            (Foreground::MaskOnWhite, _) => matte::from_white(&mask(Kind::MaskOnWhite)?),
+            (Foreground::Mask, _) => masked(image, &mask(Kind::Mask)?),
             (Foreground::Plate, Some(plate)) => matte::against_plate(image, plate, &weight),
             _ => on_white(image),
         };
@@ -104,16 +108,19 @@ impl Source {
 
 /// Which source a camera has, by the files that exist.
 pub(super) fn choose(layout: &Layout, camera: i64, frames: &[i64], transparent: bool) -> Result<Foreground> {
-    for (prefix, foreground) in [('a', Foreground::MaskAlpha), ('m', Foreground::MaskOnWhite)] {
-        let given: Vec<i64> = frames.iter().copied().filter(|&f| layout.has_image(prefix, camera, f)).collect();
+    for (kind, foreground, name) in [
+        (Kind::MaskAlpha, Foreground::MaskAlpha, format!("a_{camera}_{{frame}}.png")),
+        (Kind::MaskOnWhite, Foreground::MaskOnWhite, format!("m_{camera}_{{frame}}.png")),
+        (Kind::Mask, Foreground::Mask, "masks".to_owned()),
+    ] {
+        let given: Vec<i64> = frames.iter().copied().filter(|&f| layout.has(kind, camera, f)).collect();
         if given.len() == frames.len() {
             return Ok(foreground);
         }
         if !given.is_empty() {
-            let kind = format!("{prefix}_{camera}_{{frame}}.png");
             return Err(Error::new(ErrorKind::Input, format!("camera {camera} has masks for some frames only"))
-                .at(layout.root.join("data").display())
-                .found(format!("{kind} for frames {}", ranges(&given)))
+                .at(place(layout).display())
+                .found(format!("{name} for frames {}", ranges(&given)))
                 .wanted(format!("masks for frames {}, or none", ranges(frames)))
                 .fix("add the missing masks, or remove the others"));
         }
@@ -121,17 +128,34 @@ pub(super) fn choose(layout: &Layout, camera: i64, frames: &[i64], transparent: 
     if transparent {
         return Ok(Foreground::ImageAlpha);
     }
-    if layout.has_image('r', camera, PLATE) {
+    if layout.has(Kind::Image, camera, PLATE) {
         return Ok(Foreground::Plate);
     }
+    let (wanted, fix) = match layout.format {
+        Format::PacNerf => (
+            format!(
+                "masks a_{camera}_{{frame}}.png or m_{camera}_{{frame}}.png, or images with transparency, or the plate \
+                 r_{camera}_-1.png"
+            ),
+            "film the scene once without the object and save it as the plate, or leave this camera out",
+        ),
+        _ => (
+            "images with transparency, or a mask for each image under masks/ with the image's path, as .png, white where \
+             the object is"
+                .to_owned(),
+            "make masks with a segmentation tool, or leave this camera out",
+        ),
+    };
     Err(Error::new(ErrorKind::Input, format!("nothing tells the object from the background in camera {camera}"))
-        .at(layout.root.join("data").display())
+        .at(place(layout).display())
         .found("opaque images, no masks, no background plate")
-        .wanted(format!(
-            "masks a_{camera}_{{frame}}.png or m_{camera}_{{frame}}.png, or images with transparency, or the plate \
-             r_{camera}_-1.png"
-        ))
-        .fix("film the scene once without the object and save it as the plate, or leave this camera out"))
+        .wanted(wanted)
+        .fix(fix))
+}
+
+/// The folder that messages about masks name.
+fn place(layout: &Layout) -> PathBuf {
+    if layout.format == Format::PacNerf { layout.root.join("data") } else { layout.root.clone() }
 }
 
 /// Refuses an image whose size differs from that of its camera.
@@ -156,4 +180,15 @@ fn on_white(image: &Image) -> (Vec<[f32; 3]>, Vec<f32>) {
             ([r, g, b].map(|v| alpha * f32::from(v) / 255.0 + (1.0 - alpha)), alpha)
         })
         .unzip()
+}
+
+/// Composites an image on white with the brightness of a mask.
+fn masked(image: &Image, mask: &Image) -> (Vec<[f32; 3]>, Vec<f32>) {
+    let pixels = image.pixels.iter().zip(&mask.pixels);
+    let one = |(&[r, g, b, a], &[mr, mg, mb, ma]): (&[u8; 4], &[u8; 4])| {
+        let grey = (u32::from(mr) + u32::from(mg) + u32::from(mb)) as f32 / (3.0 * 255.0);
+        let alpha = grey * f32::from(ma) / 255.0 * f32::from(a) / 255.0;
+        ([r, g, b].map(|v| alpha * f32::from(v) / 255.0 + (1.0 - alpha)), alpha)
+    };
+    pixels.map(one).unzip()
 }

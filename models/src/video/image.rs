@@ -42,6 +42,26 @@ impl Image {
         }
     }
 
+    /// Decodes a frame of a clip: JPEG if it starts like one, PNG otherwise.
+    pub fn read_frame(path: &Path) -> Result<Image> {
+        if starts_as_jpeg(path)? { Self::read_jpeg(path) } else { Self::read(path) }
+    }
+
+    /// Width and height of a frame, from its header alone.
+    pub fn frame_size(path: &Path) -> Result<(usize, usize)> {
+        if !starts_as_jpeg(path)? {
+            return Self::size(path);
+        }
+        let bytes = std::fs::read(path).map_err(|e| Error::io(path, "read the image", &e))?;
+        let mut decoder = JpegDecoder::new(ZCursor::new(&bytes[..]));
+        decoder.decode_headers().ok().and_then(|()| decoder.dimensions()).ok_or_else(|| {
+            Error::new(ErrorKind::Input, "cannot decode the image")
+                .at(path.display())
+                .found("a JPEG file without a readable header")
+                .fix("copy or export this image again")
+        })
+    }
+
     /// Decodes a JPEG file, which must be complete.
     fn read_jpeg(path: &Path) -> Result<Image> {
         let bytes = std::fs::read(path).map_err(|e| Error::io(path, "read the image", &e))?;
@@ -89,8 +109,8 @@ impl Image {
         Ok(Image { width, height, pixels, has_alpha })
     }
 
-    /// Width and height, from the header alone.
-    pub fn size(path: &Path) -> Result<(usize, usize)> {
+    /// Width and height of a PNG file, from the header alone.
+    fn size(path: &Path) -> Result<(usize, usize)> {
         let reader = open(path)?;
         Ok((reader.info().width as usize, reader.info().height as usize))
     }
@@ -99,6 +119,13 @@ impl Image {
     pub fn is_transparent_somewhere(&self) -> bool {
         self.has_alpha && self.pixels.iter().any(|p| p[3] < 250)
     }
+}
+
+fn starts_as_jpeg(path: &Path) -> Result<bool> {
+    let mut start = Vec::new();
+    let file = File::open(path).map_err(|e| Error::io(path, "open the image", &e))?;
+    file.take(3).read_to_end(&mut start).map_err(|e| Error::io(path, "read the image", &e))?;
+    Ok(start == [0xff, 0xd8, 0xff])
 }
 
 /// Reads the header and refuses sizes that cannot be a video frame, before anything is allocated for them.

@@ -8,7 +8,7 @@ use gradreel::Result;
 use super::clip::OpenOptions;
 use super::foreground::{Foreground, choose};
 use super::image::Image;
-use super::layout::{EXCLUDED, Layout, PLATE};
+use super::layout::{EXCLUDED, Format, Kind, Layout, PLATE};
 use super::select::{ranges, select};
 
 /// What a clip's folder holds, what is missing, and what opening it will assume.
@@ -18,6 +18,8 @@ pub struct Inventory {
     pub name: String,
     /// The folder.
     pub root: PathBuf,
+    /// How the folder is laid out.
+    pub layout: Format,
     /// One row per camera.
     pub cameras: Vec<CameraInventory>,
     /// Time between frames \[s\], if the frames are complete and evenly spaced.
@@ -33,6 +35,8 @@ pub struct Inventory {
 pub struct CameraInventory {
     /// Number of the camera.
     pub id: i64,
+    /// Where its images are, in words; empty if its number says it.
+    pub name: String,
     /// Width and height of its first image \[pixels\], if that could be read.
     pub size: Option<(usize, usize)>,
     /// Frames that are listed.
@@ -71,7 +75,8 @@ pub fn inspect(path: &Path) -> Result<Inventory> {
     }
     let cameras: Vec<CameraInventory> = layout.views.keys().map(|&id| camera(&layout, id, &mut problems)).collect();
     let assumptions = assumptions(&layout, &cameras, frame_dt);
-    Ok(Inventory { name: layout.name(), root: layout.root, cameras, frame_dt, problems, assumptions })
+    let (name, format) = (layout.name(), layout.format);
+    Ok(Inventory { name, root: layout.root, layout: format, cameras, frame_dt, problems, assumptions })
 }
 
 fn camera(layout: &Layout, id: i64, problems: &mut Vec<String>) -> CameraInventory {
@@ -80,17 +85,20 @@ fn camera(layout: &Layout, id: i64, problems: &mut Vec<String>) -> CameraInvento
     let mut size = None;
     let mut transparent = false;
     for &frame in &usable {
-        let path = layout.image('r', id, frame);
+        let path = layout.file(Kind::Image, id, frame);
         let read = match size {
-            None => Image::read(&path).map(|image| {
+            None => Image::read_frame(&path).map(|image| {
                 transparent = image.is_transparent_somewhere();
                 (image.width, image.height)
             }),
-            Some(_) => Image::size(&path),
+            Some(_) => Image::frame_size(&path),
         };
         match (read, size) {
             (Err(error), _) => problems.push(error.to_string()),
-            (Ok(found), None) => size = Some(found),
+            (Ok(found), None) => {
+                problems.extend(layout.check_size(id, &path, found).err().map(|error| error.to_string()));
+                size = Some(found);
+            }
             (Ok(found), Some(first)) if found != first => problems.push(format!(
                 "{} has {} × {} pixels, the first image of camera {id} {} × {}",
                 path.display(),
@@ -107,12 +115,13 @@ fn camera(layout: &Layout, id: i64, problems: &mut Vec<String>) -> CameraInvento
     } else {
         choose(layout, id, &usable, transparent).map_err(|error| problems.push(error.to_string())).ok()
     };
-    let (has_plate, has_excluded) = (layout.has_image('r', id, PLATE), layout.has_image('r', id, EXCLUDED));
-    CameraInventory { id, size, listed, usable, has_plate, has_excluded, foreground }
+    let (has_plate, has_excluded) = (layout.has(Kind::Image, id, PLATE), layout.has(Kind::Image, id, EXCLUDED));
+    let name = layout.views[&id].name.clone();
+    CameraInventory { id, name, size, listed, usable, has_plate, has_excluded, foreground }
 }
 
 fn assumptions(layout: &Layout, cameras: &[CameraInventory], frame_dt: Option<f64>) -> Vec<String> {
-    let mut list = vec!["cameras stand still, without lens distortion; OpenGL axes; world in metres, y up".to_string()];
+    let mut list = layout.assumptions.clone();
     if cameras.iter().any(|camera| camera.foreground == Some(Foreground::Plate)) {
         list.push("whatever differs from the background plate by more than a soft shadow is the object".into());
     }
@@ -137,6 +146,7 @@ impl fmt::Display for Inventory {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let plural = |count: usize, one: &str| if count == 1 { format!("1 {one}") } else { format!("{count} {one}s") };
         writeln!(f, "clip {} ({})", self.name, self.root.display())?;
+        writeln!(f, "  layout: {}", self.layout)?;
         let frames = self.cameras.iter().map(|camera| camera.usable.len()).max().unwrap_or(0);
         write!(f, "  {}, up to {}", plural(self.cameras.len(), "camera"), plural(frames, "frame"))?;
         match self.frame_dt {
@@ -146,7 +156,13 @@ impl fmt::Display for Inventory {
         for camera in &self.cameras {
             let size = camera.size.map_or("unknown size".into(), |(w, h)| format!("{w} × {h}"));
             let foreground = camera.foreground.map_or("nothing to tell the object by".into(), |s| s.to_string());
-            write!(f, "  camera {}: {size}, frames {}, object by {foreground}", camera.id, ranges(&camera.usable))?;
+            let name = if camera.name.is_empty() { String::new() } else { format!(" ({})", camera.name) };
+            write!(
+                f,
+                "  camera {}{name}: {size}, frames {}, object by {foreground}",
+                camera.id,
+                ranges(&camera.usable)
+            )?;
             writeln!(f, "{}", if camera.has_excluded { ", some pixels excluded" } else { "" })?;
         }
         for (title, lines) in [("assumed", &self.assumptions), ("problem", &self.problems)] {

@@ -8,12 +8,13 @@ const ROTATION_TOLERANCE: f64 = 1e-3;
 /// Focal lengths and principal point \[pixels\].
 pub(super) type Intrinsic = [f64; 4];
 
-/// Reads `c2w`, 3×4 (a fourth row 0 0 0 1 is accepted), and checks that it moves without stretching or mirroring.
-pub(super) fn camera_to_world(value: &Value) -> Result<[[f64; 4]; 3], String> {
-    let rows = rows(value, "c2w")?;
+/// Reads the matrix called `name`, 3×4 (a fourth row 0 0 0 1 is accepted), and checks that it moves without stretching
+/// or mirroring.
+pub(super) fn camera_to_world(value: &Value, name: &str) -> Result<[[f64; 4]; 3], String> {
+    let rows = rows(value, name)?;
     let fits = matches!(rows.len(), 3 | 4) && rows.iter().all(|row| row.len() == 4);
     if !fits || (rows.len() == 4 && rows[3] != [0.0, 0.0, 0.0, 1.0]) {
-        return Err(format!("c2w is {}, not 3×4", size(&rows)));
+        return Err(format!("{name} is {}, not 3×4", size(&rows)));
     }
     let c2w = [0, 1, 2].map(|i| [0, 1, 2, 3].map(|j| rows[i][j]));
     let dot = |a: usize, b: usize| (0..3).map(|k| c2w[a][k] * c2w[b][k]).sum::<f64>();
@@ -22,7 +23,7 @@ pub(super) fn camera_to_world(value: &Value) -> Result<[[f64; 4]; 3], String> {
             let wanted = if a == b { 1.0 } else { 0.0 };
             if (dot(a, b) - wanted).abs() > ROTATION_TOLERANCE {
                 return Err(format!(
-                    "c2w is not a rotation and a translation: rows {a} and {b} have dot product {}",
+                    "{name} is not a rotation and a translation: rows {a} and {b} have dot product {}",
                     dot(a, b)
                 ));
             }
@@ -32,23 +33,23 @@ pub(super) fn camera_to_world(value: &Value) -> Result<[[f64; 4]; 3], String> {
     let det = m(0, 0) * (m(1, 1) * m(2, 2) - m(1, 2) * m(2, 1)) - m(0, 1) * (m(1, 0) * m(2, 2) - m(1, 2) * m(2, 0))
         + m(0, 2) * (m(1, 0) * m(2, 1) - m(1, 1) * m(2, 0));
     if det < 0.0 {
-        return Err("c2w mirrors space: its determinant is negative".into());
+        return Err(format!("{name} mirrors space: its determinant is negative"));
     }
     Ok(c2w)
 }
 
-/// Reads `intrinsic`, 3×3 with rows `fx 0 cx`, `0 fy cy`, `0 0 1`.
-pub(super) fn intrinsic(value: &Value) -> Result<Intrinsic, String> {
-    let rows = rows(value, "intrinsic")?;
+/// Reads the matrix called `name`, 3×3 with rows `fx 0 cx`, `0 fy cy`, `0 0 1`.
+pub(super) fn intrinsic(value: &Value, name: &str) -> Result<Intrinsic, String> {
+    let rows = rows(value, name)?;
     if rows.len() != 3 || rows.iter().any(|row| row.len() != 3) {
-        return Err(format!("intrinsic is {}, not 3×3", size(&rows)));
+        return Err(format!("{name} is {}, not 3×3", size(&rows)));
     }
     let [fx, fy] = [rows[0][0], rows[1][1]];
     if fx <= 0.0 || fy <= 0.0 {
         return Err(format!("focal lengths must be positive, found {fx} and {fy}"));
     }
     if rows[0][1].abs() > 1e-6 * fx || rows[1][0].abs() > 1e-6 * fx || rows[2] != [0.0, 0.0, 1.0] {
-        return Err("intrinsic has entries besides fx, fy, cx, cy; skew is not supported".into());
+        return Err(format!("{name} has entries besides fx, fy, cx, cy; skew is not supported"));
     }
     Ok([fx, fy, rows[0][2], rows[1][2]])
 }

@@ -1,9 +1,40 @@
 //! Video: frames, masks and cameras of a clip.
 //!
-//! A *clip* is a folder in the layout of the PAC-NeRF data set: `all_data.json` lists one entry per image (time,
-//! camera-to-world matrix, intrinsics) and `data/r_{camera}_{frame}.png` holds the images. [`Clip::open`] reads it into
-//! memory: one [`Camera`] per view, and per camera and frame a [`Frame`], the object alone on white with its coverage
-//! `alpha`. [`inspect()`] looks at the same folder without insisting that it is complete.
+//! A *clip* is a folder with the images of several cameras that stand still, and a list of these cameras. [`Clip::open`] reads
+//! it into memory: one [`Camera`] per view, and per camera and frame a [`Frame`], the object alone on white with its
+//! coverage `alpha`. [`inspect()`] looks at the same folder without insisting that it is complete.
+//!
+//! # Layouts
+//!
+//! The layout is recognised by the files present ([`Format`]):
+//!
+//! | layout | recognised by | cameras | frames | times |
+//! |---|---|---|---|---|
+//! | PAC-NeRF | `all_data.json` | `c2w`, OpenGL axes, y up, metres | `data/r_{camera}_{frame}.png` | in seconds |
+//! | Spring-Gaus, synthetic | `camera.json` | `c2w`, OpenGL axes, y up, metres | `{camera}/{frame}.png` | 0.03 s apart |
+//! | Spring-Gaus, real | `dynamic/cameras_calib.json` | `rvecs`, `tvecs`, OpenCV axes, z down, metres | as listed in `dynamic/sequences/{object}/{number}.json`, whose path is the clip's | 120 per second |
+//! | NeRF, D-NeRF | `transforms.json`, `transforms_{train,val,test}.json` | `transform_matrix`, OpenGL axes, z up | as listed | `time` in seconds or shares of a duration |
+//! | COLMAP | `sparse/0/cameras.txt` and `images.txt` (also in `sparse`, `colmap/sparse/0`) | OpenCV axes, up as the cameras are held | a folder per camera, named as its image or that image's folder, in `frames`, `images` or the clip's folder | 24 per second |
+//!
+//! What a layout leaves open, a file `clip.toml` in the clip's folder says; every key is optional, and what is not given is
+//! assumed and said:
+//!
+//! ```toml
+//! layout = "colmap"         # where the folder could be read as several: pac_nerf, spring_gaus, real_capture, transforms, colmap
+//! up = "z"                  # x, y, z, -x, -y, -z or a vector, in the layout's coordinates
+//! metres_per_unit = 0.25    # length of the layout's unit [m]
+//! origin = [0.1, 0.0, 2.0]  # the point that becomes the origin, in the layout's coordinates, for example on the ground
+//! frames_per_s = 60.0       # frame rate [1/s], in place of the layout's times
+//! # duration_s = 0.5        # or: time between 0 and 1 of times that are shares, or from the first frame to the last [s]
+//! ```
+//!
+//! Lens distortion is refused, as is a path that leads out of the folder. PNG and JPEG images are read. In all layouts but
+//! PAC-NeRF's the object is told from the background by the images' own transparency or by masks, white on the object, under
+//! `masks/` with the path of the image (`mask_path` in a `transforms.json`).
+//!
+//! # PAC-NeRF
+//!
+//! `all_data.json` lists one entry per image (time, camera-to-world matrix, intrinsics).
 //!
 //! | file | meaning |
 //! |---|---|
@@ -36,4 +67,5 @@ pub use clip::{Clip, Frame, OpenOptions, PixelRect};
 pub use foreground::Foreground;
 pub(crate) use image::Image;
 pub use inspect::{CameraInventory, Inventory, inspect};
+pub use layout::Format;
 pub(crate) use matte::from_white;

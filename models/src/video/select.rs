@@ -3,7 +3,7 @@
 use gradreel::{Error, ErrorKind, Result};
 
 use super::clip::OpenOptions;
-use super::layout::{LIST, Layout};
+use super::layout::{Format, Kind, Layout};
 
 /// Share of a frame interval by which a time may miss the even grid.
 const TIME_TOLERANCE: f64 = 0.02;
@@ -48,7 +48,7 @@ fn cameras(layout: &Layout, options: &OpenOptions) -> Result<Vec<i64>> {
     for &camera in wanted {
         if !all.contains(&camera) {
             return Err(Error::new(ErrorKind::Input, format!("camera {camera} is not in the clip"))
-                .at(layout.root.join(LIST).display())
+                .at(layout.list.display())
                 .found(format!("cameras {}", ranges(&all)))
                 .fix("choose among the cameras of the clip"));
         }
@@ -81,10 +81,14 @@ fn complete(layout: &Layout, camera: i64, first: i64, last: i64) -> Result<()> {
     }
     let listed = layout.views[&camera].times.contains_key(&next);
     let (missing, fix) = if listed {
-        let file = layout.image('r', camera, next);
+        let file = layout.file(Kind::Image, camera, next);
         (format!("the file {} does not exist", file.display()), "add the image")
     } else {
-        (format!("{LIST} has no entry for it"), "add the entry")
+        let list = match layout.format {
+            Format::SpringGaus | Format::Colmap => format!("the folder {}", layout.views[&camera].name),
+            _ => layout.list.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        };
+        (format!("{list} has no entry for it"), "add the entry")
     };
     let have = if usable.is_empty() { "no frames".into() } else { format!("frames {}", ranges(&usable)) };
     Err(Error::new(ErrorKind::Input, format!("camera {camera} has {have}, frame {next} is missing"))
@@ -99,7 +103,7 @@ fn times(layout: &Layout, cameras: &[i64], frames: &[i64]) -> Result<Vec<f64>> {
     let times = of(&cameras[0]);
     let uneven = |what: String, found: String| {
         Error::new(ErrorKind::Input, what)
-            .at(layout.root.join(LIST).display())
+            .at(layout.list.display())
             .found(found)
             .wanted("evenly spaced times, the same for all cameras")
             .fix("correct the times [s], or leave the odd frames out and renumber the rest")

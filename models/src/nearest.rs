@@ -19,6 +19,15 @@ pub fn nearest<'a>(wanted: &str, known: impl IntoIterator<Item = &'a str>) -> Op
     (few || (stem.len() >= 4 && name.starts_with(&stem))).then_some(name)
 }
 
+/// `did you mean …`, for a message of the form ``unknown field `a`, expected one of `b`, `c` ``.
+pub(crate) fn suggestion(message: &str) -> Option<String> {
+    let line = message.lines().find(|line| line.contains("unknown field `") || line.contains("unknown variant `"))?;
+    let mut quoted = line.split('`').skip(1).step_by(2);
+    let unknown = quoted.next()?;
+    let known: Vec<&str> = quoted.collect();
+    nearest(unknown, known.iter().copied()).map(|near| format!("did you mean `{near}`?"))
+}
+
 /// Letters to add, drop or change (Levenshtein).
 fn distance(a: &str, b: &str) -> usize {
     let b: Vec<char> = b.chars().collect();

@@ -1,0 +1,211 @@
+//! COLMAP: a model as text (`cameras.txt`, `images.txt`), and a folder of frames for each of its images.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use gradreel::{Error, ErrorKind, Result};
+
+use super::files::{count, inside, last_number, numbered};
+use super::poses::{Pose, from_opencv};
+use super::world::{Clock, Up};
+use super::{MAX_CAMERAS, Reading, View, malformed, text};
+use crate::video::matrix::Intrinsic;
+
+/// Folders of models, in order of preference.
+const MODELS: [&str; 3] = ["sparse/0", "sparse", "colmap/sparse/0"];
+/// Folders that hold the cameras' folders of frames, in order of preference; the last is the clip's own.
+const BASES: [&str; 3] = ["frames", "images", ""];
+/// Frame rate where none is given \[1/s\].
+const FRAMES_PER_S: f64 = 24.0;
+
+/// `images.txt` of a folder's model, if it has one as text.
+pub(super) fn model(root: &Path) -> Option<PathBuf> {
+    let folders = MODELS.iter().map(|folder| root.join(folder));
+    let complete = |folder: &PathBuf| folder.join("cameras.txt").is_file() && folder.join("images.txt").is_file();
+    folders.into_iter().find(complete).map(|folder| folder.join("images.txt"))
+}
+
+/// Whether the folder has a model in binary form.
+pub(super) fn has_binary(root: &Path) -> bool {
+    MODELS.iter().any(|folder| root.join(folder).join("images.bin").is_file())
+}
+
+/// Focal lengths and principal point of a camera, and the size of its images.
+type Lens = (Intrinsic, (usize, usize));
+
+/// Reads the model and lists the folders of frames.
+pub(super) fn read(root: &Path) -> Result<Reading> {
+    let list = model(root).unwrap_or_else(|| root.join(MODELS[0]).join("images.txt"));
+    let lenses = lenses(&list.with_file_name("cameras.txt"))?;
+    let mut cameras: BTreeMap<(Option<i64>, PathBuf), (Pose, BTreeMap<i64, PathBuf>)> = BTreeMap::new();
+    let (mut without_folder, mut without_number) = (Vec::new(), 0);
+    let content = text(&list)?;
+    for (number, line) in lines(&content) {
+        // every image is followed by a line of its points: numbers only
+        if line.split_whitespace().all(|word| word.parse::<f64>().is_ok()) {
+            continue;
+        }
+        let (name, pose) = image(line, &lenses).map_err(|found| broken(&list, number, found, IMAGE))?;
+        let inner = inside(&name).map_err(|found| broken(&list, number, found, IMAGE))?;
+        let Some(folder) = folder(root, &inner) else {
+            without_folder.push(name);
+            continue;
+        };
+        let key = (last_number(&folder), folder);
+        if let Some((other, _)) = cameras.get(&key) {
+            if other.same(&pose) {
+                continue;
+            }
+            let found = format!("another pose for the frames in {}", key.1.display());
+            let wanted = "one pose for each folder of frames: cameras stand still, each with a folder of its own";
+            return Err(broken(&list, number, found, wanted));
+        }
+        let (frames, without) = numbered(&key.1)?;
+        without_number += without;
+        cameras.insert(key, (pose, frames));
+        if cameras.len() > MAX_CAMERAS {
+            return Err(malformed(
+                &list,
+                format!("more than {MAX_CAMERAS} cameras"),
+                "a camera for each folder of frames",
+            ));
+        }
+    }
+    if cameras.is_empty() {
+        let first = without_folder.first().map_or("no image".to_owned(), |name| format!("the image {name}"));
+        return Err(Error::new(ErrorKind::Input, "no camera of the model has a folder of frames")
+            .at(root.display())
+            .found(format!("{first} in {}", list.display()))
+            .wanted("frames in a folder named as the image or its folder: frames/left/0001.png … for left.png or left/….png")
+            .fix("put each camera's frames into such a folder, directly, or in frames or images"));
+    }
+    let mut assumptions = Vec::new();
+    if !without_folder.is_empty() {
+        let what = format!("{} images of the model have no folder of frames and are left out", without_folder.len());
+        assumptions.push(what);
+    }
+    if without_number > 0 {
+        assumptions.push(format!("{without_number} images without a number in their names are no frames"));
+    }
+    let frames: Vec<_> = cameras.values().map(|(_, frames)| frames.clone()).collect();
+    let counted = count(root, &frames);
+    assumptions.extend(counted.said);
+    let views = (0..).zip(&cameras).zip(counted.times).map(|((id, ((_, folder), (pose, _))), times)| {
+        let name = folder.strip_prefix(root).unwrap_or(folder).display().to_string();
+        (id, View { name, c2w: pose.c2w, intrinsic: pose.intrinsic, size: pose.size, times })
+    });
+    Ok(Reading {
+        views: views.collect(),
+        files: counted.files,
+        list,
+        axes: "OpenCV axes in the model (y down, looking along z), turned to OpenGL's",
+        up: Up::Cameras,
+        metres: false,
+        clock: Clock::Counted { per_s: FRAMES_PER_S },
+        assumptions,
+    })
+}
+
+/// The folder of frames of a registered image: named like the image, or the folder that the image is in.
+fn folder(root: &Path, image: &Path) -> Option<PathBuf> {
+    let parent = image.parent().filter(|parent| !parent.as_os_str().is_empty()).map(Path::to_path_buf);
+    let names = [Some(image.with_extension("")), parent];
+    let places = names.into_iter().flatten().flat_map(|name| BASES.map(|base| root.join(base).join(&name)));
+    places.filter(|path| path.is_dir()).find(|path| numbered(path).map_or(true, |(frames, _)| !frames.is_empty()))
+}
+
+const CAMERA: &str = "CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS";
+const IMAGE: &str = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME";
+
+/// Lines that are neither blank nor comments, with their numbers from 1.
+fn lines(content: &str) -> impl Iterator<Item = (usize, &str)> {
+    (1..).zip(content.lines().map(str::trim)).filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
+}
+
+fn lenses(path: &Path) -> Result<BTreeMap<i64, Lens>> {
+    let content = text(path)?;
+    let mut lenses = BTreeMap::new();
+    for (number, line) in lines(&content) {
+        let (id, lens) = lens(line).map_err(|found| broken(path, number, found, CAMERA))?;
+        if lenses.insert(id, lens).is_some() {
+            return Err(broken(path, number, format!("a second camera {id}"), CAMERA));
+        }
+    }
+    Ok(lenses)
+}
+
+fn lens(line: &str) -> Result<(i64, Lens), String> {
+    let words: Vec<&str> = line.split_whitespace().collect();
+    let [id, model, width, height, parameters @ ..] = words.as_slice() else {
+        return Err(format!("{} words", words.len()));
+    };
+    let id = integer(id)?;
+    let side = |word: &str| match integer(word)? {
+        n @ 1..=65_536 => Ok(n as usize),
+        n => Err(format!("a side of {n} pixels")),
+    };
+    let size = (side(width)?, side(height)?);
+    let p: Vec<f64> = parameters.iter().map(|word| number(word)).collect::<Result<_, _>>()?;
+    // how many focal lengths there are, and how many numbers in all
+    let (focal, count) = match *model {
+        "SIMPLE_PINHOLE" => (1, 3),
+        "PINHOLE" => (2, 4),
+        "SIMPLE_RADIAL" => (1, 4),
+        "RADIAL" => (1, 5),
+        "OPENCV" => (2, 8),
+        "FULL_OPENCV" => (2, 12),
+        _ => return Err(format!("the camera model {model}; undistort the images: colmap image_undistorter")),
+    };
+    if p.len() != count {
+        return Err(format!("{} parameters for {model}, which has {count}", p.len()));
+    }
+    if let Some(k) = p[focal + 2..].iter().find(|&&k| k != 0.0) {
+        return Err(format!("lens distortion ({model}, a coefficient of {k}); undistort: colmap image_undistorter"));
+    }
+    if p[0] <= 0.0 || p[focal - 1] <= 0.0 {
+        return Err(format!("focal lengths must be positive, found {} and {}", p[0], p[focal - 1]));
+    }
+    Ok((id, ([p[0], p[focal - 1], p[focal], p[focal + 1]], size)))
+}
+
+fn image(line: &str, lenses: &BTreeMap<i64, Lens>) -> Result<(String, Pose), String> {
+    let words: Vec<&str> = line.split_whitespace().collect();
+    if words.len() < 10 {
+        return Err(format!("{} words", words.len()));
+    }
+    let mut n = [0.0; 7];
+    for (value, word) in n.iter_mut().zip(&words[1..]) {
+        *value = number(word)?;
+    }
+    let camera = integer(words[8])?;
+    let &(intrinsic, size) = lenses.get(&camera).ok_or_else(|| format!("camera {camera}, which cameras.txt lacks"))?;
+    let length = n[..4].iter().map(|q| q * q).sum::<f64>().sqrt();
+    if (length - 1.0).abs() > 1e-2 {
+        return Err(format!("a quaternion of length {length}"));
+    }
+    let [w, x, y, z] = [n[0], n[1], n[2], n[3]].map(|q| q / length);
+    let rotation = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ];
+    let c2w = from_opencv(&rotation, [n[4], n[5], n[6]]);
+    Ok((words[9..].join(" "), Pose { c2w, intrinsic, size: Some(size) }))
+}
+
+fn number(word: &str) -> Result<f64, String> {
+    f64::from_str(word).ok().filter(|x| x.is_finite()).ok_or_else(|| format!("{word:?}, which is not a finite number"))
+}
+
+fn integer(word: &str) -> Result<i64, String> {
+    word.parse().map_err(|_| format!("{word:?}, which is not a whole number"))
+}
+
+fn broken(path: &Path, line: usize, found: String, wanted: &str) -> Error {
+    Error::new(ErrorKind::Input, "a line of the COLMAP model is unusable")
+        .at(format!("{}, line {line}", path.display()))
+        .found(found)
+        .wanted(wanted)
+        .fix("export the model again: colmap model_converter --output_type TXT")
+}

@@ -1,0 +1,185 @@
+//! Which file holds which image, and frames in folders by the number in their names.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Component, Path, PathBuf};
+
+use gradreel::{Error, ErrorKind, Result};
+
+/// What an image file shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(in super::super) enum Kind {
+    /// A frame, or a plate under the frame number −1 or −2.
+    Image,
+    /// The object with its alpha.
+    MaskAlpha,
+    /// The object on white.
+    MaskOnWhite,
+    /// White where the object is, black elsewhere.
+    Mask,
+}
+
+/// Where the files of a clip are.
+#[derive(Debug, Clone)]
+pub(super) enum Files {
+    /// `data/r_{camera}_{frame}.png` and so on: only numbers enter the path, whatever the list says.
+    Numbered,
+    /// As listed or found.
+    Listed(BTreeMap<(Kind, i64, i64), PathBuf>),
+}
+
+impl Files {
+    pub fn path(&self, root: &Path, kind: Kind, camera: i64, frame: i64) -> Option<PathBuf> {
+        match self {
+            Files::Numbered => {
+                let prefix = match kind {
+                    Kind::Image => 'r',
+                    Kind::MaskAlpha => 'a',
+                    Kind::MaskOnWhite => 'm',
+                    Kind::Mask => return None,
+                };
+                Some(root.join("data").join(format!("{prefix}_{camera}_{frame}.png")))
+            }
+            Files::Listed(files) => files.get(&(kind, camera, frame)).cloned(),
+        }
+    }
+}
+
+/// File name extensions of images.
+const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
+
+/// Whether the name is that of an image.
+fn is_image(path: &Path) -> bool {
+    let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    extension.is_some_and(|e| EXTENSIONS.contains(&e.as_str()))
+}
+
+/// A path inside a folder, from a list that somebody else wrote: `..` may not lead out.
+pub(super) fn inside(listed: &str) -> Result<PathBuf, String> {
+    let mut inner = PathBuf::new();
+    let listed = listed.replace('\\', "/");
+    let drive = listed.as_bytes().get(1) == Some(&b':');
+    for component in Path::new(&listed).components() {
+        match component {
+            Component::Normal(part) => inner.push(part),
+            Component::CurDir => {}
+            Component::ParentDir if inner.pop() => {}
+            _ => return Err(format!("the path {listed:?} leaves the clip's folder")),
+        }
+    }
+    if drive || listed.contains('\0') {
+        return Err(format!("the path {listed:?} leaves the clip's folder"));
+    }
+    if inner.as_os_str().is_empty() {
+        return Err(format!("the path {listed:?} names no file"));
+    }
+    Ok(inner)
+}
+
+/// The image that a listed path means, which may lack its extension.
+pub(super) fn with_extension(path: PathBuf) -> PathBuf {
+    if path.is_file() {
+        return path;
+    }
+    let added = |extension: &str| PathBuf::from(format!("{}.{extension}", path.display()));
+    let upper = EXTENSIONS.map(str::to_uppercase);
+    let names = EXTENSIONS.iter().copied().chain(upper.iter().map(String::as_str));
+    if let Some(found) = names.map(added).find(|path| path.is_file()) {
+        return found;
+    }
+    if is_image(&path) { path } else { added("png") }
+}
+
+/// The mask of an image: `masks/` and the image's path, with or without its first folder, as `.png` or with `.png` added.
+pub(super) fn mask_beside(root: &Path, image: &Path) -> Option<PathBuf> {
+    let relative = image.strip_prefix(root).ok()?;
+    let below: PathBuf = relative.components().skip(1).collect();
+    let masks = root.join("masks");
+    [relative, below.as_path()]
+        .into_iter()
+        .filter(|path| !path.as_os_str().is_empty())
+        .flat_map(|path| {
+            let path = masks.join(path);
+            [path.with_extension("png"), PathBuf::from(format!("{}.png", path.display()))]
+        })
+        .find(|path| path.is_file())
+}
+
+/// The images of a folder by the last number in their names, and how many have none.
+pub(super) fn numbered(folder: &Path) -> Result<(BTreeMap<i64, PathBuf>, usize)> {
+    let entries = fs::read_dir(folder).map_err(|e| Error::io(folder, "list the folder of frames", &e))?;
+    let (mut found, mut without) = (BTreeMap::new(), 0);
+    for entry in entries {
+        let path = entry.map_err(|e| Error::io(folder, "list the folder of frames", &e))?.path();
+        if !is_image(&path) || !path.is_file() {
+            continue;
+        }
+        let Some(number) = last_number(&path) else {
+            without += 1;
+            continue;
+        };
+        if let Some(other) = found.insert(number, path.clone()) {
+            let mut names = [other, path];
+            names.sort();
+            return Err(Error::new(ErrorKind::Input, format!("two images are frame {number}"))
+                .at(folder.display())
+                .found(names.map(|path| last(&path)).join(" and "))
+                .wanted("one image of each number; the last number of a name is the frame's")
+                .fix("remove or rename one of them"));
+        }
+    }
+    Ok((found, without))
+}
+
+/// The last number in the name of a file without its extension; `None` also for a number below zero.
+pub(super) fn last_number(path: &Path) -> Option<i64> {
+    let stem = path.file_stem()?.to_string_lossy().into_owned();
+    let end = stem.rfind(|c: char| c.is_ascii_digit())? + 1;
+    let before = stem[..end].trim_end_matches(|c: char| c.is_ascii_digit());
+    if before == "-" || before.ends_with("_-") {
+        return None;
+    }
+    stem[before.len()..end].parse().ok()
+}
+
+/// The last component of a path, for messages.
+pub(super) fn last(path: &Path) -> String {
+    path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
+}
+
+/// Frames of cameras whose files are numbered alike: per camera the frames and their times in frame intervals, the files
+/// with their masks, and what was assumed about the numbers.
+pub(super) struct Counted {
+    pub times: Vec<BTreeMap<i64, f64>>,
+    pub files: Files,
+    pub said: Option<String>,
+}
+
+/// Counts the frames of all cameras by the numbers of their files; numbers that are all a step apart are taken together.
+pub(super) fn count(root: &Path, cameras: &[BTreeMap<i64, PathBuf>]) -> Counted {
+    let numbers = || cameras.iter().flat_map(|camera| camera.keys().copied());
+    let first = numbers().min().unwrap_or(0);
+    let step = numbers().fold(0u64, |step, number| greatest_common_divisor(step, number.abs_diff(first)));
+    let step = i64::try_from(step).unwrap_or(i64::MAX).max(1);
+    let mut files = BTreeMap::new();
+    let mut times = Vec::new();
+    for (camera, images) in (0..).zip(cameras) {
+        let mut at = BTreeMap::new();
+        for (&number, path) in images {
+            let position = (number - first) / step;
+            let frame = if step == 1 { number } else { position };
+            at.insert(frame, position as f64);
+            if let Some(mask) = mask_beside(root, path) {
+                files.insert((Kind::Mask, camera, frame), mask);
+            }
+            files.insert((Kind::Image, camera, frame), path.clone());
+        }
+        times.push(at);
+    }
+    let said = (step > 1).then(|| format!("frames are the numbers {first}, {}, … in the file names", first + step));
+    Counted { times, files: Files::Listed(files), said }
+}
+
+fn greatest_common_divisor(a: u64, b: u64) -> u64 {
+    if b == 0 { a } else { greatest_common_divisor(b, a % b) }
+}

@@ -1,0 +1,127 @@
+//! `clip.toml`: what a layout leaves open about a clip.
+
+use std::fs;
+use std::path::Path;
+
+use gradreel::{Error, ErrorKind, Result};
+use serde::Deserialize;
+
+use super::Format;
+use crate::nearest::suggestion;
+use crate::vector::dot;
+
+/// Name of the side file.
+pub(super) const NAME: &str = "clip.toml";
+/// Largest side file that is read \[bytes\].
+const MAX_BYTES: u64 = 1 << 20;
+
+/// The side file as written.
+#[derive(Deserialize, Default)]
+#[serde(default, deny_unknown_fields)]
+struct Written {
+    layout: Option<Format>,
+    up: Option<Direction>,
+    metres_per_unit: Option<f64>,
+    origin: Option<[f64; 3]>,
+    frames_per_s: Option<f64>,
+    duration_s: Option<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Direction {
+    Name(String),
+    Vector([f64; 3]),
+}
+
+/// What the side file says, checked; nothing if there is none.
+#[derive(Default)]
+pub(super) struct Side {
+    /// The layout to read, where the folder could be several.
+    pub layout: Option<Format>,
+    /// Unit vector that points up, in the layout's coordinates.
+    pub up: Option<[f64; 3]>,
+    /// Length of the layout's unit \[m\].
+    pub metres_per_unit: Option<f64>,
+    /// The point, in the layout's coordinates, that becomes the origin.
+    pub origin: Option<[f64; 3]>,
+    /// Frame rate \[1/s\].
+    pub frames_per_s: Option<f64>,
+    /// Time from the first frame to the last, or from 0 to 1 in times that are shares \[s\].
+    pub duration_s: Option<f64>,
+}
+
+impl Side {
+    /// Reads the side file of a clip's folder, if there is one.
+    pub fn read(root: &Path) -> Result<Side> {
+        let path = root.join(NAME);
+        let Ok(data) = fs::metadata(&path) else { return Ok(Side::default()) };
+        let unusable = |found: String, wanted: &str, fix: &str| {
+            Error::new(ErrorKind::Input, "the clip's side file cannot be used")
+                .at(path.display())
+                .found(found)
+                .wanted(wanted)
+                .fix(fix)
+        };
+        if data.len() > MAX_BYTES {
+            return Err(unusable(format!("{} bytes", data.len()), "a few lines", "shorten it"));
+        }
+        let text = fs::read_to_string(&path).map_err(|e| {
+            Error::io(&path, "read the clip's side file", &e).fix("make it a readable text file, or remove it")
+        })?;
+        let keys = "layout, up, metres_per_unit, origin, frames_per_s, duration_s";
+        let written: Written = toml::from_str(&text).map_err(|e| {
+            let fix = suggestion(&e.to_string()).unwrap_or_else(|| "correct it, or leave it out".into());
+            unusable(e.to_string().trim().to_owned(), keys, &fix)
+        })?;
+        let up = match &written.up {
+            None => None,
+            Some(direction) => Some(unit(direction).ok_or_else(|| {
+                let found = match direction {
+                    Direction::Name(name) => format!("up = {name:?}"),
+                    Direction::Vector(v) => format!("up = {v:?}"),
+                };
+                unusable(found, "x, y, z, -x, -y, -z, or a vector [x, y, z] that is not zero", "correct up")
+            })?),
+        };
+        let origin = written.origin;
+        if let Some(point) = origin
+            && !point.iter().all(|x| x.is_finite())
+        {
+            return Err(unusable(format!("origin = {point:?}"), "three finite numbers", "correct origin"));
+        }
+        for (name, value, most) in [
+            ("metres_per_unit", written.metres_per_unit, 1e6),
+            ("frames_per_s", written.frames_per_s, 1e6),
+            ("duration_s", written.duration_s, 1e6),
+        ] {
+            if let Some(value) = value
+                && !(value > 1e-6 && value <= most)
+            {
+                let wanted = format!("a number above 0.000001, at most {most}");
+                return Err(unusable(format!("{name} = {value}"), &wanted, &format!("correct {name}")));
+            }
+        }
+        if written.frames_per_s.is_some() && written.duration_s.is_some() {
+            let wanted = "one of the two";
+            return Err(unusable("both frames_per_s and duration_s".to_owned(), wanted, "leave one of them out"));
+        }
+        let Written { layout, metres_per_unit, frames_per_s, duration_s, .. } = written;
+        Ok(Side { layout, up, metres_per_unit, origin, frames_per_s, duration_s })
+    }
+}
+
+fn unit(direction: &Direction) -> Option<[f64; 3]> {
+    let v = match direction {
+        Direction::Name(name) => {
+            let (sign, axis) = name.strip_prefix('-').map_or((1.0, name.as_str()), |axis| (-1.0, axis));
+            let at = ["x", "y", "z"].into_iter().position(|known| known == axis)?;
+            let mut v = [0.0; 3];
+            v[at] = sign;
+            v
+        }
+        Direction::Vector(v) => *v,
+    };
+    let length = dot(v, v).sqrt();
+    (length > 1e-9 && length.is_finite()).then(|| v.map(|x| x / length))
+}
