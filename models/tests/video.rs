@@ -8,5 +8,13 @@ mod errors;
 mod foregrounds;
 #[path = "video/geometry.rs"]
 mod geometry;
+#[path = "video/layouts.rs"]
+mod layouts;
 #[path = "video/matting.rs"]
 mod matting;
+#[path = "video/pac_nerf.rs"]
+mod pac_nerf;
+#[path = "video/refusals.rs"]
+mod refusals;
+#[path = "video/rig.rs"]
+mod rig;
