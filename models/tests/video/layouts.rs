@@ -30,7 +30,7 @@ fn transforms_of_splits_with_shares_of_a_duration() {
     // the third camera is for tests only, and validation repeats an image of the training
     let frames = whole["frames"].as_array().unwrap();
     let third = |entry: &&Value| entry["file_path"].as_str().unwrap().contains("c2_");
-    let mut split = |name: &str, frames: Vec<Value>| {
+    let split = |name: &str, frames: Vec<Value>| {
         let mut list = whole.clone();
         list["frames"] = frames.into();
         save(&builder.root, name, list.to_string());

@@ -53,7 +53,7 @@ fn transforms_entries() {
     has(&message(open(&builder.root).unwrap_err()), &["neither fl_x nor camera_angle_x"]);
     list["camera_angle_x"] = json!(4.0);
     save(&builder.root, "transforms.json", list.to_string());
-    has(&message(open(&builder.root).unwrap_err()), &["camera_angle_x is 4.0"]);
+    has(&message(open(&builder.root).unwrap_err()), &["camera_angle_x is 4, not an angle"]);
 }
 
 #[test]

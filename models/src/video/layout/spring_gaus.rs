@@ -24,7 +24,8 @@ pub(super) fn read(root: &Path) -> Result<Reading> {
     if entries.is_empty() || entries.len() > MAX_CAMERAS {
         return Err(malformed(&list, format!("{} cameras", entries.len()), format!("1 to {MAX_CAMERAS} cameras")));
     }
-    let (mut cameras, mut frames, mut without_number) = (Vec::new(), Vec::new(), 0);
+    let mut cameras: Vec<(String, [[f64; 4]; 3], matrix::Intrinsic)> = Vec::new();
+    let (mut frames, mut without_number) = (Vec::new(), 0);
     for (index, entry) in entries.iter().enumerate() {
         let wrong = |found: String| {
             Error::new(ErrorKind::Input, "an entry of the list of cameras is unusable")
