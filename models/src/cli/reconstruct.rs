@@ -75,6 +75,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             clip.frame_count(),
             run.folder.root().display()
         );
+        clip.assumptions.iter().for_each(|line| eprintln!("  assumed: {line}"));
     }
     let found = reconstruct(&clip, &mut run, &progress).map_err(|error| match error.kind() {
         ErrorKind::Interrupted => error.fix(format!(
