@@ -48,7 +48,7 @@ mod world;
 pub use check::{MaterialCheck, MaterialReport, check_material};
 pub use collider::{Collider, Contact, Region, RigidMotion};
 pub use forward::Tangent;
-pub(crate) use lattice::neighbours;
+pub use lattice::neighbours;
 pub use law::Law;
 pub use material::{Given, History, Material, Point};
 pub use parameters::{Map, Parameter, lame};
