@@ -2,18 +2,20 @@
 
 use gradreel::{DType, Result, Tape, Tensor, Var};
 
-use crate::physics::{Law, Map};
+use crate::physics::{Law, Map, Parameter};
 
 /// One unit of the optimiser's velocity coordinates \[m/s\], so that a unit step is of similar effect in all unknowns.
 const SPEED: f64 = 0.1;
 
-/// One unit of the optimiser's coordinate of a parameter, in its unconstrained form: a decade of a magnitude, and three of a
-/// bounded parameter, which moves particles less (the curvatures of the loss along Poisson's ratio and along a modulus differ
-/// by a factor of about ten).
-fn unit(map: Map) -> f64 {
-    match map {
-        Map::Log10 | Map::Linear => 1.0,
-        Map::Bounded { .. } => 3.0,
+/// One unit of the optimiser's coordinate of a parameter, in its unconstrained form: a decade of a magnitude, and three of
+/// Poisson's ratio, which moves particles less (the curvatures of the loss along the ratio and along a modulus differ by a
+/// factor of about ten).
+fn unit(parameter: &Parameter) -> f64 {
+    match parameter.map {
+        Map::Log10 => 1.0,
+        Map::Linear => parameter.prior[1] - parameter.prior[0],
+        // three for Poisson's ratio, whose plausible range is 0.45; as much more for a wider one
+        Map::Bounded { .. } => (parameter.prior[1] - parameter.prior[0]) / 0.15,
     }
 }
 
@@ -38,19 +40,49 @@ pub enum Free {
     Material,
     /// Velocity and material.
     Both,
+    /// Some parameters of the material, with or without the velocity.
+    Chosen {
+        /// Whether the velocity is free.
+        velocity: bool,
+        /// Bit `k` says whether parameter `k` is; parameters beyond the 64th are held.
+        parameters: u64,
+    },
+}
+
+/// One free unknown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unknown {
+    /// A component of the velocity.
+    Velocity(usize),
+    /// A parameter of the material.
+    Parameter(usize),
 }
 
 impl Free {
     fn velocity(self) -> bool {
-        matches!(self, Self::Velocity | Self::Both)
+        matches!(self, Self::Velocity | Self::Both | Self::Chosen { velocity: true, .. })
     }
 
-    fn parameter(self, map: Map) -> bool {
+    fn parameter(self, index: usize, map: Map) -> bool {
         match self {
             Self::Velocity => false,
             Self::Magnitudes => map == Map::Log10,
             Self::Material | Self::Both => true,
+            Self::Chosen { parameters, .. } => index < 64 && parameters >> index & 1 == 1,
         }
+    }
+
+    /// All parameters of a law but those held, with or without the velocity.
+    pub fn all_but(law: &Law, held: &[&str], velocity: bool) -> Self {
+        let free = law.parameters().iter().enumerate().take(64).filter(|(_, p)| !held.contains(&p.name));
+        Self::Chosen { velocity, parameters: free.map(|(k, _)| 1 << k).sum() }
+    }
+
+    /// The free unknowns in the order of their coordinates.
+    pub fn list(self, law: &Law) -> Vec<Unknown> {
+        let velocity = (0..3).filter(|_| self.velocity()).map(Unknown::Velocity);
+        let parameters = law.parameters().iter().enumerate().filter(|(k, p)| self.parameter(*k, p.map));
+        velocity.chain(parameters.map(|(k, _)| Unknown::Parameter(k))).collect()
     }
 }
 
@@ -66,30 +98,41 @@ pub struct Bound {
 impl Unknowns {
     /// The coordinates of the free unknowns.
     pub fn coordinates(&self, law: &Law, free: Free) -> Vec<f64> {
-        let mut x = Vec::new();
-        if free.velocity() {
-            x.extend(self.velocity.map(|v| v / SPEED));
-        }
-        let parameters = law.parameters().iter().zip(&self.parameters);
-        x.extend(parameters.filter(|(p, _)| free.parameter(p.map)).map(|(p, value)| p.map.raw(*value) / unit(p.map)));
-        x
+        let coordinate = |unknown| match unknown {
+            Unknown::Velocity(axis) => self.velocity[axis] / SPEED,
+            Unknown::Parameter(k) => {
+                let p = &law.parameters()[k];
+                p.map.raw(self.parameters[k]) / unit(p)
+            }
+        };
+        free.list(law).into_iter().map(coordinate).collect()
     }
 
     /// The same unknowns with the free ones moved to these coordinates.
     #[must_use]
     pub fn moved(&self, law: &Law, free: Free, coordinates: &[f64]) -> Self {
         let mut moved = self.clone();
-        let mut rest = coordinates.iter();
-        let mut next = || *rest.next().expect("as many coordinates as free unknowns");
-        if free.velocity() {
-            moved.velocity = [(); 3].map(|()| next() * SPEED);
-        }
-        for (p, value) in law.parameters().iter().zip(&mut moved.parameters) {
-            if free.parameter(p.map) {
-                *value = p.map.value(next() * unit(p.map));
+        for (unknown, coordinate) in free.list(law).into_iter().zip(coordinates) {
+            match unknown {
+                Unknown::Velocity(axis) => moved.velocity[axis] = coordinate * SPEED,
+                Unknown::Parameter(k) => {
+                    let p = &law.parameters()[k];
+                    moved.parameters[k] = p.map.value(coordinate * unit(p));
+                }
             }
         }
         moved
+    }
+
+    /// How fast a free unknown changes with its coordinate, in its own unit.
+    pub fn slope(&self, law: &Law, unknown: Unknown) -> f64 {
+        match unknown {
+            Unknown::Velocity(_) => SPEED,
+            Unknown::Parameter(k) => {
+                let p = &law.parameters()[k];
+                p.map.derivative(p.map.raw(self.parameters[k])) * unit(p)
+            }
+        }
     }
 
     /// Constants of a tape for them: nothing is differentiated.
@@ -125,9 +168,9 @@ impl Unknowns {
         let raw_velocity = make(tensor(self.velocity.map(|v| v / SPEED).to_vec())?, free.velocity());
         let velocity = &raw_velocity * SPEED;
         let mut parameters = Vec::new();
-        for (parameter, value) in law.parameters().iter().zip(&self.parameters) {
-            let unit = unit(parameter.map);
-            let coordinate = make(tensor(vec![parameter.map.raw(*value) / unit])?, free.parameter(parameter.map));
+        for (k, (parameter, value)) in law.parameters().iter().zip(&self.parameters).enumerate() {
+            let unit = unit(parameter);
+            let coordinate = make(tensor(vec![parameter.map.raw(*value) / unit])?, free.parameter(k, parameter.map));
             parameters.push(constrained(parameter.map, &(&coordinate * unit)));
         }
         Ok(Bound { leaves, velocity, parameters })
