@@ -35,6 +35,8 @@ pub fn gauss_newton(
     let mut x = start.coordinates(law, free);
     let (mut damping, mut growth) = (1e-3, 2.0);
     'search: for _ in 0..steps {
+        // the step of the simulation that the unknowns need now: that of a stiffer start would damp the motion otherwise
+        oracle.substeps = 0;
         let Answer { loss, gradient, curvature, .. } = oracle.linearised(&here, free)?;
         let (Some(value), false) = (loss, curvature.is_empty()) else { break };
         let mut decrease = 0.0;

@@ -27,12 +27,12 @@ fn forward_mode_agrees_with_the_tape_and_with_differences_of_pictures() {
         assert!((sum - at.gradient[k]).abs() < 1e-12, "scores sum to the gradient");
     }
     // At the truth residuals vanish, and the curvature is that of the loss itself.
-    let best = problem.linearise(&truth, Free::Both, FRAMES, &mut substeps, &mut |_| ()).unwrap();
+    let best = problem.linearise(&truth, Free::Both, FRAMES, &mut 0, &mut |_| ()).unwrap();
     assert!(best.loss < 1e-20, "{}", best.loss);
     let x = truth.coordinates(&problem.law, Free::Both);
     let slope = |x: &[f64]| {
         let at = truth.moved(&problem.law, Free::Both, x);
-        problem.linearise(&at, Free::Both, FRAMES, &mut 128, &mut |_| ()).unwrap().gradient
+        problem.linearise(&at, Free::Both, FRAMES, &mut 0, &mut |_| ()).unwrap().gradient
     };
     for (k, step) in [(3, 1e-5), (4, 1e-5), (1, 1e-5)] {
         let moved = |sign: f64| {
@@ -73,10 +73,10 @@ fn recover(name: &str, truth: &[f64], allowed: &[(usize, f64)], frames: usize) {
     let free = Free::all_but(&problem.law, &held, false);
     let mut start = truth.clone();
     let mut points = Vec::new();
-    for index in 0..6 {
+    for index in 0..12 {
         for &(k, _) in allowed {
             let p = &problem.law.parameters()[k];
-            let place = ((index * (2 * k + 3) + k) % 6) as f64 / 6.0 + 0.08;
+            let place = ((index * [1, 5, 7, 11][k] + 3 * k) % 12) as f64 / 12.0 + 0.04;
             start.parameters[k] = match p.map {
                 Map::Log10 => p.prior[0] * (p.prior[1] / p.prior[0]).powf(place),
                 _ => p.prior[0] + place * (p.prior[1] - p.prior[0]),
@@ -86,7 +86,7 @@ fn recover(name: &str, truth: &[f64], allowed: &[(usize, f64)], frames: usize) {
     }
     let all = scan(&problem, &points, free, frames, &[], &mut |_, _| Ok(()), &mut |_| ()).unwrap();
     let mut evaluations = all.len();
-    let starts = apart(all, &problem.law, free, 2);
+    let starts = apart(all, &problem.law, free, 3);
     assert!(!starts.is_empty());
     let found = starts.iter().map(|start| {
         gauss_newton(

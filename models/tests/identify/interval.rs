@@ -43,10 +43,12 @@ fn intervals_agree_with_a_scan_of_the_likelihood_and_hold_the_truth() {
         // With independent errors of deviation s the likelihood is exp(−loss m/(2 s² w)): it falls by a factor of e^{−½} where the
         // loss has risen by s² w/m, one standard deviation away.
         let rise = f64::from(0.05f32).powi(2) * 0.01 / FRAMES as f64;
+        let substeps = problem.schedule(&best.unknowns, FRAMES).substeps;
+        let at_best = problem.misfit(&best.unknowns, FRAMES, &mut substeps.clone(), &mut |_| ()).unwrap();
         let loss = |decades: f64| {
             let at =
                 Unknowns { parameters: vec![best.unknowns.parameters[0] * 10f64.powf(decades), 0.3], ..truth.clone() };
-            problem.misfit(&at, FRAMES, &mut 0, &mut |_| ()).unwrap() - best.loss
+            problem.misfit(&at, FRAMES, &mut substeps.clone(), &mut |_| ()).unwrap() - at_best
         };
         let (mut near, mut far) = (0.0, 0.5);
         for _ in 0..12 {
