@@ -11,8 +11,9 @@ use crate::identify::{Evaluation, Free, Problem, Unknowns};
 /// Minimises the loss of the first `frames` frames over the free unknowns by Levenberg and Marquardt's method, with at most
 /// `steps` steps, and returns the best evaluation.
 ///
-/// A step solves `(C + μ diag C + ν I) h = −g` with gradient and curvature of [`Problem::linearise`]; `μ` follows how well
-/// steps keep what they promise (Nielsen 1999), `ν` is the least that makes no coordinate move farther than 0.6. What the
+/// A step solves `(C + μ diag C + ν D) h = −g` with gradient and curvature of [`Problem::linearise`]; `μ` follows how well
+/// steps keep what they promise (Nielsen 1999), `ν D` is the least that makes no parameter move farther than half of what its
+/// plausible range calls a standard deviation (0.6 decades of four), and no velocity farther than 0.06 m/s. What the
 /// law holds to be implausible costs extra. `known`, `each` and `notes` as in [`estimate`](crate::identify::estimate).
 ///
 /// # Errors
@@ -39,9 +40,10 @@ pub fn gauss_newton(
         oracle.substeps = 0;
         let Answer { loss, gradient, curvature, .. } = oracle.linearised(&here, free)?;
         let (Some(value), false) = (loss, curvature.is_empty()) else { break };
+        let longest = Plausible { law, free }.longest_step(&here);
         let mut decrease = 0.0;
         for _ in 0..TRIALS {
-            let Some(step) = damped_step(&gradient, &curvature, damping) else { break 'search };
+            let Some(step) = damped_step(&gradient, &curvature, damping, &longest) else { break 'search };
             if step.iter().all(|h| h.abs() < NEGLIGIBLE) {
                 break 'search;
             }
@@ -78,14 +80,11 @@ const NEGLIGIBLE: f64 = 1e-3;
 /// A search is over when a step lowers the loss by less than this share.
 const LITTLE: f64 = 5e-4;
 
-/// Longest move of a coordinate in one step.
-const LONGEST: f64 = 0.6;
-
-/// `−(C + μ diag C + ν I)⁻¹ g` with the least `ν` of a rising series for which no component is longer than [`LONGEST`];
-/// nothing where there is no slope.
-fn damped_step(gradient: &[f64], curvature: &[Vec<f64>], damping: f64) -> Option<Vec<f64>> {
+/// `−(C + μ diag C + ν diag longest⁻²)⁻¹ g` with the least `ν` of a rising series for which no component is longer than it may
+/// be; nothing where there is no slope.
+fn damped_step(gradient: &[f64], curvature: &[Vec<f64>], damping: f64, longest: &[f64]) -> Option<Vec<f64>> {
     let n = gradient.len();
-    let largest = (0..n).fold(0.0f64, |m, k| m.max(curvature[k][k]));
+    let largest = (0..n).fold(0.0f64, |m, k| m.max(curvature[k][k] * longest[k] * longest[k]));
     if !(largest > 0.0 && gradient.iter().all(|g| g.is_finite())) {
         return None;
     }
@@ -93,10 +92,10 @@ fn damped_step(gradient: &[f64], curvature: &[Vec<f64>], damping: f64) -> Option
     let mut shift = 1e-9 * largest;
     loop {
         let matrix =
-            Mat::from_fn(n, n, |i, j| curvature[i][j] + if i == j { damping * curvature[i][i] + shift } else { 0.0 });
+            Mat::from_fn(n, n, |i, j| curvature[i][j] + if i == j { damping * curvature[i][i] + shift / (longest[i] * longest[i]) } else { 0.0 });
         let step = matrix.partial_piv_lu().solve(&right);
         let step: Vec<f64> = (0..n).map(|k| step[(k, 0)]).collect();
-        if step.iter().all(|h| h.abs() <= LONGEST) {
+        if step.iter().zip(longest).all(|(h, longest)| h.abs() <= *longest) {
             return Some(step);
         }
         shift *= 2.0;
@@ -160,15 +159,15 @@ mod tests {
     #[test]
     fn a_step_is_newtons_where_it_is_short_and_short_where_it_is_not() {
         let curvature = vec![vec![4.0, 1.0], vec![1.0, 2.0]];
-        let step = damped_step(&[-1.0, 0.5], &curvature, 0.0).unwrap();
+        let step = damped_step(&[-1.0, 0.5], &curvature, 0.0, &[0.6, 0.6]).unwrap();
         // (4 1; 1 2) h = (1, −½): h = (2.5, −3)/7
         approx::assert_relative_eq!(step[0], 2.5 / 7.0, max_relative = 1e-6);
         approx::assert_relative_eq!(step[1], -3.0 / 7.0, max_relative = 1e-6);
         approx::assert_relative_eq!(promised(&[-1.0, 0.5], &curvature, &step), 2.0 / 7.0, max_relative = 1e-6);
         // flat along the second: it stays within the region of trust, and the first still goes its way
         let flat = vec![vec![4.0, 0.0], vec![0.0, 1e-7]];
-        let step = damped_step(&[-1.0, -1e-6], &flat, 0.0).unwrap();
-        assert!((step[0] - 0.25).abs() < 1e-3 && step[1] > 0.1 && step[1] <= LONGEST, "{step:?}");
-        assert!(damped_step(&[0.0], &[vec![0.0]], 1.0).is_none());
+        let step = damped_step(&[-1.0, -1e-6], &flat, 0.0, &[0.6, 0.6]).unwrap();
+        assert!((step[0] - 0.25).abs() < 1e-3 && step[1] > 0.1 && step[1] <= 0.6, "{step:?}");
+        assert!(damped_step(&[0.0], &[vec![0.0]], 1.0, &[1.0]).is_none());
     }
 }

@@ -7,7 +7,7 @@
 //! 1. **geometry**: visual hull, then voxels fitted to the first frame, then particles;
 //! 2. **velocity**: frames before contact, where the motion does not depend on the material, by L-BFGS;
 //! 3. **coarse**: on a grid of twice the spacing, a scan of what is plausible, then Gauss–Newton from the best of it;
-//! 4. **fine**: material and velocity together, by Gauss–Newton on the full grid and all frames;
+//! 4. **fine**: the material by Gauss–Newton on the full grid and all frames;
 //! 5. **intervals**: how sure all that is.
 //!
 //! Where the particles themselves were tracked, [`Tracks`] finds velocity and material without pictures.

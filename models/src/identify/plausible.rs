@@ -59,6 +59,15 @@ impl Plausible<'_> {
         self.free.list(self.law).into_iter().map(deviation).collect()
     }
 
+    /// How far a step may move each free unknown's coordinate: half the deviation of a parameter, 0.06 m/s.
+    pub fn longest_step(&self, at: &Unknowns) -> Vec<f64> {
+        let longest = |(unknown, deviation): (Unknown, f64)| match unknown {
+            Unknown::Velocity(_) => 0.06 / at.slope(self.law, unknown),
+            Unknown::Parameter(_) => 0.5 * deviation,
+        };
+        self.free.list(self.law).into_iter().zip(self.deviations(at)).map(longest).collect()
+    }
+
     /// `count` points spread evenly over the inner nine tenths of the plausible range of the free parameters (Halton 1960);
     /// other unknowns are as in `start`.
     pub fn points(&self, start: &Unknowns, count: usize) -> Vec<Unknowns> {

@@ -75,10 +75,10 @@ impl Stages<'_> {
         searches.flatten().min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// Material and velocity on the full grid.
+    /// The material on the full grid; the velocity stays what the flight has shown.
     pub fn fine(&self, run: &mut Run, stage: &str, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
         let budget = run.config.estimate.fine;
-        let free = Free::all_but(self.law, &run.config.held(self.law)?, true);
+        let free = Free::all_but(self.law, &run.config.held(self.law)?, false);
         let particles = self.particles(run)?;
         self.search(run, &Effort { stage, budget }, &particles, unknowns, &mut |problem, search, each, notes| {
             gauss_newton(problem, &search.start, free, frames, budget, &search.answers, each, notes)
