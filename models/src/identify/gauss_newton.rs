@@ -78,7 +78,7 @@ const TRIALS: usize = 5;
 const NEGLIGIBLE: f64 = 1e-3;
 
 /// A search is over when a step lowers the loss by less than this share.
-const LITTLE: f64 = 5e-4;
+const LITTLE: f64 = 1e-5;
 
 /// `−(C + μ diag C + ν diag longest⁻²)⁻¹ g` with the least `ν` of a rising series for which no component is longer than it may
 /// be; nothing where there is no slope.
@@ -91,8 +91,9 @@ fn damped_step(gradient: &[f64], curvature: &[Vec<f64>], damping: f64, longest: 
     let right = Mat::from_fn(n, 1, |i, _| -gradient[i]);
     let mut shift = 1e-9 * largest;
     loop {
-        let matrix =
-            Mat::from_fn(n, n, |i, j| curvature[i][j] + if i == j { damping * curvature[i][i] + shift / (longest[i] * longest[i]) } else { 0.0 });
+        let matrix = Mat::from_fn(n, n, |i, j| {
+            curvature[i][j] + if i == j { damping * curvature[i][i] + shift / (longest[i] * longest[i]) } else { 0.0 }
+        });
         let step = matrix.partial_piv_lu().solve(&right);
         let step: Vec<f64> = (0..n).map(|k| step[(k, 0)]).collect();
         if step.iter().zip(longest).all(|(h, longest)| h.abs() <= *longest) {

@@ -12,7 +12,7 @@ use crate::physics::Law;
 /// What is known of one unknown.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Interval {
-    /// Name of the parameter, or `velocity_x`, `velocity_y`, `velocity_z`.
+    /// Name of the parameter, or `velocity_x`, `velocity_y`, `velocity_z`, `contact`.
     pub name: String,
     /// Ends of the interval that holds the truth in nine of ten cases, in the unknown's unit.
     pub interval_90: [f64; 2],
@@ -49,12 +49,14 @@ pub fn intervals(at: &Unknowns, law: &Law, free: Free, linearised: &Linearised, 
         match list[k] {
             Unknown::Velocity(axis) => moved.velocity[axis],
             Unknown::Parameter(p) => moved.parameters[p],
+            Unknown::Contact => moved.contact,
         }
     };
     let interval = |k: usize| Interval {
         name: match list[k] {
             Unknown::Velocity(axis) => ["velocity_x", "velocity_y", "velocity_z"][axis].to_owned(),
             Unknown::Parameter(p) => law.parameters()[p].name.to_owned(),
+            Unknown::Contact => "contact".to_owned(),
         },
         interval_90: [end(k, -1.0), end(k, 1.0)],
         determined: student * deviations[k] <= 1.645 * prior[k] / 3.0,

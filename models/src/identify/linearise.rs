@@ -91,7 +91,7 @@ impl Problem<'_> {
         substeps: &mut usize,
         notes: &mut dyn FnMut(String),
     ) -> Result<f64> {
-        let nothing = Free::Chosen { velocity: false, parameters: 0 };
+        let nothing = Free::Chosen { velocity: false, parameters: 0, contact: false };
         self.linearise(unknowns, nothing, frames, substeps, notes).map(|at| at.loss)
     }
 
@@ -184,7 +184,7 @@ impl Problem<'_> {
         let early: Vec<f64> =
             (0..3).map(|axis| unknowns.velocity[axis] - 0.5 * self.world.gravity[axis] * schedule.dt()).collect();
         let density = tensor(opacity.iter().map(|o| o * self.density).collect())?;
-        let mut inputs = vec![self.particles.positions(self.dtype)?, tensor(early)?, density];
+        let mut inputs = vec![self.lowered(unknowns.contact)?, tensor(early)?, density];
         for (k, &value) in unknowns.parameters.iter().enumerate() {
             inputs.push(spread(k, value)?);
         }
@@ -199,6 +199,10 @@ impl Problem<'_> {
                     direction[1] = Some(tensor(along)?);
                 }
                 Unknown::Parameter(k) => direction[3 + k] = Some(spread(k, slope)?),
+                Unknown::Contact => {
+                    let lower = [0.0, -slope * self.world.dx, 0.0].repeat(opacity.len());
+                    direction[0] = Some(Tensor::from_vec(lower, [opacity.len(), 3]).cast(self.dtype)?);
+                }
             }
             directions.push(direction);
         }
@@ -211,7 +215,29 @@ impl Problem<'_> {
             schedule,
             remat: None,
         };
-        rollout.jvp(&inputs, &directions)
+        let (motion, mut tangents) = rollout.jvp(&inputs, &directions)?;
+        // back up by as much as the simulation has the body lower
+        let motion = raised(motion, unknowns.contact * self.world.dx);
+        for (tangent, unknown) in tangents.iter_mut().zip(free.list(&self.law)) {
+            if unknown == Unknown::Contact {
+                *tangent = raised(tangent.clone(), unknowns.slope(&self.law, unknown) * self.world.dx);
+            }
+        }
+        Ok((motion, tangents))
+    }
+}
+
+/// Positions with `height` added to every y.
+fn raised(positions: Tensor, height: f64) -> Tensor {
+    fn raise<T: gradreel::scalar::Real>(positions: &Tensor, height: f64) -> Tensor {
+        let mut values = positions.slice::<T>().to_vec();
+        values.chunks_exact_mut(3).for_each(|x| x[1] += T::from_f64(height));
+        Tensor::from_vec(values, positions.shape())
+    }
+    match positions.dtype() {
+        _ if height == 0.0 => positions,
+        DType::F64 => raise::<f64>(&positions, height),
+        _ => raise::<f32>(&positions, height),
     }
 }
 

@@ -16,6 +16,9 @@ pub(crate) struct Plausible<'a> {
     pub free: Free,
 }
 
+/// Where the ground may be felt, in grid spacings above it.
+const CONTACT: [f64; 2] = [-0.6, 0.6];
+
 /// The parameter on the scale on which its range is even, the ends of the range there, and `d scale/d value`.
 fn even(parameter: &Parameter, value: f64) -> (f64, [f64; 2], f64) {
     match parameter.map {
@@ -29,13 +32,15 @@ impl Plausible<'_> {
     pub fn penalty(&self, at: &Unknowns) -> (f64, Vec<f64>, Vec<f64>) {
         let (mut total, mut gradient, mut curvature) = (0.0, Vec::new(), Vec::new());
         for unknown in self.free.list(self.law) {
-            let Unknown::Parameter(k) = unknown else {
-                gradient.push(0.0);
-                curvature.push(0.0);
-                continue;
+            let (value, [low, high], slope) = match unknown {
+                Unknown::Parameter(k) => even(&self.law.parameters()[k], at.parameters[k]),
+                Unknown::Contact => (at.contact, CONTACT, 1.0),
+                Unknown::Velocity(_) => {
+                    gradient.push(0.0);
+                    curvature.push(0.0);
+                    continue;
+                }
             };
-            let parameter = &self.law.parameters()[k];
-            let (value, [low, high], slope) = even(parameter, at.parameters[k]);
             let quarter = 0.25 * (high - low);
             let excess = ((value - high).max(0.0) + (value - low).min(0.0)) / quarter;
             let rate = slope * at.slope(self.law, unknown) / quarter;
@@ -51,6 +56,7 @@ impl Plausible<'_> {
     pub fn deviations(&self, at: &Unknowns) -> Vec<f64> {
         let deviation = |unknown| match unknown {
             Unknown::Velocity(_) => 5.0 / at.slope(self.law, unknown),
+            Unknown::Contact => (CONTACT[1] - CONTACT[0]) / (2.0 * 1.645),
             Unknown::Parameter(k) => {
                 let (_, [low, high], slope) = even(&self.law.parameters()[k], at.parameters[k]);
                 (high - low) / (2.0 * 1.645) / (slope * at.slope(self.law, unknown)).abs()
@@ -63,7 +69,7 @@ impl Plausible<'_> {
     pub fn longest_step(&self, at: &Unknowns) -> Vec<f64> {
         let longest = |(unknown, deviation): (Unknown, f64)| match unknown {
             Unknown::Velocity(_) => 0.06 / at.slope(self.law, unknown),
-            Unknown::Parameter(_) => 0.5 * deviation,
+            Unknown::Parameter(_) | Unknown::Contact => 0.5 * deviation,
         };
         self.free.list(self.law).into_iter().zip(self.deviations(at)).map(longest).collect()
     }
@@ -75,7 +81,7 @@ impl Plausible<'_> {
             let mut point = start.clone();
             let parameters = self.free.list(self.law).into_iter().filter_map(|unknown| match unknown {
                 Unknown::Parameter(k) => Some(k),
-                Unknown::Velocity(_) => None,
+                Unknown::Velocity(_) | Unknown::Contact => None,
             });
             for (k, base) in parameters.zip(PRIMES) {
                 let parameter = &self.law.parameters()[k];
@@ -115,7 +121,7 @@ mod tests {
     fn penalty_and_its_derivatives() {
         let law = materials::find("von_mises").unwrap();
         let plausible = Plausible { law: &law, free: Free::Material };
-        let at = |parameters: [f64; 3]| Unknowns { velocity: [0.0; 3], parameters: parameters.to_vec() };
+        let at = |parameters: [f64; 3]| Unknowns { parameters: parameters.to_vec(), ..Unknowns::default() };
         assert_eq!(plausible.penalty(&at([1e5, 0.2, 1e4])).0, 0.0);
         // a decade beyond a range of four: a quarter
         approx::assert_relative_eq!(plausible.penalty(&at([1e8, 0.2, 1e4])).0, 0.01, max_relative = 1e-9);
@@ -138,7 +144,7 @@ mod tests {
     fn points_fill_the_range() {
         let law = materials::find("newtonian").unwrap();
         let plausible = Plausible { law: &law, free: Free::Material };
-        let start = Unknowns { velocity: [1.0; 3], parameters: vec![10.0, 1e5] };
+        let start = Unknowns { velocity: [1.0; 3], parameters: vec![10.0, 1e5], contact: 0.0 };
         let points = plausible.points(&start, 16);
         for (k, parameter) in law.parameters().iter().enumerate() {
             let [low, high] = parameter.prior;

@@ -116,7 +116,7 @@ impl<'a> Problem<'a> {
         let opacity = tape.constant(self.particles.opacity(self.dtype)?).reshape([count]);
         let parameters = self.law.parameters();
         let body = Body {
-            positions: tape.constant(self.particles.positions(self.dtype)?),
+            positions: tape.constant(self.lowered(bound.contact)?),
             velocity: &bound.velocity - &self.half_kick(tape, schedule)?,
             density: &opacity * self.density,
             parameters: parameters
@@ -125,7 +125,23 @@ impl<'a> Problem<'a> {
                 .map(|(p, value)| if is_stress(p) { value * &opacity } else { value.clone() })
                 .collect(),
         };
-        rollout(&self.world, &self.law, schedule, self.remat, &body)
+        let motion = rollout(&self.world, &self.law, schedule, self.remat, &body)?;
+        if bound.contact == 0.0 {
+            return Ok(motion);
+        }
+        let back = Tensor::from_vec(vec![0.0, bound.contact * self.world.dx, 0.0], [3]).cast(self.dtype)?;
+        Ok(&motion + &tape.constant(back))
+    }
+
+    /// The particles as the simulation has them: a ground that is felt `contact` grid spacings higher than it is, is felt
+    /// there by a body that is as much lower.
+    ///
+    /// # Errors
+    /// Never for `f32` and `f64`.
+    pub(crate) fn lowered(&self, contact: f64) -> Result<Tensor> {
+        let shift = contact * self.world.dx;
+        let lower = self.particles.positions.iter().flat_map(|x| [x[0], x[1] - shift, x[2]]);
+        Tensor::from_vec(lower.collect(), [self.particles.len(), 3]).cast(self.dtype)
     }
 
     /// Positions of the particles at every filmed frame, `[frames, particles, 3]` \[m\], without a tape to differentiate.

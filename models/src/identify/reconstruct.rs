@@ -43,7 +43,7 @@ pub fn reconstruct(clip: &Clip, run: &mut Run, progress: &Progress) -> Result<Re
     let spacing = particle_spacing(clip, run)?;
     let clip = &clip.scaled(shrink_factor(clip, run, 2.0 * spacing)?);
     let observed = Observed::of(clip, &run.config, DTYPE)?;
-    let mut unknowns = Unknowns { velocity: [0.0; 3], parameters: run.config.starting_values(&law)? };
+    let mut unknowns = Unknowns { parameters: run.config.starting_values(&law)?, ..Unknowns::default() };
     let stages = Stages { clip, observed: &observed, law: &law, spacing, progress };
 
     let frames = clip.frame_count();

@@ -43,8 +43,9 @@ impl Stages<'_> {
         let plausible = Plausible { law: self.law, free };
         let effort = Effort { stage: SCAN, budget: 1 + config.estimate.scan };
         self.search(run, &effort, &particles, unknowns, &mut |problem, search, each, notes| {
-            let mut points = vec![search.start.clone()];
-            points.extend(plausible.points(&search.start, config.estimate.scan));
+            let lower = Unknowns { contact: COARSE_CONTACT, ..search.start.clone() };
+            let mut points = vec![lower];
+            points.extend(plausible.points(&points[0], config.estimate.scan));
             let all = scan(problem, &points, free, frames, &search.answers, each, notes)?;
             let best = all.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss));
             Ok(best.expect("the start is one of them"))
@@ -63,7 +64,8 @@ impl Stages<'_> {
             })?;
         }
         if let Some((best, _)) = self.coarse_best(run) {
-            *unknowns = best;
+            // a finer grid stops a body closer to the ground
+            *unknowns = Unknowns { contact: 0.0, ..best };
             run.state.unknowns = Some(unknowns.clone());
         }
         Ok(())
@@ -106,7 +108,7 @@ impl Stages<'_> {
             .iter()
             .zip(fine.iter().zip(&coarse))
             .map(|(unknown, (fine, coarse))| match unknown {
-                Unknown::Velocity(_) => 0.0,
+                Unknown::Velocity(_) | Unknown::Contact => 0.0,
                 Unknown::Parameter(_) => GRID_ERROR * (fine - coarse).abs(),
             })
             .collect();
@@ -168,6 +170,9 @@ impl Stages<'_> {
 const SCAN: &str = "what is plausible, coarse";
 const COARSE: &str = "material, coarse, start";
 const INTERVALS: &str = "intervals";
+
+/// Where a grid of twice the spacing feels the ground, to begin with: as much too high as the full grid would not.
+const COARSE_CONTACT: f64 = -0.25;
 
 /// The error of the full grid as a share of its difference to that of twice the spacing: a third if it falls with the square
 /// of the spacing, all of it if it falls with the spacing.

@@ -20,12 +20,16 @@ fn unit(parameter: &Parameter) -> f64 {
 }
 
 /// Velocity \[m/s\] and material parameters (SI units).
-#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Unknowns {
     /// Initial velocity of the whole object \[m/s\].
     pub velocity: [f64; 3],
     /// The material's parameters in their order.
     pub parameters: Vec<f64>,
+    /// How much higher than it is the ground is felt, in grid spacings: a grid stops a body a share of a cell above the
+    /// ground, and a coarse one earlier than a fine one or the real ground.
+    #[serde(default)]
+    pub contact: f64,
 }
 
 /// Which unknowns an optimiser moves.
@@ -46,6 +50,8 @@ pub enum Free {
         velocity: bool,
         /// Bit `k` says whether parameter `k` is; parameters beyond the 64th are held.
         parameters: u64,
+        /// Whether the height at which the ground is felt is.
+        contact: bool,
     },
 }
 
@@ -56,6 +62,8 @@ pub enum Unknown {
     Velocity(usize),
     /// A parameter of the material.
     Parameter(usize),
+    /// The height at which the ground is felt.
+    Contact,
 }
 
 impl Free {
@@ -72,17 +80,18 @@ impl Free {
         }
     }
 
-    /// All parameters of a law but those held, with or without the velocity.
+    /// All parameters of a law but those held and the height at which the ground is felt, with or without the velocity.
     pub fn all_but(law: &Law, held: &[&str], velocity: bool) -> Self {
         let free = law.parameters().iter().enumerate().take(64).filter(|(_, p)| !held.contains(&p.name));
-        Self::Chosen { velocity, parameters: free.map(|(k, _)| 1 << k).sum() }
+        Self::Chosen { velocity, parameters: free.map(|(k, _)| 1 << k).sum(), contact: true }
     }
 
     /// The free unknowns in the order of their coordinates.
     pub fn list(self, law: &Law) -> Vec<Unknown> {
         let velocity = (0..3).filter(|_| self.velocity()).map(Unknown::Velocity);
         let parameters = law.parameters().iter().enumerate().filter(|(k, p)| self.parameter(*k, p.map));
-        velocity.chain(parameters.map(|(k, _)| Unknown::Parameter(k))).collect()
+        let contact = matches!(self, Self::Chosen { contact: true, .. }).then_some(Unknown::Contact);
+        velocity.chain(parameters.map(|(k, _)| Unknown::Parameter(k))).chain(contact).collect()
     }
 }
 
@@ -93,6 +102,8 @@ pub struct Bound {
     pub velocity: Var,
     /// Each parameter as `[1]`, in SI units.
     pub parameters: Vec<Var>,
+    /// How much higher than it is the ground is felt, in grid spacings; never a leaf.
+    pub contact: f64,
 }
 
 impl Unknowns {
@@ -104,6 +115,7 @@ impl Unknowns {
                 let p = &law.parameters()[k];
                 p.map.raw(self.parameters[k]) / unit(p)
             }
+            Unknown::Contact => self.contact,
         };
         free.list(law).into_iter().map(coordinate).collect()
     }
@@ -119,6 +131,7 @@ impl Unknowns {
                     let p = &law.parameters()[k];
                     moved.parameters[k] = p.map.value(coordinate * unit(p));
                 }
+                Unknown::Contact => moved.contact = *coordinate,
             }
         }
         moved
@@ -132,6 +145,7 @@ impl Unknowns {
                 let p = &law.parameters()[k];
                 p.map.derivative(p.map.raw(self.parameters[k])) * unit(p)
             }
+            Unknown::Contact => 1.0,
         }
     }
 
@@ -144,7 +158,7 @@ impl Unknowns {
             Ok(tape.constant(Tensor::from_vec(values.to_vec(), [values.len()]).cast(dtype)?))
         };
         let parameters = self.parameters.iter().map(|value| constant(&[*value])).collect::<Result<_>>()?;
-        Ok(Bound { leaves: Vec::new(), velocity: constant(&self.velocity)?, parameters })
+        Ok(Bound { leaves: Vec::new(), velocity: constant(&self.velocity)?, parameters, contact: self.contact })
     }
 
     /// Variables of a tape for them; the free ones are leaves.
@@ -173,7 +187,7 @@ impl Unknowns {
             let coordinate = make(tensor(vec![parameter.map.raw(*value) / unit])?, free.parameter(k, parameter.map));
             parameters.push(constrained(parameter.map, &(&coordinate * unit)));
         }
-        Ok(Bound { leaves, velocity, parameters })
+        Ok(Bound { leaves, velocity, parameters, contact: self.contact })
     }
 }
 

@@ -11,10 +11,11 @@ fn forward_mode_agrees_with_the_tape_and_with_differences_of_pictures() {
     const FRAMES: usize = 5;
     let config = Config::default();
     let particles = block(5, 0.04);
-    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3] };
+    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], contact: 0.0 };
     let observed = film(&particles, &truth, &config, FRAMES, 20, DType::F64);
     let problem = problem(&particles, &observed, &config, DType::F64);
-    let unknowns = Unknowns { velocity: [0.25, -1.1, 0.15], parameters: vec![4e4, 0.22] };
+    contact_height(&problem, &truth, FRAMES);
+    let unknowns = Unknowns { velocity: [0.25, -1.1, 0.15], parameters: vec![4e4, 0.22], contact: 0.0 };
     let mut substeps = 128;
     let (loss, gradient) = problem.evaluate(&unknowns, Free::Both, FRAMES, &mut substeps, &mut |_| ()).unwrap();
     let at = problem.linearise(&unknowns, Free::Both, FRAMES, &mut substeps, &mut |_| ()).unwrap();
@@ -54,12 +55,24 @@ fn forward_mode_agrees_with_the_tape_and_with_differences_of_pictures() {
     }
 }
 
+/// The derivative along the height at which the ground is felt, against differences, and forward mode against the tape there.
+fn contact_height(problem: &Problem<'_>, truth: &Unknowns, frames: usize) {
+    let at = |contact: f64| Unknowns { contact, ..truth.clone() };
+    let free = Free::Chosen { velocity: false, parameters: 0, contact: true };
+    let loss = |contact| problem.linearise(&at(contact), free, frames, &mut 0, &mut |_| ()).unwrap();
+    let (here, plus, minus) = (loss(-0.1), loss(-0.1 + 1e-6), loss(-0.1 - 1e-6));
+    let difference = (plus.loss - minus.loss) / 2e-6;
+    assert!((here.gradient[0] - difference).abs() < 1e-5 * difference.abs(), "{} {difference}", here.gradient[0]);
+    let taped = problem.evaluate(&at(-0.1), Free::Velocity, frames, &mut 0, &mut |_| ()).unwrap().0;
+    assert!((here.loss - taped).abs() < 1e-12 * taped && here.loss > 1e-4, "{} {taped}", here.loss);
+}
+
 /// Films a block and finds its material again: a scan, then Gauss–Newton from the best of it.
 fn recover(name: &str, truth: &[f64], allowed: &[(usize, f64)], frames: usize) {
     let config = Config::default();
     let particles = block(6, 0.04);
     let velocity = [0.3, -1.2, 0.1];
-    let truth = Unknowns { velocity, parameters: truth.to_vec() };
+    let truth = Unknowns { velocity, parameters: truth.to_vec(), contact: 0.0 };
     let observed = film_of(name, &particles, &truth, &config, frames, 24, DType::F32);
     let problem = problem_of(name, &particles, &observed, &config, DType::F32);
     let held: Vec<&str> = problem
@@ -70,7 +83,8 @@ fn recover(name: &str, truth: &[f64], allowed: &[(usize, f64)], frames: usize) {
         .filter(|(k, _)| allowed.iter().all(|(a, _)| a != k))
         .map(|(_, p)| p.name)
         .collect();
-    let free = Free::all_but(&problem.law, &held, false);
+    let Free::Chosen { velocity, parameters, .. } = Free::all_but(&problem.law, &held, false) else { unreachable!() };
+    let free = Free::Chosen { velocity, parameters, contact: false };
     let mut start = truth.clone();
     let mut points = Vec::new();
     for index in 0..12 {
@@ -147,7 +161,7 @@ fn sand() {
 fn a_search_goes_on_where_it_was_interrupted() {
     let config = Config::default();
     let particles = block(4, 0.05);
-    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3] };
+    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], contact: 0.0 };
     let observed = film(&particles, &truth, &config, 6, 16, DType::F32);
     let problem: Problem<'_> = problem(&particles, &observed, &config, DType::F32);
     let start = Unknowns { parameters: vec![2e4, 0.1], ..truth };
