@@ -34,6 +34,7 @@ pub fn gauss_newton(
     oracle.plausible = Some(Plausible { law, free });
     let mut here = start.clone();
     let mut x = start.coordinates(law, free);
+    let limits = Plausible { law, free }.limits();
     let (mut damping, mut growth) = (1e-3, 2.0);
     'search: for _ in 0..steps {
         // the step of the simulation that the unknowns need now: that of a stiffer start would damp the motion otherwise
@@ -47,7 +48,9 @@ pub fn gauss_newton(
             if step.iter().all(|h| h.abs() < NEGLIGIBLE) {
                 break 'search;
             }
-            let moved: Vec<f64> = x.iter().zip(&step).map(|(x, h)| x + h).collect();
+            let within = |((x, h), [low, high]): ((&f64, &f64), &[f64; 2])| (x + h).clamp(low.min(*x), high.max(*x));
+            let moved: Vec<f64> = x.iter().zip(&step).zip(&limits).map(within).collect();
+            let step: Vec<f64> = moved.iter().zip(&x).map(|(moved, x)| moved - x).collect();
             let there = start.moved(law, free, &moved);
             let new = oracle.loss(&there)?.unwrap_or(f64::INFINITY);
             let gain = (value - new) / promised(&gradient, &curvature, &step);
@@ -85,12 +88,12 @@ const LITTLE: f64 = 1e-5;
 fn damped_step(gradient: &[f64], curvature: &[Vec<f64>], damping: f64, longest: &[f64]) -> Option<Vec<f64>> {
     let n = gradient.len();
     let largest = (0..n).fold(0.0f64, |m, k| m.max(curvature[k][k] * longest[k] * longest[k]));
-    if !(largest > 0.0 && gradient.iter().all(|g| g.is_finite())) {
+    if !(largest > 0.0 && largest.is_finite() && gradient.iter().all(|g| g.is_finite())) {
         return None;
     }
     let right = Mat::from_fn(n, 1, |i, _| -gradient[i]);
     let mut shift = 1e-9 * largest;
-    loop {
+    while shift < 1e9 * largest {
         let matrix = Mat::from_fn(n, n, |i, j| {
             curvature[i][j] + if i == j { damping * curvature[i][i] + shift / (longest[i] * longest[i]) } else { 0.0 }
         });
@@ -101,6 +104,7 @@ fn damped_step(gradient: &[f64], curvature: &[Vec<f64>], damping: f64, longest: 
         }
         shift *= 2.0;
     }
+    None
 }
 
 /// How much a step lowers the loss if it is as curved as it looks: `−g·h − ½ hᵀ C h`.

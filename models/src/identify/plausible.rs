@@ -1,6 +1,6 @@
 //! What is plausible before anything was seen: where to look for a material, and a penalty on leaving that range.
 
-use crate::identify::unknowns::Unknown;
+use crate::identify::unknowns::{Unknown, unit};
 use crate::identify::{Free, Unknowns};
 use crate::physics::{Law, Map, Parameter};
 
@@ -59,7 +59,7 @@ impl Plausible<'_> {
             Unknown::Contact => (CONTACT[1] - CONTACT[0]) / (2.0 * 1.645),
             Unknown::Parameter(k) => {
                 let (_, [low, high], slope) = even(&self.law.parameters()[k], at.parameters[k]);
-                (high - low) / (2.0 * 1.645) / (slope * at.slope(self.law, unknown)).abs()
+                (high - low) / (2.0 * 1.645) / (slope * at.slope(self.law, unknown)).abs().max(f64::MIN_POSITIVE)
             }
         };
         self.free.list(self.law).into_iter().map(deviation).collect()
@@ -72,6 +72,27 @@ impl Plausible<'_> {
             Unknown::Parameter(_) | Unknown::Contact => 0.5 * deviation,
         };
         self.free.list(self.law).into_iter().zip(self.deviations(at)).map(longest).collect()
+    }
+
+    /// Where a search may go at most, in the coordinates of the free unknowns: two decades beyond what is plausible, and not so
+    /// near to the limits of a bounded parameter that it could not be seen to come back (a tenth of the slope it has half-way).
+    pub fn limits(&self) -> Vec<[f64; 2]> {
+        let limit = |unknown| match unknown {
+            Unknown::Velocity(_) => [f64::NEG_INFINITY, f64::INFINITY],
+            Unknown::Contact => [-1.0, 1.0],
+            Unknown::Parameter(k) => {
+                let p = &self.law.parameters()[k];
+                match p.map {
+                    Map::Log10 => [p.prior[0].log10() - 2.0, p.prior[1].log10() + 2.0],
+                    Map::Linear => {
+                        let range = p.prior[1] - p.prior[0];
+                        [p.prior[0] - range, p.prior[1] + range].map(|value| value / unit(p))
+                    }
+                    Map::Bounded { low, high } => [-0.9, 0.9].map(|far: f64| far * (high - low) / unit(p)),
+                }
+            }
+        };
+        self.free.list(self.law).into_iter().map(limit).collect()
     }
 
     /// `count` points spread evenly over the inner nine tenths of the plausible range of the free parameters (Halton 1960);

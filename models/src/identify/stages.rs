@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use gradreel::Result;
+use gradreel::{Error, ErrorKind, Result};
 
 use crate::identify::plausible::Plausible;
 use crate::identify::reconstruct::{DTYPE, Stages, describe};
@@ -54,6 +54,11 @@ impl Stages<'_> {
             .rows(SCAN)
             .map(|row| Evaluation { unknowns: row.unknowns.clone(), loss: row.loss.unwrap_or(f64::INFINITY) });
         let starts = apart(tried.collect(), self.law, free, config.estimate.starts.max(1));
+        if starts.is_empty() {
+            return Err(Error::new(ErrorKind::Physics, "the simulation breaks down with every plausible material")
+                .at(SCAN)
+                .fix("check world.ground, world.density and the size of the object with `gradreel check`"));
+        }
         let budget = config.estimate.coarse;
         for (index, start) in starts.iter().enumerate() {
             let stage = format!("{COARSE} {}", index + 1);
@@ -63,12 +68,21 @@ impl Stages<'_> {
                 gauss_newton(problem, &search.start, free, frames, budget, &search.answers, each, notes)
             })?;
         }
-        if let Some((best, _)) = self.coarse_best(run) {
-            // a finer grid stops a body closer to the ground
-            *unknowns = Unknowns { contact: 0.0, ..best };
-            run.state.unknowns = Some(unknowns.clone());
-        }
-        Ok(())
+        // which of them it is, the full grid tells; it stops a body closer to the ground
+        let ends = (1..=starts.len()).filter_map(|k| run.best_of(&format!("{COARSE} {k}")));
+        let ends: Vec<Unknowns> = ends.map(|(end, _)| Unknowns { contact: 0.0, ..end }).collect();
+        let particles = self.particles(run)?;
+        self.search(
+            run,
+            &Effort { stage: CHOICE, budget: ends.len() },
+            &particles,
+            unknowns,
+            &mut |problem, search, each, notes| {
+                let all = scan(problem, &ends, free, frames, &search.answers, each, notes)?;
+                let best = all.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss));
+                Ok(best.expect("there is at least one start"))
+            },
+        )
     }
 
     /// The best that the coarse grid has found, with its loss.
@@ -168,6 +182,7 @@ impl Stages<'_> {
 }
 
 const SCAN: &str = "what is plausible, coarse";
+const CHOICE: &str = "which of them";
 const COARSE: &str = "material, coarse, start";
 const INTERVALS: &str = "intervals";
 

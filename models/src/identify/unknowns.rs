@@ -10,7 +10,7 @@ const SPEED: f64 = 0.1;
 /// One unit of the optimiser's coordinate of a parameter, in its unconstrained form: a decade of a magnitude, and three of
 /// Poisson's ratio, which moves particles less (the curvatures of the loss along the ratio and along a modulus differ by a
 /// factor of about ten).
-fn unit(parameter: &Parameter) -> f64 {
+pub(crate) fn unit(parameter: &Parameter) -> f64 {
     match parameter.map {
         Map::Log10 => 1.0,
         Map::Linear => parameter.prior[1] - parameter.prior[0],
