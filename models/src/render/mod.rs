@@ -2,8 +2,10 @@
 //!
 //! [`splat`](splat()) spreads opacity and colour of the particles to a grid around them; [`march`](march()) sends one ray a
 //! pixel through that grid. Both act through the same particles in every frame, so a field fitted through them at frame 0
-//! looks the same when it moves: whatever the renderer blurs, it blurs in every frame alike.
+//! looks the same when it moves: whatever the renderer blurs, it blurs in every frame alike. [`render_jvp`] is the same in
+//! forward mode, for least squares over the pixels.
 
+mod jvp;
 mod march;
 mod photometric;
 mod rays;
@@ -13,6 +15,7 @@ use std::sync::Arc;
 
 use gradreel::{Result, Var};
 
+pub use jvp::render_jvp;
 pub use march::{Surface, march};
 pub use photometric::{Target, Weights};
 pub use rays::Rays;
