@@ -14,15 +14,15 @@ fn main(
         return;
     }
     let four = 4.0 * substep.inverse_dx * substep.inverse_dx;
-    let from = 4u * slots[p];
-    let to = 4u * substep.particles + from;
+    let here = 4u * slots[p];
+    let to = 4u * substep.particles + here;
     var on_v = vec3<f32>(0.0);
     for (var axis = 0u; axis < 3u; axis++) {
         on_v[axis] = cotangent[place(V + axis, p)] + substep.dt * cotangent[place(axis, p)];
         let column = vec3<f32>(
             cotangent[place(C + axis, p)], cotangent[place(C + 3u + axis, p)], cotangent[place(C + 6u + axis, p)]
         );
-        records[to + 1u + axis] = vec4<f32>(four * column, records[from + 1u + axis].w);
+        records[to + 1u + axis] = vec4<f32>(four * column, records[here + 1u + axis].w);
     }
     records[to] = vec4<f32>(on_v, 0.0);
 }

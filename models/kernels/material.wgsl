@@ -24,7 +24,7 @@ fn main(
     }
     let p = substep.first + i;
     let mass = value(0u, i);
-    let a = respond(p, i);
+    var a = respond(p, i);
     let q = mass * vec3<f32>(now[place(V, p)], now[place(V + 1u, p)], now[place(V + 2u, p)]);
     if !(all_finite(q) && all_finite(a[0]) && all_finite(a[1]) && all_finite(a[2])) {
         atomicMin(&marks[mark_of(substep.step, CULPRIT)], p);

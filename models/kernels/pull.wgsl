@@ -20,11 +20,11 @@ fn main(
     }
     let lattice = lattice_now();
     let at = 4u * slots[p];
-    let lifted = 4u * substep.particles + at;
+    let after = 4u * substep.particles + at;
     let q = records[at];
-    let a = array<vec4<f32>, 3>(records[at + 1u], records[at + 2u], records[at + 3u]);
-    let q2 = records[lifted];
-    let a2 = array<vec4<f32>, 3>(records[lifted + 1u], records[lifted + 2u], records[lifted + 3u]);
+    var a = array<vec4<f32>, 3>(records[at + 1u], records[at + 2u], records[at + 3u]);
+    let q2 = records[after];
+    var a2 = array<vec4<f32>, 3>(records[after + 1u], records[after + 2u], records[after + 3u]);
     var s = stencil_of(lattice, vec3<f32>(a[0].w, a[1].w, a[2].w));
     var sum = vec4<f32>(0.0);
     var velocity = vec3<f32>(0.0);

@@ -37,14 +37,14 @@ fn faces_of(row: u32, x: vec3<f32>) -> Faces {
     let b = obstacles[row + 2u];
     let container = kind.y != 0.0;
     let shifted = x - obstacles[row + 3u].xyz;
-    let turn = array<vec3<f32>, 3>(obstacles[row + 6u].xyz, obstacles[row + 7u].xyz, obstacles[row + 8u].xyz);
+    var turn = array<vec3<f32>, 3>(obstacles[row + 6u].xyz, obstacles[row + 7u].xyz, obstacles[row + 8u].xyz);
     // the transposed rotation leads back to where the region is described
-    let from = turn[0] * shifted.x + turn[1] * shifted.y + turn[2] * shifted.z - a.xyz;
+    let local = turn[0] * shifted.x + turn[1] * shifted.y + turn[2] * shifted.z - a.xyz;
     var found: Faces;
     switch u32(kind.x) {
         // plane: point, normal
         case 0u: {
-            let height = dot(from, b.xyz);
+            let height = dot(local, b.xyz);
             if !container && height <= 1e-6 {
                 found.normals[0] = b.xyz;
                 found.count = 1u;
@@ -55,8 +55,8 @@ fn faces_of(row: u32, x: vec3<f32>) -> Faces {
         }
         // cylinder: start and radius, axis and length
         case 1u: {
-            let along = dot(from, b.xyz);
-            let radial = from - along * b.xyz;
+            let along = dot(local, b.xyz);
+            let radial = local - along * b.xyz;
             let distance = sqrt(dot(radial, radial) + 1e-8);
             if !container {
                 if along >= 0.0 && along <= b.w && distance <= a.w {
@@ -79,16 +79,16 @@ fn faces_of(row: u32, x: vec3<f32>) -> Faces {
         }
         // ball: centre and radius
         case 2u: {
-            let distance = sqrt(dot(from, from) + 1e-8);
+            let distance = sqrt(dot(local, local) + 1e-8);
             if (!container && distance <= a.w) || (container && distance >= a.w) {
-                found.normals[0] = select(from, -from, container) / distance;
+                found.normals[0] = select(local, -local, container) / distance;
                 found.count = 1u;
             }
         }
         // box: centre, half of its edges
         default: {
-            let depth = b.xyz - abs(from);
-            let outwards = select(vec3<f32>(-1.0), vec3<f32>(1.0), from >= vec3<f32>(0.0));
+            let depth = b.xyz - abs(local);
+            let outwards = select(vec3<f32>(-1.0), vec3<f32>(1.0), local >= vec3<f32>(0.0));
             if container {
                 for (var axis = 0u; axis < 3u; axis++) {
                     if depth[axis] <= 0.0 {

@@ -74,10 +74,8 @@ pub(super) const MATERIAL: (&str, &[&str]) = (
 );
 
 /// Around the adjoint of a material.
-pub(super) const MATERIAL_VJP: (&str, &[&str]) = (
-    text!["shared/substep.wgsl", "material_vjp.wgsl"],
-    &["cotangent", "on_values", "now", "values", "on_record"],
-);
+pub(super) const MATERIAL_VJP: (&str, &[&str]) =
+    (text!["shared/substep.wgsl", "material_vjp.wgsl"], &["cotangent", "on_values", "now", "values", "on_record"]);
 
 #[cfg(test)]
 mod tests {

@@ -83,12 +83,7 @@ impl GpuSimulation<'_> {
     }
 
     /// Carries a cotangent of the state at the end back to the start, in place; `visit` may add to it on the way.
-    pub(crate) fn backward(
-        &self,
-        kept: &Kept,
-        cotangent: &Tensor,
-        visit: Visit<'_>,
-    ) -> Result<ValueGradients<f32>> {
+    pub(crate) fn backward(&self, kept: &Kept, cotangent: &Tensor, visit: Visit<'_>) -> Result<ValueGradients<f32>> {
         let Kept { course, segment, snapshots, .. } = kept;
         let adjoint = self.adjoint(course.capacity)?;
         let buffers = Buffers::new(&self.gpu, self.plan.particles, course.capacity, 2)?;
@@ -178,9 +173,9 @@ impl GpuSimulation<'_> {
     /// The error of a grid without enough room.
     fn too_large(&self, start: &State<f32>, step: usize, capacity: usize, nodes: f64, most: usize) -> Error {
         let limit = self.plan.world.node_limit;
-        let world = self.replay(start, step, capacity).and_then(|[now, _]| {
-            Lattice::covering(now.extent, self.plan.world.dx, limit).map(|_| ())
-        });
+        let world = self
+            .replay(start, step, capacity)
+            .and_then(|[now, _]| Lattice::covering(now.extent, self.plan.world.dx, limit).map(|_| ()));
         world.err().unwrap_or_else(|| {
             Error::new(ErrorKind::Device, "the grid around the particles does not fit this GPU")
                 .at(format!("{}, substep {step}", self.gpu.name()))
@@ -191,7 +186,14 @@ impl GpuSimulation<'_> {
     }
 
     /// The error of a particle that broke a limit: simulates up to there again, and looks.
-    fn broken(&self, start: &State<f32>, step: usize, capacity: usize, particle: usize, culprit: Option<usize>) -> Error {
+    fn broken(
+        &self,
+        start: &State<f32>,
+        step: usize,
+        capacity: usize,
+        particle: usize,
+        culprit: Option<usize>,
+    ) -> Error {
         match self.replay(start, step, capacity) {
             Err(error) => error,
             Ok([now, next]) => {
