@@ -35,7 +35,8 @@ use super::world::World;
 ///
 /// The output is `[frames, n, 3]` \[m\]; frame 0 is the input. All inputs have the same dtype, `f32` or `f64`, and live on
 /// the same device. On a GPU, in `f32`, all substeps run there, forwards and backwards; inputs are read once at the start, and
-/// gradients that are sums over particles are summed on the CPU at the end.
+/// gradients that are sums over particles are summed on the CPU at the end. There is no blend with FLIP and no forward mode
+/// there.
 #[derive(Debug, Clone)]
 pub struct Rollout {
     /// Surroundings.
