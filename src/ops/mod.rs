@@ -97,6 +97,7 @@ mod sub;
 mod sum;
 mod take;
 mod tanh;
+mod to_device;
 
 use std::rc::Rc;
 
@@ -288,6 +289,7 @@ pub fn registry() -> Vec<Entry> {
         softmax::LOG_ENTRY,
         sum::ENTRY,
         take::ENTRY,
+        to_device::ENTRY,
     ]
 }
 

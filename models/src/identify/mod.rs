@@ -8,11 +8,14 @@
 //! 3. **coarse**: the material on a grid of twice the spacing, first around contact, then on all frames;
 //! 4. **fine**: material and velocity together, on the full grid and all frames.
 //!
-//! Where the particles themselves were tracked, [`Tracks`] finds velocity and material without pictures.
+//! [`dynamic_step`] is the published forward model on the particles of a radiance field; [`RangePenalty`] keeps parameters
+//! plausible. Where the particles themselves were tracked, [`Tracks`] finds velocity and material without pictures.
 
 mod config;
 mod contact;
 mod estimate;
+mod penalty;
+mod pixels;
 mod problem;
 mod reconstruct;
 mod run;
@@ -22,6 +25,8 @@ mod unknowns;
 pub use config::{ClipConfig, Config, EstimateConfig, GeometryConfig, MaterialConfig, WorldConfig};
 pub use contact::first_contact;
 pub use estimate::{Evaluation, estimate};
+pub use penalty::RangePenalty;
+pub use pixels::{FramePixels, MotionLoss, MotionSettings, body_of, dynamic_step, is_stiffness, motion_loss};
 pub use problem::{Observed, Problem};
 pub use reconstruct::{Reconstruction, reconstruct};
 pub use run::{ClipIdentity, HistoryRow, Run, State};
