@@ -65,7 +65,8 @@ impl Occupancy {
     /// Whether the node nearest to a point (the one farther from zero, halfway) is occupied; not outside the grid.
     pub fn contains(&self, x: [f64; 3]) -> bool {
         let (scale, dims) = (self.grid.scale(), self.grid.dims);
-        let node = [0, 1, 2].map(|axis| ((x[axis] - self.grid.low[axis]) * scale[axis]).round());
+        // in this order of rounding, so that ties fall as they do in the published code
+        let node = [0, 1, 2].map(|axis| (x[axis] * scale[axis] + -self.grid.low[axis] * scale[axis]).round());
         (0..3).all(|axis| node[axis] >= 0.0 && node[axis] < dims[axis] as f64) && {
             let [i, j, k] = node.map(|n| n as usize);
             self.occupied[(i * dims[1] + j) * dims[2] + k]

@@ -3,7 +3,7 @@
 use gradreel::{Key, Result, Var};
 
 use crate::constant;
-use crate::vector::{dot, minus};
+use crate::vector::{cross, dot, minus};
 use crate::video::Camera;
 
 /// How much each view counts: `w_i = exp(−α Δθ_i)` with the angle `Δθ_i` \[rad\] between the directions from the object to
@@ -44,9 +44,13 @@ impl Default for ViewWeights {
 /// When there is no such view.
 #[track_caller]
 pub fn view_angles(directions: &[[f64; 3]], primary: usize) -> Vec<f64> {
-    let unit = |d: [f64; 3]| d.map(|x| x / dot(d, d).sqrt());
-    let first = unit(directions[primary]);
-    directions.iter().map(|d| dot(unit(*d), first).clamp(-1.0, 1.0).acos()).collect()
+    let first = directions[primary];
+    // unlike the arc cosine this is accurate for small angles, too
+    let angle = |d: &[f64; 3]| {
+        let across = cross(*d, first);
+        dot(across, across).sqrt().atan2(dot(*d, first))
+    };
+    directions.iter().map(angle).collect()
 }
 
 /// The angles of cameras as seen from a point \[m\].
