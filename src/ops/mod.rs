@@ -97,7 +97,6 @@ mod sub;
 mod sum;
 mod take;
 mod tanh;
-mod to_device;
 
 use std::rc::Rc;
 
@@ -289,7 +288,6 @@ pub fn registry() -> Vec<Entry> {
         softmax::LOG_ENTRY,
         sum::ENTRY,
         take::ENTRY,
-        to_device::ENTRY,
     ]
 }
 

@@ -150,6 +150,17 @@ impl DenseGrid {
             let floor = place.floor();
             (base[axis], share[axis]) = (floor as isize, place - floor);
         }
+        let [ny, nz] = [self.dims[1], self.dims[2]];
+        if (0..3).all(|axis| base[axis] >= 0 && (base[axis] as usize) + 1 < self.dims[axis]) {
+            let at = (base[0] as usize * ny + base[1] as usize) * nz + base[2] as usize;
+            let line = |at: usize| values[at] + share[2] * (values[at + 1] - values[at]);
+            let plane = |at: usize| {
+                let (near, far) = (line(at), line(at + nz));
+                near + share[1] * (far - near)
+            };
+            let (near, far) = (plane(at), plane(at + ny * nz));
+            return near + share[0] * (far - near);
+        }
         let inside = |i: isize, axis: usize| i >= 0 && (i as usize) < self.dims[axis];
         let mut sum = 0.0;
         for corner in 0..8usize {
@@ -158,7 +169,7 @@ impl DenseGrid {
             if (0..3).all(|axis| inside(node[axis], axis)) {
                 let weight: f64 =
                     (0..3).map(|axis| if far[axis] == 1 { share[axis] } else { 1.0 - share[axis] }).product();
-                let flat = (node[0] as usize * self.dims[1] + node[1] as usize) * self.dims[2] + node[2] as usize;
+                let flat = (node[0] as usize * ny + node[1] as usize) * nz + node[2] as usize;
                 sum += weight * values[flat];
             }
         }

@@ -2,8 +2,9 @@
 
 use std::collections::HashMap;
 use std::path::PathBuf;
+use std::sync::OnceLock;
 
-use gradreel::{DType, Device, Tape, Tensor, Var};
+use gradreel::{DType, Device, Result, Tape, Tensor, Var};
 use safetensors::{Dtype, SafeTensors};
 use serde_json::Value;
 
@@ -171,8 +172,10 @@ pub fn places() -> Vec<Place> {
         Place { name, dtype, device, value, gradient }
     };
     let mut all = vec![place("f64", DType::F64, Device::Cpu), place("f32", DType::F32, Device::Cpu)];
-    match Device::gpu() {
-        Ok(device) => all.push(place("GPU", DType::F32, device)),
+    // one adapter for all tests
+    static OPENED: OnceLock<Result<Device>> = OnceLock::new();
+    match OPENED.get_or_init(Device::gpu) {
+        Ok(device) => all.push(place("GPU", DType::F32, device.clone())),
         Err(error) if std::env::var("CI").is_ok_and(|ci| ci == "true") => {
             panic!("the GPU must be tested here: {error}")
         }

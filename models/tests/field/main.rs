@@ -1,6 +1,7 @@
 //! The radiance field against vectors of an independent implementation, closed forms and central differences.
 
 mod dynamics;
+mod falling;
 mod grids;
 mod harness;
 mod losses;

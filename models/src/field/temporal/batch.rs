@@ -86,6 +86,28 @@ impl<'c> ClipRays<'c> {
         self.batch(&batch, dtype)
     }
 
+    /// Draws a camera as the weights of views say.
+    pub fn draw_camera(&self, key: Key) -> usize {
+        self.views.draw(&self.angles, self.primary, key, 1)[0]
+    }
+
+    /// Draws rays of one picture, or all of it if it has no more pixels.
+    ///
+    /// # Errors
+    /// Never for `f32` and `f64`.
+    ///
+    /// # Panics
+    /// When there is no such camera or frame.
+    pub fn draw_from(&self, camera: usize, frame: usize, key: Key, count: usize, dtype: DType) -> Result<RayBatch> {
+        let width = self.clip.cameras[camera].width;
+        let pixels = width * self.clip.cameras[camera].height;
+        if count >= pixels {
+            return self.picture(camera, frame, dtype);
+        }
+        let place = |i: usize| (camera, frame, i / width, i % width);
+        self.batch(&key.below(pixels, count).map(place).collect::<Vec<_>>(), dtype)
+    }
+
     /// Every pixel of one picture, row by row.
     ///
     /// # Errors

@@ -108,7 +108,8 @@ impl FieldMotion {
             self.centroids[i][axis] - 0.5 * gravity[axis] * since[i] * since[i]
         });
         let normal = design.transpose() * &design;
-        let solution = normal.llt(Side::Lower).map_err(|_| too_few())?.solve(design.transpose() * wanted);
+        let right = design.transpose() * &wanted;
+        let solution = normal.llt(Side::Lower).map_err(|_| too_few())?.solve(&right);
         Ok(([0, 1, 2].map(|axis| solution[(0, axis)]), [0, 1, 2].map(|axis| solution[(1, axis)])))
     }
 }

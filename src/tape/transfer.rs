@@ -1,18 +1,10 @@
-//! `to_device`: the same numbers on another device.
+//! `to_device`: the same numbers on another device, in the middle of a model.
 
 use std::rc::Rc;
 
 use crate::backend::gpu::Gpu;
-use crate::ops::{Case, Entry, uniform};
 use crate::tape::{Backward, Forward, Op, Reads, Var};
 use crate::{Device, Result, Spec, Tensor};
-
-pub(super) const ENTRY: Entry = Entry {
-    name: "to_device",
-    // the shared comparison wants results where the operands are; a test in tests/gpu.rs goes there and back
-    gpu: false,
-    cases: || vec![Case::new(ToDevice { device: Device::Cpu }, [uniform(1, [2, 6], -1.0..1.0)])],
-};
 
 #[derive(Debug)]
 struct ToDevice {
