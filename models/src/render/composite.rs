@@ -37,13 +37,7 @@ impl Visible {
     ///
     /// # Errors
     /// What the ops return.
-    pub fn composite(
-        &self,
-        density: &Var,
-        colours: &Var,
-        absorption: &Absorption,
-        background: f64,
-    ) -> Result<Pixels> {
+    pub fn composite(&self, density: &Var, colours: &Var, absorption: &Absorption, background: f64) -> Result<Pixels> {
         let samples = &self.samples;
         let rays = samples.offsets.len() - 1;
         let offsets = constant::indices(density, samples.offsets.clone())?;

@@ -80,8 +80,7 @@ fn dynamic(name: &str) {
     let settings = MotionSettings { radiance: settings_of(&file), ..MotionSettings::default() };
     let frames = frames_of(&file);
     let substeps = file.number("substeps_per_frame") as usize;
-    let schedule =
-        Schedule { frames: frames.len(), frame_dt: file.number("dt") * substeps as f64, substeps };
+    let schedule = Schedule { frames: frames.len(), frame_dt: file.number("dt") * substeps as f64, substeps };
     for place in places() {
         let place = place.allowing([1e-9, 1e-5], [1e-4, 2e-2]);
         let mut params = params_of(&file, &place);
@@ -90,8 +89,7 @@ fn dynamic(name: &str) {
         let tape = Tape::new();
         let bound = params.bind(&tape);
         let jitter = Jitter::Given(file.points("jitter_unit"));
-        let sown =
-            Sowing::default().sow(&occupancy, &field.values(&bound).unwrap(), field.shift, &jitter).unwrap();
+        let sown = Sowing::default().sow(&occupancy, &field.values(&bound).unwrap(), field.shift, &jitter).unwrap();
         place.close_var("positions", &sown.positions, file.get("positions"));
         place.close_var("alpha", &sown.opacity, file.get("alpha"));
         place.close_var("features", &sown.features, file.get("particle_features"));
@@ -107,10 +105,9 @@ fn dynamic(name: &str) {
         let values: Vec<Var> = names.iter().zip(&raw).map(|(name, raw)| value_of(&file, name, raw)).collect();
         let body = body_of(&sown, &velocity, &law, &values, file.number("rho"));
         let net = field.colours(&bound).unwrap();
-        let (motion, loss) = dynamic_step(
-            &body, &sown.features, &world_of(&file), &law, schedule, &field, &net, &frames, &settings,
-        )
-        .unwrap();
+        let (motion, loss) =
+            dynamic_step(&body, &sown.features, &world_of(&file), &law, schedule, &field, &net, &frames, &settings)
+                .unwrap();
         for f in 0..frames.len() {
             let positions = motion.select(0, f);
             place.allowing([1e-9, 0.0], [2e-6, 0.0]).close_var("x", &positions, file.get(&format!("x_frame{f}")));

@@ -26,8 +26,8 @@ fn lookups_and_their_gradients() {
         let features_at = grid.lookup(&features, &points).unwrap();
         place.close_var("density", &density_at, file.get("density_at"));
         place.close_var("features", &features_at, file.get("features_at"));
-        let loss = contract(&density_at, &file.tensor("cot_density"))
-            + contract(&features_at, &file.tensor("cot_features"));
+        let loss =
+            contract(&density_at, &file.tensor("cot_density")) + contract(&features_at, &file.tensor("cot_features"));
         let gradients = loss.backward().unwrap();
         for (name, leaf) in [("g_density", &density), ("g_features", &features)] {
             place.close_gradient(name, &channels_first(gradients.wrt(leaf).unwrap()), file.get(name));
@@ -92,12 +92,10 @@ fn refinement_halves_the_spacing_in_a_tighter_box() {
         shift: file.number("act_shift"),
         sizes: RadianceSizes { features: features.dims()[3], ..RadianceSizes::default() },
     };
-    let params: Params = [
-        ("radiance.density".to_owned(), file.grid("density")),
-        ("radiance.features".to_owned(), features),
-    ]
-    .into_iter()
-    .collect();
+    let params: Params =
+        [("radiance.density".to_owned(), file.grid("density")), ("radiance.features".to_owned(), features)]
+            .into_iter()
+            .collect();
     let (refined, occupancy) = field.refined(&params, 1e-7).unwrap().unwrap();
     assert_eq!(field.grid.dims, file.nodes("new_density"));
     let place = &places()[0];

@@ -34,12 +34,10 @@ fn views_count_by_their_angle() {
         // the file's arc cosine makes 1.5e-8 of the primary view's rounding; its weight follows from its own angle
         let wanted = file.get(&format!("{name}_angle"));
         assert!(angles[primary] < 1e-12 && wanted[primary] < 1e-7);
-        let angles: Vec<f64> =
-            angles.iter().zip(wanted).map(|(a, b)| if *b < 1e-7 { *b } else { *a }).collect();
+        let angles: Vec<f64> = angles.iter().zip(wanted).map(|(a, b)| if *b < 1e-7 { *b } else { *a }).collect();
         place.close("angles", &angles, wanted);
         for alpha in file.setting("alphas").as_array().unwrap() {
-            let settings =
-                ViewWeights { alpha: alpha.as_f64().unwrap(), normalised: false, ..ViewWeights::default() };
+            let settings = ViewWeights { alpha: alpha.as_f64().unwrap(), normalised: false, ..ViewWeights::default() };
             place.close("weights", &settings.of_angles(&angles), file.get(&format!("{name}_weight_{alpha}")));
         }
     }
@@ -81,9 +79,7 @@ fn outliers_of_imagined_views_count_linearly() {
     let slopes = loss.sum_all().backward().unwrap().wrt(&r).unwrap().to_vec().unwrap();
     assert!(slopes.iter().zip([-0.2, -0.2, 0.1, 0.2, 0.2]).all(|(a, b)| (a - b).abs() < 1e-12), "{slopes:?}");
     let squares = r.square().value().unwrap().to_vec().unwrap();
-    for (settings, imagined) in
-        [(PixelLoss { robust: false, delta: 0.1 }, true), (PixelLoss::default(), false)]
-    {
+    for (settings, imagined) in [(PixelLoss { robust: false, delta: 0.1 }, true), (PixelLoss::default(), false)] {
         assert_eq!(settings.of(&r, imagined).value().unwrap().to_vec().unwrap(), squares);
     }
 }

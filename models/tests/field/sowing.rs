@@ -29,8 +29,8 @@ fn particles_of_occupied_nodes_and_their_gradients() {
         place.close_var("positions", &sown.positions, file.get("positions"));
         place.close_var("alpha", &sown.opacity, file.get("alpha"));
         place.close_var("features", &sown.features, file.get("particle_features"));
-        let loss = contract(&sown.opacity, &file.tensor("cot_alpha"))
-            + contract(&sown.features, &file.tensor("cot_features"));
+        let loss =
+            contract(&sown.opacity, &file.tensor("cot_alpha")) + contract(&sown.features, &file.tensor("cot_features"));
         let gradients = loss.backward().unwrap();
         for (name, leaf) in [("g_density", &density), ("g_features", &features)] {
             place.close_gradient(name, &channels_first(gradients.wrt(leaf).unwrap()), file.get(name));
@@ -53,8 +53,7 @@ fn exact_places_are_half_a_spacing_apart() {
 #[test]
 fn features_on_the_grid_of_moving_particles() {
     let file = File::load("splat");
-    let settings =
-        FeatureSplat { least_weight: file.number("threshold"), empty: file.number("fill") };
+    let settings = FeatureSplat { least_weight: file.number("threshold"), empty: file.number("fill") };
     for place in places() {
         let tape = Tape::new();
         let [x, features] = ["x", "feature"].map(|name| place.leaf(&tape, &file.tensor(name)));

@@ -99,11 +99,7 @@ fn a_moving_field_its_pictures_and_gradients() {
         place.close_var("samples", &loss.samples, file.get("loss_rgbper"));
         place.close_var("loss", &loss.total, file.get("loss"));
         for (path, gradient) in bound.gradients(&loss.total.backward().unwrap()).unwrap() {
-            let found = if path == "temporal.feature" {
-                channels_first(&gradient)
-            } else {
-                gradient.to_vec().unwrap()
-            };
+            let found = if path == "temporal.feature" { channels_first(&gradient) } else { gradient.to_vec().unwrap() };
             place.close_gradient(&path, &found, file.get(&path.replace("temporal.", "grad.")));
         }
     }
@@ -114,9 +110,8 @@ fn small(settings: TemporalSettings) -> (TemporalField, Params) {
     let grid = DenseGrid::of_spacing([-0.5, 0.0, -0.5], [0.5, 1.0, 0.5], 0.2).unwrap();
     let field = TemporalField::new(grid, sizes);
     let mut params = field.initialise(Key::new(3), DType::F64).unwrap();
-    for (i, path) in ["temporal.feature", "temporal.density", "temporal.deformation_net._time_out.weight"]
-        .into_iter()
-        .enumerate()
+    for (i, path) in
+        ["temporal.feature", "temporal.density", "temporal.deformation_net._time_out.weight"].into_iter().enumerate()
     {
         if let Ok(value) = params.get(path) {
             let shape = value.shape().clone();
@@ -144,8 +139,9 @@ fn the_first_frame_is_where_the_grid_is() {
     let moved = bent(0.7).iter().zip(points.as_flattened()).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     assert!(moved > 1e-2, "{moved}");
     // the still field of the first frame has its densities
-    let (still, baked) =
-        field.baked(&params, field.grid.clone(), RadianceSizes { features: 5, ..RadianceSizes::default() }, Key::new(1)).unwrap();
+    let (still, baked) = field
+        .baked(&params, field.grid.clone(), RadianceSizes { features: 5, ..RadianceSizes::default() }, Key::new(1))
+        .unwrap();
     let density = field.density_at(&params, &points, 0.0).unwrap();
     assert_eq!(baked.get("radiance.density").unwrap().to_vec().unwrap(), density);
     assert_eq!(baked.get("radiance.features").unwrap().dims()[3], 5);

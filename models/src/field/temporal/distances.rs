@@ -46,7 +46,8 @@ impl Distances {
 
     /// Features at points, the finest grid first: `[n, 3 · channels]`.
     pub fn lookup(&self, points: &Var) -> Result<Var> {
-        let found: Vec<Var> = self.grids.iter().map(|(grid, values)| grid.lookup(values, points)).collect::<Result<_>>()?;
+        let found: Vec<Var> =
+            self.grids.iter().map(|(grid, values)| grid.lookup(values, points)).collect::<Result<_>>()?;
         Ok(found[0].concat(&found[1..].iter().collect::<Vec<_>>(), 1))
     }
 }

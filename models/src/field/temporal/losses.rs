@@ -76,7 +76,7 @@ impl TemporalPixels {
         let apart = (&self.pixels.colours - &wanted).square().sum(&[1]);
         let samples = (&self.pixels.weights.detach() * &apart).sum_all() / rays as f64;
         let mut total = &pixels + &(&entropy * weights.entropy) + &samples * weights.samples;
-        if weights.offsets > 0.0 && self.samples.bent.is_differentiable() {
+        if weights.offsets > 0.0 && self.moves {
             let opaque = self.opacity.gt(&constant::numbers(&self.opacity, vec![OPAQUE], [1])?);
             let count = opaque.sum_all().item()?.max(1.0);
             let lengths = ((&self.samples.bent - &self.points).square().sum(&[1]) + 1e-12).sqrt();

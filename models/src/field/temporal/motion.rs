@@ -104,9 +104,8 @@ impl FieldMotion {
             return Err(too_few());
         }
         let design = Mat::from_fn(count, 2, |i, j| if j == 0 { 1.0 } else { since[i] });
-        let wanted = Mat::from_fn(count, 3, |i, axis| {
-            self.centroids[i][axis] - 0.5 * gravity[axis] * since[i] * since[i]
-        });
+        let wanted =
+            Mat::from_fn(count, 3, |i, axis| self.centroids[i][axis] - 0.5 * gravity[axis] * since[i] * since[i]);
         let normal = design.transpose() * &design;
         let right = design.transpose() * &wanted;
         let solution = normal.llt(Side::Lower).map_err(|_| too_few())?.solve(&right);

@@ -39,6 +39,8 @@ pub struct TemporalPixels {
     pub opacity: Var,
     /// Samples that were looked at.
     pub looked_at: usize,
+    /// Whether the field has time.
+    pub(super) moves: bool,
 }
 
 /// Weights without their gradients.
@@ -153,7 +155,8 @@ impl TemporalField {
         let colours = net.colours(&visible.rows_seen(&found.hidden)?, rays, ray_of_seen.clone())?;
         let pixels = visible.composite(&found.density, &colours, &absorption, self.settings.background)?;
         let opacity = found.density.detach().density_to_alpha(absorption.shift, absorption.interval);
-        Ok(TemporalPixels { pixels, ray_of_seen, samples: found, points, opacity, looked_at: samples.len() })
+        let (looked_at, moves) = (samples.len(), self.settings.time);
+        Ok(TemporalPixels { pixels, ray_of_seen, samples: found, points, opacity, looked_at, moves })
     }
 
     /// Calls `each` with the field at runs of points \[m\] at one time (in 0…1); nothing is differentiated.
