@@ -154,6 +154,14 @@ fn a_ball_is_seen_falling_from_a_side_that_nobody_filmed() {
     assert!((0..3).all(|axis| (velocity[axis] - VELOCITY[axis]).abs() < 0.2), "{velocity:?}");
     assert!((0..3).all(|axis| (start[axis] - CENTRE[axis]).abs() < 0.03), "{start:?}");
 
+    // one picture is of another time: it alone contradicts the field
+    let mut wrong = ring();
+    wrong.frames[4][1] = wrong.frames[4][4].clone();
+    let agreement = fit.field.agreement(&fit.params, &rays_of(&wrong), 200, Key::new(2)).unwrap().within(3.0);
+    let doubted: Vec<_> =
+        (0..6).flat_map(|c| (0..FRAMES).map(move |f| (c, f))).filter(|(c, f)| !agreement[*c][*f]).collect();
+    assert_eq!(doubted, [(4, 1)]);
+
     // the ablation: one still field cannot be in five places
     let still = TemporalSettings { time: false, ..sizes() };
     let mut without = fit_of(&still, &TemporalFitSettings { iterations: 120, ..settings() });

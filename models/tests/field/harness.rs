@@ -144,6 +144,14 @@ impl Place {
         assert!(worst <= self.value, "{what} on {}: differs by {worst:.3e}, allowed {:.1e}", self.name, self.value);
     }
 
+    /// As [`Place::close`] for grids whose empty nodes hold a number far from all others: the same nodes must be empty.
+    #[track_caller]
+    pub fn close_grid(&self, what: &str, found: &[f64], wanted: &[f64], empty: f64) {
+        let filled = |values: &[f64]| values.iter().map(|&x| if x == empty { 0.0 } else { x }).collect::<Vec<_>>();
+        assert!(found.iter().zip(wanted).all(|(a, b)| (*a == empty) == (*b == empty)), "{what} on {}", self.name);
+        self.close(what, &filled(found), &filled(wanted));
+    }
+
     #[track_caller]
     pub fn close_var(&self, what: &str, found: &Var, wanted: &[f64]) {
         self.close(what, &found.value().unwrap().to_vec().unwrap(), wanted);

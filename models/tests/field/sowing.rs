@@ -62,7 +62,8 @@ fn features_on_the_grid_of_moving_particles() {
         assert_eq!(first, file.get("min_index"));
         let last: Vec<f64> = (0..3).map(|a| first[a] + found.grid.dims[a] as f64 - 1.0).collect();
         assert_eq!(last, file.get("max_index"));
-        place.close("grid", &channels_first(found.values.value().unwrap()), file.get("grid"));
+        let values = channels_first(found.values.value().unwrap());
+        place.close_grid("grid", &values, file.get("grid"), settings.empty);
         place.close("weight", &channels_first(found.weight.value().unwrap()), file.get("weight_sum"));
         let gradients = contract(&found.values, &file.grid("cot_grid")).backward().unwrap();
         let of = |leaf| gradients.wrt(leaf).unwrap().to_vec().unwrap();

@@ -39,7 +39,8 @@ fn a_static_step_and_its_gradients() {
         place.close_var("alpha", &step.particles.opacity, file.get("alpha"));
         let first: Vec<f64> = step.observed.first.iter().map(|&i| i as f64).collect();
         assert_eq!(first, file.get("obs_min_index"));
-        place.close("grid", &channels_first(step.observed.values.value().unwrap()), file.get("obs_grid"));
+        let values = channels_first(step.observed.values.value().unwrap());
+        place.close_grid("grid", &values, file.get("obs_grid"), settings.splat.empty);
         place.close_var("rgb", &step.pixels.rgb, file.get("rgb"));
         place.close_var("left", &step.pixels.left, file.get("alphainv_last"));
         place.close_var("colour", &step.colour, file.get("loss_mse"));

@@ -86,6 +86,11 @@ impl<'c> ClipRays<'c> {
         self.batch(&batch, dtype)
     }
 
+    /// Number of cameras.
+    pub fn cameras(&self) -> usize {
+        self.clip.cameras.len()
+    }
+
     /// Draws a camera as the weights of views say.
     pub fn draw_camera(&self, key: Key) -> usize {
         self.views.draw(&self.angles, self.primary, key, 1)[0]

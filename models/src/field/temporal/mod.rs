@@ -6,9 +6,11 @@
 //! Time-Aware Neural Voxels", SIGGRAPH Asia 2022; [`TemporalSettings`] says where the default differs.
 //!
 //! [`TemporalField`] renders, [`TemporalFit`] fits it to a clip, [`FieldMotion`] is what it says of the motion: where the
-//! object is in each frame, when it first touches the ground, and how fast it was before.
+//! object is in each frame, when it first touches the ground, and how fast it was before. [`Agreement`] says which pictures
+//! contradict it.
 
 mod batch;
+mod consistency;
 mod distances;
 mod fit;
 mod losses;
@@ -18,6 +20,7 @@ mod render;
 mod settings;
 
 pub use batch::{ClipRays, RayBatch};
+pub use consistency::Agreement;
 pub use fit::{TemporalFit, TemporalFitSettings, TemporalProgress};
 pub use losses::{RayTargets, TemporalLoss, TemporalWeights};
 pub use motion::FieldMotion;
