@@ -4,7 +4,9 @@ use std::time::Instant;
 
 use gradreel::optim::{Adam, Params};
 use gradreel::{DType, Key, Result, Tape, Tensor};
-use gradreel_models::field::temporal::{RayBatch, RayTargets, TemporalFit, TemporalFitSettings, TemporalSettings};
+use gradreel_models::field::temporal::{
+    RayBatch, RayTargets, TemporalFit, TemporalFitSettings, TemporalSettings, TemporalWeights,
+};
 use gradreel_models::field::{DenseGrid, RadianceField, RadianceSizes, StaticSettings, static_step};
 use gradreel_models::particles::Jitter;
 use gradreel_models::render::Rays;
@@ -101,7 +103,26 @@ fn temporal(name: &str, opaque: Option<f64>) -> Result<()> {
     report(name, || {
         let progress = fit.step_on(&batch, &times)?;
         Ok(format!("loss {:.4}", progress.loss))
-    })
+    })?;
+    let tape = Tape::with_profile();
+    let bound = fit.params.bind(&tape);
+    let begun = Instant::now();
+    let seen = fit.field.render(&bound, &batch.rays, &batch.moment_of, &times, None)?;
+    let rendered = begun.elapsed().as_secs_f64() * 1e3;
+    let (looked_at, kept) = (seen.looked_at, seen.points.dims()[0]);
+    let loss = seen.loss(&batch.targets, &TemporalWeights::default())?.total;
+    drop(seen);
+    let begun = Instant::now();
+    bound.gradients(&loss.into_gradients()?)?;
+    let back = begun.elapsed().as_secs_f64() * 1e3;
+    let peak = mib(tape.memory().peak);
+    println!("  {looked_at} samples, {kept} kept; forward {rendered:.0} ms, back {back:.0} ms, {peak} MiB on the tape");
+    let mut rows = tape.profile().by_op();
+    rows.sort_by_key(|(.., time)| std::cmp::Reverse(*time));
+    for (op, calls, time) in rows.into_iter().take(12) {
+        println!("  {op:<28} {calls:>5} {:>8.1} ms", time.as_secs_f64() * 1e3);
+    }
+    Ok(())
 }
 
 fn main() -> Result<()> {

@@ -100,15 +100,15 @@ fn sizes() -> TemporalSettings {
 
 fn settings() -> TemporalFitSettings {
     TemporalFitSettings {
-        iterations: 240,
-        rays: 384,
-        nodes: 9000,
+        iterations: 120,
+        rays: 256,
+        nodes: 6000,
         refinements: 1,
         grid_rate: 0.3,
         network_rate: 4e-3,
         bending_rate: 4e-3,
         mask_nodes: 1000,
-        mask_every: 40,
+        mask_every: 20,
         ..TemporalFitSettings::default()
     }
 }
@@ -164,7 +164,7 @@ fn a_ball_is_seen_falling_from_a_side_that_nobody_filmed() {
 
     // the ablation: one still field cannot be in five places
     let still = TemporalSettings { time: false, ..sizes() };
-    let mut without = fit_of(&still, &TemporalFitSettings { iterations: 120, ..settings() });
+    let mut without = fit_of(&still, &TemporalFitSettings { iterations: 40, ..settings() });
     without.run(&rays, |_, _| Ok(())).unwrap();
     let blurred = psnr(&without.field, &without.params, &unseen, 0, 0);
     assert!(blurred < found[0] - 3.0, "{blurred:.1} dB without time, {:.1} dB with", found[0]);
