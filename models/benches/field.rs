@@ -7,7 +7,7 @@ use gradreel::{DType, Key, Result, Tape, Tensor};
 use gradreel_models::field::temporal::{
     RayBatch, RayTargets, TemporalFit, TemporalFitSettings, TemporalSettings, TemporalWeights,
 };
-use gradreel_models::field::{DenseGrid, RadianceField, RadianceSizes, StaticSettings, static_step};
+use gradreel_models::field::{DenseGrid, Occupancy, RadianceField, RadianceSizes, StaticSettings, static_step};
 use gradreel_models::particles::Jitter;
 use gradreel_models::render::Rays;
 
@@ -82,13 +82,20 @@ fn still() -> Result<()> {
     })
 }
 
-fn temporal(name: &str, opaque: Option<f64>) -> Result<()> {
+fn temporal(name: &str, opaque: Option<f64>, masked: bool) -> Result<()> {
     let sizes = TemporalSettings::default();
-    let settings = TemporalFitSettings { refinements: 0, mask_nodes: 0, ..TemporalFitSettings::default() };
+    let settings = TemporalFitSettings { refinements: 0, ..TemporalFitSettings::default() };
     let mut fit = TemporalFit::new([-0.5, 0.0, -0.5], [0.5, 1.0, 0.5], &sizes, &settings, DType::F32)?;
     if let Some(inside) = opaque {
         let density = ball(&fit.field.grid, inside);
         fit.params.set("temporal.density", density);
+    }
+    if masked {
+        // what silhouettes leave of a ball that moves a little
+        let grid = DenseGrid::of_count([-0.5, 0.0, -0.5], [0.5, 1.0, 0.5], 32 * 32 * 32)?;
+        let near = |x: &[f64; 3]| x[0].powi(2) + (x[1] - 0.5).powi(2) + x[2].powi(2) < 0.1;
+        let occupied = grid.nodes().iter().map(near).collect();
+        fit.field.mask = Some(Occupancy { grid, occupied });
     }
     let times: Vec<f64> = (0..14).map(|f| f64::from(f) / 13.0).collect();
     let batch = RayBatch {
@@ -107,7 +114,7 @@ fn temporal(name: &str, opaque: Option<f64>) -> Result<()> {
     let tape = Tape::with_profile();
     let bound = fit.params.bind(&tape);
     let begun = Instant::now();
-    let seen = fit.field.render(&bound, &batch.rays, &batch.moment_of, &times, None)?;
+    let seen = fit.field.render(&bound, &batch.rays, &batch.moment_of, &times)?;
     let rendered = begun.elapsed().as_secs_f64() * 1e3;
     let (looked_at, kept) = (seen.looked_at, seen.points.dims()[0]);
     let loss = seen.loss(&batch.targets, &TemporalWeights::default())?.total;
@@ -128,6 +135,7 @@ fn temporal(name: &str, opaque: Option<f64>) -> Result<()> {
 fn main() -> Result<()> {
     println!("{RAYS} rays, {} threads", std::thread::available_parallelism().map_or(1, usize::from));
     still()?;
-    temporal("temporal, first update (fog)", None)?;
-    temporal("temporal, a ball", Some(8.0))
+    temporal("temporal, fog within silhouettes", None, true)?;
+    temporal("temporal, a ball within silhouettes", Some(8.0), true)?;
+    temporal("temporal, a ball", Some(8.0), false)
 }

@@ -129,7 +129,7 @@ fn psnr(field: &TemporalField, params: &Params, rays: &ClipRays<'_>, camera: usi
     let batch = rays.picture(camera, frame, DType::F32).unwrap();
     let tape = Tape::new();
     let bound = params.bind(&tape);
-    let seen = field.render(&bound, &batch.rays, &batch.moment_of, &rays.times, None).unwrap();
+    let seen = field.render(&bound, &batch.rays, &batch.moment_of, &rays.times).unwrap();
     let (found, wanted) = (seen.pixels.rgb.value().unwrap().to_vec().unwrap(), batch.targets.colours.to_vec().unwrap());
     let square: f64 = found.iter().zip(&wanted).map(|(a, b)| (a - b).powi(2)).sum();
     -10.0 * (square / found.len() as f64).log10()
@@ -139,7 +139,7 @@ fn psnr(field: &TemporalField, params: &Params, rays: &ClipRays<'_>, camera: usi
 fn a_ball_is_seen_falling_from_a_side_that_nobody_filmed() {
     let (clip, other) = (ring(), clip_of(vec![camera(9, 0.5, 0.9)]));
     let (rays, unseen) = (rays_of(&clip), rays_of(&other));
-    let mut fit = fit_of(&sizes(), &settings());
+    let mut fit = fit_of(&sizes(), &settings()).within_silhouettes(&rays).unwrap();
     let empty = psnr(&fit.field, &fit.params, &unseen, 0, 2);
     fit.run(&rays, |_, _| Ok(())).unwrap();
     let found: Vec<f64> = (0..FRAMES).map(|f| psnr(&fit.field, &fit.params, &unseen, 0, f)).collect();
@@ -164,10 +164,39 @@ fn a_ball_is_seen_falling_from_a_side_that_nobody_filmed() {
 
     // the ablation: one still field cannot be in five places
     let still = TemporalSettings { time: false, ..sizes() };
-    let mut without = fit_of(&still, &TemporalFitSettings { iterations: 40, ..settings() });
+    let without = fit_of(&still, &TemporalFitSettings { iterations: 40, ..settings() });
+    let mut without = without.within_silhouettes(&rays).unwrap();
     without.run(&rays, |_, _| Ok(())).unwrap();
     let blurred = psnr(&without.field, &without.params, &unseen, 0, 0);
     assert!(blurred < found[0] - 3.0, "{blurred:.1} dB without time, {:.1} dB with", found[0]);
+}
+
+#[test]
+fn silhouettes_leave_room_for_the_object_in_every_frame() {
+    let clip = ring();
+    let mask = rays_of(&clip).hull_mask(LOW, HIGH, 30_000).unwrap();
+    for f in 0..FRAMES {
+        let at = centre(clip.times[f]);
+        let mut shell = (0..400).map(|i| {
+            let (up, turn) = (1.0 - (f64::from(i) + 0.5) / 200.0, 2.4 * f64::from(i));
+            let around = (1.0 - up * up).sqrt();
+            [at[0] + 0.2 * around * turn.cos(), at[1] + 0.2 * up, at[2] + 0.2 * around * turn.sin()]
+        });
+        assert!(mask.contains(at) && shell.all(|x| mask.contains(x)), "frame {f}");
+    }
+    let kept = mask.occupied.iter().filter(|o| **o).count() as f64 / mask.occupied.len() as f64;
+    // the ball sweeps a fifth of the box
+    assert!((0.15..0.6).contains(&kept), "{kept}");
+    // an imagined view that sees nothing does not carve anything away
+    let mut wrong = clip.clone();
+    wrong.frames[2].iter_mut().for_each(|frame| frame.alpha.fill(0.0));
+    let off = ViewWeights { alpha: 0.0, ..ViewWeights::default() };
+    let with = |imagined: &[usize]| {
+        let rays = ClipRays::new(&wrong, &off, [0.0, 0.6, 0.0], 0, imagined, 0.7);
+        rays.hull_mask(LOW, HIGH, 30_000).unwrap().occupied.iter().filter(|o| **o).count()
+    };
+    assert_eq!(with(&[]), 0);
+    assert!(with(&[1, 2, 3]) > 0);
 }
 
 #[test]
@@ -190,7 +219,7 @@ fn an_interrupted_fit_ends_like_an_uninterrupted_one() {
     let file = TensorFile::from_bytes(&file.to_bytes().unwrap()).unwrap();
     let mut resumed = fit_of(&sizes(), &settings);
     resumed.restore(&file).unwrap();
-    assert_eq!((resumed.iteration, resumed.mask().is_some()), (23, true));
+    assert_eq!((resumed.iteration, resumed.field.mask.is_some()), (23, true));
     resumed.run(&rays, |_, _| Ok(())).unwrap();
     for (path, value) in whole.params.iter() {
         assert_eq!(value.slice::<f32>(), resumed.params.get(path).unwrap().slice::<f32>(), "{path}");

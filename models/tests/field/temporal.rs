@@ -35,7 +35,7 @@ fn field_of(file: &File) -> TemporalField {
         dims: file.nodes("param.feature"),
         spacing,
     };
-    TemporalField { settings, grid, base_spacing: spacing / number("voxel_size_ratio") }
+    TemporalField { settings, grid, base_spacing: spacing / number("voxel_size_ratio"), mask: None }
 }
 
 fn params_of(file: &File, field: &TemporalField, place: &Place) -> Params {
@@ -77,7 +77,7 @@ fn a_moving_field_its_pictures_and_gradients() {
         let moments = net.moments(&points, file.get("times")).unwrap();
         place.close_var("time feature", moments.features().unwrap(), file.get("time_feature"));
         let moment_of: Vec<u32> = (0..rays.len() as u32).collect();
-        let seen = field.render(&bound, &rays, &moment_of, file.get("times"), None).unwrap();
+        let seen = field.render(&bound, &rays, &moment_of, file.get("times")).unwrap();
         assert_eq!(seen.looked_at as f64, file.number("n_samples"));
         place.close_var("rgb", &seen.pixels.rgb, file.get("rgb"));
         place.close_var("left", &seen.pixels.left, file.get("alphainv_last"));
@@ -188,7 +188,7 @@ fn gradients_of_every_switch_agree_with_central_differences() {
         let report = check
             .function("temporal field", &inputs, |_, vars| {
                 let net = Given(paths.iter().map(String::as_str).zip(vars).collect());
-                let seen = field.render_with(&net, &vars[0], &rays, &[0, 1, 2], &[0.0, 0.4, 1.0], None)?;
+                let seen = field.render_with(&net, &vars[0], &rays, &[0, 1, 2], &[0.0, 0.4, 1.0])?;
                 Ok(seen.loss(&targets, &weights)?.total)
             })
             .unwrap();

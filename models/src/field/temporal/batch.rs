@@ -22,11 +22,11 @@ pub struct RayBatch {
 
 /// The pixels of a clip as rays to draw from.
 pub struct ClipRays<'c> {
-    clip: &'c Clip,
+    pub(super) clip: &'c Clip,
     views: ViewWeights,
     angles: Vec<f64>,
     primary: usize,
-    imagined: Vec<bool>,
+    pub(super) imagined: Vec<bool>,
     object_share: f64,
     rects: Vec<Vec<Option<PixelRect>>>,
     /// The time of each frame, 0 at the first and 1 at the last.

@@ -26,7 +26,7 @@ impl TemporalField {
             let key = key.fold(camera as u64).fold(frame as u64);
             let batch = rays.draw_from(camera, frame, key, count, dtype)?;
             let tape = Tape::new();
-            let seen = self.render(&still.bind(&tape), &batch.rays, &batch.moment_of, &rays.times, None)?;
+            let seen = self.render(&still.bind(&tape), &batch.rays, &batch.moment_of, &rays.times)?;
             let (found, wanted) = (seen.pixels.rgb.value()?.to_vec()?, batch.targets.colours.to_vec()?);
             let weight = batch.targets.weight.to_vec()?;
             let squares = found.iter().zip(&wanted).map(|(a, b)| (a - b).powi(2));

@@ -31,9 +31,9 @@ pub struct TemporalFitSettings {
     pub bending_rate: f64,
     /// What the rates have become by the end.
     pub decay: f64,
-    /// Nodes of the mask of what is empty at all times, below which nothing is evaluated; 0 for none.
+    /// Nodes of the mask of what is empty at all times, where nothing is evaluated.
     pub mask_nodes: usize,
-    /// Updates between masks.
+    /// Updates between masks; 0 makes none.
     pub mask_every: usize,
     /// Seed of everything drawn.
     pub seed: u64,
@@ -73,7 +73,7 @@ pub struct TemporalProgress {
     pub nodes: usize,
 }
 
-/// A fit under way: field, numbers, optimiser and mask, which [`TemporalFit::save`] and [`TemporalFit::restore`] take through
+/// A fit under way: field, numbers and optimiser, which [`TemporalFit::save`] and [`TemporalFit::restore`] take through
 /// a file.
 ///
 /// ```no_run
@@ -89,7 +89,7 @@ pub struct TemporalProgress {
 /// let rays = ClipRays::new(&clip, &ViewWeights::default(), [0.0, 0.5, 0.0], 0, &imagined, 0.5);
 /// let (low, high) = ([-0.6, 0.0, -0.5], [0.6, 1.0, 0.5]);
 /// let (sizes, settings) = (TemporalSettings::default(), TemporalFitSettings::default());
-/// let mut fit = TemporalFit::new(low, high, &sizes, &settings, DType::F32)?;
+/// let mut fit = TemporalFit::new(low, high, &sizes, &settings, DType::F32)?.within_silhouettes(&rays)?;
 /// fit.run(&rays, |fit, progress| {
 ///     if progress.iteration % 500 == 0 {
 ///         println!("{}: {:.1} dB", progress.iteration, progress.psnr);
@@ -114,7 +114,6 @@ pub struct TemporalFit {
     pub iteration: usize,
     settings: TemporalFitSettings,
     adam: Adam,
-    mask: Option<Occupancy>,
 }
 
 impl TemporalFit {
@@ -133,7 +132,7 @@ impl TemporalFit {
         field.grid = grid_of(&field, settings, 0)?;
         let params = field.initialise(Key::new(settings.seed).fold(0), dtype)?;
         let adam = adam(&field, settings, 0);
-        Ok(Self { field, params, iteration: 0, settings: settings.clone(), adam, mask: None })
+        Ok(Self { field, params, iteration: 0, settings: settings.clone(), adam })
     }
 
     /// Whether all updates were made.
@@ -141,9 +140,14 @@ impl TemporalFit {
         self.iteration >= self.settings.iterations
     }
 
-    /// What is empty at all times, once it is known.
-    pub fn mask(&self) -> Option<&Occupancy> {
-        self.mask.as_ref()
+    /// The same with the mask that the clip's silhouettes give, outside of which nothing is looked at from the start.
+    ///
+    /// # Errors
+    /// When the mask does not fit the box.
+    pub fn within_silhouettes(mut self, rays: &ClipRays<'_>) -> Result<Self> {
+        let (low, high) = (self.field.grid.low, self.field.grid.high);
+        self.field.mask = Some(rays.hull_mask(low, high, self.settings.mask_nodes)?);
+        Ok(self)
     }
 
     /// One update.
@@ -161,11 +165,9 @@ impl TemporalFit {
             self.adam = adam(&self.field, &self.settings, self.iteration);
         }
         let first = self.settings.iterations / 6;
-        if self.settings.mask_nodes > 0
-            && self.iteration >= first
-            && self.iteration % self.settings.mask_every.max(1) == 0
-        {
-            self.mask = Some(self.emptiness(&rays.times)?);
+        let every = self.settings.mask_every;
+        if every > 0 && self.iteration >= first && self.iteration % every == 0 {
+            self.field.mask = Some(self.emptiness(&rays.times)?);
         }
         Ok(progress)
     }
@@ -178,7 +180,7 @@ impl TemporalFit {
         let (gradients, loss, pixels) = {
             let tape = Tape::new();
             let bound = self.params.bind(&tape);
-            let seen = self.field.render(&bound, &batch.rays, &batch.moment_of, times, self.mask.as_ref())?;
+            let seen = self.field.render(&bound, &batch.rays, &batch.moment_of, times)?;
             let loss = seen.loss(&batch.targets, &self.settings.weights)?;
             let (total, pixels) = (loss.total.item()?, loss.pixels.item()?);
             drop(seen);
@@ -223,6 +225,9 @@ impl TemporalFit {
         }
         let mut mask = Occupancy::full(grid);
         mask.update(&densest, opacity_shift(self.field.settings.opacity), 10.0 * self.field.settings.threshold);
+        if let Some(before) = &self.field.mask {
+            mask.occupied.iter_mut().zip(&before.occupied).for_each(|(now, before)| *now &= before);
+        }
         Ok(mask)
     }
 
@@ -232,7 +237,7 @@ impl TemporalFit {
             file.tensors.insert(path.to_owned(), value.clone());
         }
         self.adam.save(file);
-        if let Some(mask) = &self.mask {
+        if let Some(mask) = &self.field.mask {
             let flags: Vec<u32> = mask.occupied.iter().map(|&o| o.into()).collect();
             file.tensors.insert("fit.mask".to_owned(), Tensor::from_vec(flags, mask.grid.dims));
         }
@@ -252,7 +257,7 @@ impl TemporalFit {
         let iteration: usize = iteration.ok_or_else(|| wrong("no number of updates"))?;
         let stage = (1..=self.settings.refinements).rev().find(|&stage| starts(&self.settings, stage) <= iteration);
         let grid = grid_of(&self.field, &self.settings, stage.unwrap_or(0))?;
-        let field = TemporalField { grid, ..self.field.clone() };
+        let mut field = TemporalField { grid, ..self.field.clone() };
         let named = field.initialise(Key::new(0), self.params.get("temporal.feature")?.dtype())?;
         let mut params = Params::new();
         for (path, fresh) in named.iter() {
@@ -264,7 +269,7 @@ impl TemporalFit {
         }
         let mut optimiser = adam(&field, &self.settings, stage.map_or(0, |stage| starts(&self.settings, stage)));
         optimiser.restore(file)?;
-        let mask = match file.tensors.get("fit.mask") {
+        field.mask = match file.tensors.get("fit.mask") {
             Some(flags) => {
                 let grid = DenseGrid::of_count(field.grid.low, field.grid.high, self.settings.mask_nodes)?;
                 if flags.dims() != grid.dims {
@@ -274,7 +279,7 @@ impl TemporalFit {
             }
             None => None,
         };
-        *self = Self { field, params, iteration, settings: self.settings.clone(), adam: optimiser, mask };
+        *self = Self { field, params, iteration, settings: self.settings.clone(), adam: optimiser };
         Ok(())
     }
 }

@@ -18,6 +18,7 @@ mod motion;
 mod network;
 mod render;
 mod settings;
+mod silhouettes;
 
 pub use batch::{ClipRays, RayBatch};
 pub use consistency::Agreement;

@@ -13,6 +13,9 @@ use crate::render::{Absorption, Pixels, Rays, Samples, Sampling, Visible};
 /// Samples that go through the networks at a time where nothing is differentiated.
 const CHUNK: usize = 1 << 15;
 
+/// Raw density of what is known to be empty.
+const EMPTY: f64 = -100.0;
+
 /// A field that moves: where its grid is and how its numbers are read. The numbers are in a [`Params`] store under
 /// `temporal.*` (see [`TemporalNet`]).
 #[derive(Debug, Clone, PartialEq)]
@@ -23,6 +26,8 @@ pub struct TemporalField {
     pub grid: DenseGrid,
     /// The spacing that is one unit of length of raw densities \[m\].
     pub base_spacing: f64,
+    /// Outside of it there is nothing at any time, whatever the networks say there.
+    pub mask: Option<Occupancy>,
 }
 
 /// What rays see of a temporal field.
@@ -55,7 +60,7 @@ impl Weights for Detached<'_> {
 impl TemporalField {
     /// A field over a grid, whose spacing is the unit of length of raw densities.
     pub fn new(grid: DenseGrid, settings: TemporalSettings) -> Self {
-        Self { settings, base_spacing: grid.spacing, grid }
+        Self { settings, base_spacing: grid.spacing, grid, mask: None }
     }
 
     /// Fresh numbers: empty grids, random networks.
@@ -88,23 +93,15 @@ impl TemporalField {
         Sampling { step: self.settings.step, near: self.settings.near, far: self.settings.far }
     }
 
-    /// Sends rays through the field, each at the time (in 0…1) that `moment_of` numbers among `times`. With a mask, samples
-    /// outside it are taken for empty.
+    /// Sends rays through the field, each at the time (in 0…1) that `moment_of` numbers among `times`.
     ///
     /// Every sample goes through the networks once without a record, to find those that contribute; these go through them on
     /// the tape. All others have neither value nor gradient.
     ///
     /// # Errors
     /// When the store holds no such field.
-    pub fn render(
-        &self,
-        bound: &Bound,
-        rays: &Rays,
-        moment_of: &[u32],
-        times: &[f64],
-        mask: Option<&Occupancy>,
-    ) -> Result<TemporalPixels> {
-        self.render_with(bound, bound.get("temporal.feature")?, rays, moment_of, times, mask)
+    pub fn render(&self, bound: &Bound, rays: &Rays, moment_of: &[u32], times: &[f64]) -> Result<TemporalPixels> {
+        self.render_with(bound, bound.get("temporal.feature")?, rays, moment_of, times)
     }
 
     /// The same from any source of weights; `beside` is a variable of their type on their device.
@@ -118,10 +115,9 @@ impl TemporalField {
         rays: &Rays,
         moment_of: &[u32],
         times: &[f64],
-        mask: Option<&Occupancy>,
     ) -> Result<TemporalPixels> {
         let sampling = self.sampling();
-        let samples = match mask {
+        let samples = match &self.mask {
             Some(mask) => {
                 let step = sampling.step * self.grid.spacing / mask.grid.spacing;
                 Samples::within(mask, rays, &Sampling { step, ..sampling })
@@ -183,14 +179,18 @@ impl TemporalField {
         Ok(())
     }
 
-    /// Raw densities at points \[m\] at a time in 0…1.
+    /// Raw densities at points \[m\] at a time in 0…1; −100 outside the mask.
     ///
     /// # Errors
     /// When the store holds no such field.
     pub fn density_at(&self, params: &Params, points: &[[f64; 3]], time: f64) -> Result<Vec<f64>> {
-        let mut all = Vec::with_capacity(points.len());
-        self.probe(params, points, time, |sample| {
-            all.extend(sample.density.value()?.to_vec()?);
+        let may_be = |x: &[f64; 3]| self.mask.as_ref().is_none_or(|mask| mask.contains(*x));
+        let inside: Vec<usize> = (0..points.len()).filter(|&i| may_be(&points[i])).collect();
+        let asked: Vec<[f64; 3]> = inside.iter().map(|&i| points[i]).collect();
+        let mut all = vec![EMPTY; points.len()];
+        let mut rest = inside.iter();
+        self.probe(params, &asked, time, |sample| {
+            sample.density.value()?.to_vec()?.iter().zip(rest.by_ref()).for_each(|(density, &i)| all[i] = *density);
             Ok(())
         })?;
         Ok(all)
