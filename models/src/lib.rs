@@ -5,6 +5,7 @@
 //!                          scenes → physics → report
 //! ```
 
+mod constant;
 mod vector;
 pub mod layers;
 pub mod video;
