@@ -16,16 +16,13 @@
 mod config;
 mod contact;
 mod estimate;
-<<<<<<< HEAD
 mod gauss_newton;
 mod interval;
 mod linearise;
 mod oracle;
-mod plausible;
-=======
 mod penalty;
 mod pixels;
->>>>>>> field
+mod plausible;
 mod problem;
 mod reconstruct;
 mod run;
@@ -36,15 +33,12 @@ mod unknowns;
 pub use config::{ClipConfig, Config, EstimateConfig, FAMILIES, GeometryConfig, MaterialConfig, WorldConfig};
 pub use contact::first_contact;
 pub use estimate::{Evaluation, estimate};
-<<<<<<< HEAD
 pub use gauss_newton::{apart, gauss_newton, scan};
 pub use interval::{Interval, intervals};
 pub use linearise::{Linearised, Score};
 pub use oracle::{Answer, Listener};
-=======
 pub use penalty::RangePenalty;
 pub use pixels::{FramePixels, MotionLoss, MotionSettings, body_of, dynamic_step, is_stiffness, motion_loss};
->>>>>>> field
 pub use problem::{Observed, Problem};
 pub use reconstruct::{Reconstruction, reconstruct};
 pub use run::{ClipIdentity, HistoryRow, Run, Search, State};
