@@ -163,7 +163,7 @@ fn check_shrink(clip: &Clip, shrink: usize) -> Result<()> {
         .fix("choose a smaller factor in the file of --config, or 0 for an automatic one"))
 }
 
-fn open(path: &Path, config: &Config) -> Result<Clip> {
+pub(super) fn open(path: &Path, config: &Config) -> Result<Clip> {
     let options = OpenOptions {
         cameras: Some(config.clip.cameras.clone()).filter(|cameras| !cameras.is_empty()),
         max_frames: Some(config.clip.frames).filter(|&frames| frames > 0),
@@ -193,7 +193,7 @@ fn summarise(found: &Reconstruction, run: &Run) {
 }
 
 /// A number with its name, as in `young=1e4`.
-fn named_value(text: &str) -> std::result::Result<(String, f64), String> {
+pub(super) fn named_value(text: &str) -> std::result::Result<(String, f64), String> {
     let (name, value) = text.split_once('=').ok_or("a name, `=` and a number are wanted, such as young=1e4")?;
     let value = value.trim().parse().map_err(|e| format!("{value:?} is not a number: {e}"))?;
     Ok((name.trim().to_owned(), value))

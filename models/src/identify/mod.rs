@@ -11,8 +11,10 @@
 //! 5. **intervals**: how sure all that is.
 //!
 //! [`dynamic_step`] is the published forward model on the particles of a radiance field; [`RangePenalty`] keeps parameters
-//! plausible. Where the particles themselves were tracked, [`Tracks`] finds velocity and material without pictures.
+//! plausible. [`Changes`] makes a reconstructed object move under other
+//! conditions. Where the particles themselves were tracked, [`Tracks`] finds velocity and material without pictures.
 
+mod again;
 mod config;
 mod contact;
 mod estimate;
@@ -30,6 +32,7 @@ mod stages;
 mod tracks;
 mod unknowns;
 
+pub use again::Changes;
 pub use config::{ClipConfig, Config, EstimateConfig, FAMILIES, GeometryConfig, MaterialConfig, WorldConfig};
 pub use contact::first_contact;
 pub use estimate::{Evaluation, estimate};

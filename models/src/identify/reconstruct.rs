@@ -1,9 +1,10 @@
 //! The stages in order, from a clip to shape, motion and material.
 
+use std::collections::BTreeSet;
 use std::time::Instant;
 
 use gradreel::optim::{Adam, Params};
-use gradreel::{DType, Result, Tensor};
+use gradreel::{DType, Error, ErrorKind, Result, Tensor};
 
 use crate::field::{Field, Pose, bounding_sphere, fit, hull};
 use crate::identify::run::Run;
@@ -30,6 +31,10 @@ pub struct Reconstruction {
     pub clip: Clip,
     /// Its pixels.
     pub observed: Observed,
+    /// Names of parameters and components of the velocity that were given instead of estimated.
+    pub given: BTreeSet<String>,
+    /// What was changed since, in words.
+    pub changes: Vec<String>,
 }
 
 /// Runs every stage that the run has not finished yet.
@@ -38,10 +43,10 @@ pub struct Reconstruction {
 /// [`gradreel::ErrorKind::Input`] for a clip that cannot be used; [`gradreel::ErrorKind::Physics`] when the simulation
 /// breaks down whatever the step; [`gradreel::ErrorKind::Interrupted`] when the user stopped it. The run can go on from
 /// there.
-pub fn reconstruct(clip: &Clip, run: &mut Run, progress: &Progress) -> Result<Reconstruction> {
+pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<Reconstruction> {
     let law = run.config.law()?;
-    let spacing = particle_spacing(clip, run)?;
-    let clip = &clip.scaled(shrink_factor(clip, run, 2.0 * spacing)?);
+    let spacing = particle_spacing(whole, run)?;
+    let clip = &whole.scaled(shrink_factor(whole, run, 2.0 * spacing)?);
     let observed = Observed::of(clip, &run.config, DTYPE)?;
     let mut unknowns = Unknowns { parameters: run.config.starting_values(&law)?, ..Unknowns::default() };
     let stages = Stages { clip, observed: &observed, law: &law, spacing, progress };
@@ -63,8 +68,9 @@ pub fn reconstruct(clip: &Clip, run: &mut Run, progress: &Progress) -> Result<Re
     if flight >= frames {
         run.note("the object never touched the ground: the material is not determined by this clip".into());
     }
-    let particles = stages.particles(run)?;
-    Ok(Reconstruction { particles, unknowns, law, clip: clip.clone(), observed })
+    run.state.unknowns = Some(unknowns);
+    run.save()?;
+    Reconstruction::of(run, whole)
 }
 
 /// How the voxels move through the frames they are fitted to.
@@ -217,6 +223,24 @@ impl Stages<'_> {
 }
 
 impl Reconstruction {
+    /// What a run has found so far in its clip (at the clip's own resolution).
+    ///
+    /// # Errors
+    /// [`gradreel::ErrorKind::Input`] when it has found nothing yet, or its files are damaged.
+    pub fn of(run: &Run, clip: &Clip) -> Result<Self> {
+        let law = run.config.law()?;
+        let Some(unknowns) = run.state.unknowns.clone() else {
+            return Err(Error::new(ErrorKind::Input, "the run has found nothing yet")
+                .at(run.folder.root().display())
+                .fix("let it go on with `gradreel reconstruct CLIP --out FOLDER --resume`"));
+        };
+        let (field, params) = run.load_field(&mut Adam::new(0.0))?;
+        let particles = Particles::of_field(&field, &params, run.config.geometry.least_opacity)?;
+        let clip = clip.scaled(shrink_factor(clip, run, 2.0 * particles.spacing)?);
+        let observed = Observed::of(&clip, &run.config, DTYPE)?;
+        Ok(Self { particles, unknowns, law, clip, observed, given: BTreeSet::new(), changes: Vec::new() })
+    }
+
     /// Positions of the particles in every frame of the clip, `[frames, particles, 3]` \[m\].
     ///
     /// # Errors

@@ -1,5 +1,6 @@
 //! A run: its folder, its state, and how it goes on after an interruption.
 
+use std::path::PathBuf;
 use std::time::Instant;
 
 use gradreel::io::safetensors::TensorFile;
@@ -18,6 +19,9 @@ use crate::video::Clip;
 pub struct State {
     /// The clip it was begun with.
     pub clip: ClipIdentity,
+    /// Where that clip was.
+    #[serde(default)]
+    pub clip_path: Option<PathBuf>,
     /// Stages that are finished.
     pub finished: Vec<String>,
     /// Seconds that each finished stage took.
@@ -116,7 +120,8 @@ impl Run {
     /// [`ErrorKind::Input`] when the folder holds something.
     pub fn create(folder: RunFolder, config: Config, clip: &Clip) -> Result<Self> {
         folder.write(CONFIG, config.to_toml()?.as_bytes())?;
-        let state = State { clip: ClipIdentity::of(clip), ..State::default() };
+        let clip_path = Some(clip.root.canonicalize().unwrap_or_else(|_| clip.root.clone()));
+        let state = State { clip: ClipIdentity::of(clip), clip_path, ..State::default() };
         let run = Self { folder, config, state };
         run.save()?;
         Ok(run)
@@ -147,6 +152,22 @@ impl Run {
             return Err(damaged(&folder, STATE, &"stages without their times"));
         }
         Ok(Self { folder, config, state })
+    }
+
+    /// The same run, to be changed and written to another folder.
+    #[must_use]
+    pub fn copied(&self) -> Self {
+        Self { folder: self.folder.clone(), config: self.config.clone(), state: self.state.clone() }
+    }
+
+    /// Writes a changed copy of a run, with that run's voxels, to its own empty folder.
+    ///
+    /// # Errors
+    /// What reading and writing return.
+    pub fn begin_from(&self, other: &Self) -> Result<()> {
+        self.folder.write(CONFIG, self.config.to_toml()?.as_bytes())?;
+        self.folder.write(FIELD, &other.folder.read(FIELD)?)?;
+        self.save()
     }
 
     /// Whether a clip is the one that the run was begun with.

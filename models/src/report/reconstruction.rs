@@ -80,7 +80,13 @@ pub fn publish(found: &Reconstruction, run: &Run, clip: &Clip, progress: &Progre
         ),
         headlines: quantities.iter().map(headline).collect(),
         animation: Some(&animation),
-        animation_caption: "Left: the clip, background removed. Right: the reconstruction. Slowed to a third.".into(),
+        animation_caption: match &found.changes[..] {
+            [] => "Left: the clip, background removed. Right: the reconstruction. Slowed to a third.".into(),
+            changes => format!(
+                "Left: the clip, background removed. Right: the object reconstructed from it, with {}. Slowed to a third.",
+                changes.join(", ")
+            ),
+        },
         scene: Some(Scene {
             frames: positions,
             colours,
@@ -169,7 +175,13 @@ impl Agreement {
 /// The estimates with units, labels and starting values.
 pub fn quantities(found: &Reconstruction, run: &Run) -> Vec<Quantity> {
     let held = run.config.held(&found.law).unwrap_or_default();
-    let interval = |name: &str| run.state.intervals.iter().find(|interval| interval.name == name);
+    let known = |name: &str| run.state.intervals.iter().find(|interval| interval.name == name);
+    let interval = |name: &str| known(name).filter(|_| !found.given.contains(name));
+    let source = |name: &str, assumed: bool| match (found.given.contains(name), assumed) {
+        (true, _) => "given".to_owned(),
+        (_, true) => "assumed".into(),
+        _ => "fitted".into(),
+    };
     let material = found.law.parameters().iter().zip(&found.unknowns.parameters).map(|(p, &value)| Quantity {
         interval_90: interval(p.name).map(|known| known.interval_90),
         determined: interval(p.name).map(|known| known.determined),
@@ -179,7 +191,7 @@ pub fn quantities(found: &Reconstruction, run: &Run) -> Vec<Quantity> {
         unit: p.unit.into(),
         value,
         start: Some(run.config.material.start.get(p.name).copied().unwrap_or(p.start)),
-        source: if held.contains(&p.name) { "assumed".into() } else { "fitted".into() },
+        source: source(p.name, held.contains(&p.name)),
     });
     let velocity = ["x", "y", "z"].into_iter().zip(found.unknowns.velocity).map(|(axis, value)| Quantity {
         name: format!("velocity_{axis}"),
@@ -188,7 +200,7 @@ pub fn quantities(found: &Reconstruction, run: &Run) -> Vec<Quantity> {
         unit: "m/s".into(),
         value,
         start: Some(0.0),
-        source: "fitted".into(),
+        source: source(&format!("velocity_{axis}"), false),
         interval_90: interval(&format!("velocity_{axis}")).map(|known| known.interval_90),
         determined: interval(&format!("velocity_{axis}")).map(|known| known.determined),
     });
