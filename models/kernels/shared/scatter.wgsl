@@ -27,6 +27,11 @@ fn scattered(lattice: Lattice, node: vec3<i32>, first: u32) -> vec4<f32> {
     let high = min(node, lattice.shape - 3);
     var total = vec4<f32>(0.0);
     for (var x = low.x; x <= high.x; x++) {
+        // most of the box is empty: no particle from the first of these cells to the last
+        let first_of_plane = start_of(node_number(lattice, vec3<i32>(x, low.y, low.z)));
+        if first_of_plane == start_of(node_number(lattice, vec3<i32>(x, high.y, high.z)) + 1u) {
+            continue;
+        }
         for (var y = low.y; y <= high.y; y++) {
             let begin = start_of(node_number(lattice, vec3<i32>(x, y, low.z)));
             let end = start_of(node_number(lattice, vec3<i32>(x, y, high.z)) + 1u);

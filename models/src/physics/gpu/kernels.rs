@@ -1,4 +1,5 @@
-//! The kernels, put together from `models/kernels/`.
+//! The kernels, put together from `models/kernels/`: fragments of `shared/` first, then the file with the entry point. `#import`
+//! lines bring fragments of the core's `kernels/shared/`.
 
 use gradreel::backend::gpu::Kernel;
 

