@@ -86,7 +86,8 @@ impl Default for WorldConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MaterialConfig {
-    /// Name of the material: `elastic`, `plasticine`, `newtonian`, `non_newtonian`, `sand`, or the name of a law.
+    /// Name of the material: `elastic`, `plasticine`, `newtonian`, `non_newtonian`, `sand`, or the name of a law; `auto` lets
+    /// each of the five try.
     pub name: String,
     /// Starting values by parameter name, in SI units; the law's own for those not named.
     pub start: std::collections::BTreeMap<String, f64>,
@@ -215,13 +216,20 @@ impl Config {
         Ok(held.iter().map(String::as_str).collect())
     }
 
+    /// Whether the family of the material is still to be chosen.
+    pub fn chooses_family(&self) -> bool {
+        self.material.name == "auto"
+    }
+
     /// The law of the material.
     ///
     /// # Errors
     /// [`ErrorKind::Input`] when there is no material of this name.
     pub fn law(&self) -> Result<Law> {
         let name = &self.material.name;
-        let family = FAMILIES.iter().find(|(family, _)| family == name);
+        // until a family is chosen nothing depends on it: free flight
+        let name = if self.chooses_family() { FAMILIES[0].0 } else { name };
+        let family = FAMILIES.iter().find(|(family, _)| *family == name);
         materials::find(family.map_or(name, |(_, law)| law)).ok_or_else(|| {
             let families = FAMILIES.iter().map(|(family, _)| (*family).to_owned());
             let known: Vec<_> = families.chain(materials::all().iter().map(|law| law.name().to_owned())).collect();

@@ -6,15 +6,17 @@
 //!
 //! 1. **geometry**: visual hull, then voxels fitted to the first frame, then particles;
 //! 2. **velocity**: frames before contact, where the motion does not depend on the material, by L-BFGS;
-//! 3. **coarse**: on a grid of twice the spacing, a scan of what is plausible, then Gauss–Newton from the best of it;
-//! 4. **fine**: the material by Gauss–Newton on the full grid and all frames;
-//! 5. **intervals**: how sure all that is.
+//! 3. **family**: if it was not said, which of them foretells the frames that it was not fitted to;
+//! 4. **coarse**: on a grid of twice the spacing, a scan of what is plausible, then Gauss–Newton from the best of it;
+//! 5. **fine**: the material by Gauss–Newton on the full grid and all frames;
+//! 6. **intervals**: how sure all that is.
 //!
 //! Where the particles themselves were tracked, [`Tracks`] finds velocity and material without pictures.
 
 mod config;
 mod contact;
 mod estimate;
+mod family;
 mod gauss_newton;
 mod interval;
 mod linearise;
@@ -30,6 +32,7 @@ mod unknowns;
 pub use config::{ClipConfig, Config, EstimateConfig, FAMILIES, GeometryConfig, MaterialConfig, WorldConfig};
 pub use contact::first_contact;
 pub use estimate::{Evaluation, estimate};
+pub use family::{Candidate, choose};
 pub use gauss_newton::{apart, gauss_newton, scan};
 pub use interval::{Interval, intervals};
 pub use linearise::{Linearised, Score};

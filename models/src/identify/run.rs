@@ -9,7 +9,7 @@ use gradreel::{Error, ErrorKind, Result, Tensor};
 use serde::{Deserialize, Serialize};
 
 use crate::field::Field;
-use crate::identify::{Answer, Config, Evaluation, Interval, Unknowns};
+use crate::identify::{Answer, Candidate, Config, Evaluation, Interval, Unknowns};
 use crate::report::run_folder::RunFolder;
 use crate::video::Clip;
 
@@ -35,6 +35,9 @@ pub struct State {
     /// The search that is under way.
     #[serde(default)]
     pub search: Option<Search>,
+    /// What the families made of the clip, if the run had to choose.
+    #[serde(default)]
+    pub candidates: Vec<Candidate>,
     /// How sure the estimates are, once known.
     #[serde(default)]
     pub intervals: Vec<Interval>,
@@ -139,8 +142,8 @@ impl Run {
         let config = Config::parse(&text(CONFIG)?).map_err(|e| e.at(folder.path(CONFIG).display()))?;
         let state: State = serde_json::from_str(&text(STATE)?).map_err(|e| damaged(&folder, STATE, &e))?;
         let parameters = config.law()?.parameters().len();
-        let begun = state.unknowns.iter().chain(state.history.iter().map(|row| &row.unknowns));
-        if begun.into_iter().any(|unknowns| unknowns.parameters.len() != parameters) {
+        // a family that is still to be chosen may leave any number
+        if !config.chooses_family() && state.unknowns.as_ref().is_some_and(|u| u.parameters.len() != parameters) {
             return Err(damaged(&folder, STATE, &"another number of parameters than the material has"));
         }
         if state.seconds.len() != state.finished.len() {
