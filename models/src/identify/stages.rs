@@ -6,7 +6,7 @@ use gradreel::{Error, ErrorKind, Result};
 
 use crate::identify::plausible::Plausible;
 use crate::identify::reconstruct::{DTYPE, Stages, describe};
-use crate::identify::run::{Run, Search};
+use crate::identify::run::{HistoryRow, Run, Search};
 use crate::identify::unknowns::Unknown;
 use crate::identify::{
     Answer, Config, Evaluation, Free, Listener, Problem, Unknowns, apart, estimate, gauss_newton, intervals, scan,
@@ -41,7 +41,9 @@ impl Stages<'_> {
         let free = Free::all_but(self.law, &config.held(self.law)?, false);
         // the full grid tells which; it stops a body closer to the ground
         let ends = (1..=config.estimate.starts.max(1)).filter_map(|k| run.best_of(&format!("{COARSE} {k}")));
-        let ends: Vec<Unknowns> = ends.map(|(end, _)| Unknowns { contact: 0.0, ..end }).collect();
+        let tried = apart(self.tried(run, SCAN), self.law, free, TRIED_AGAIN);
+        let ends = ends.map(|(end, _)| end).chain(tried);
+        let ends: Vec<Unknowns> = ends.map(|end| Unknowns { contact: 0.0, ..end }).collect();
         let particles = self.particles(run)?;
         let effort = Effort { stage: CHOICE, budget: ends.len() };
         self.search(run, &effort, &particles, unknowns, &mut |problem, search, each, notes| {
@@ -69,17 +71,13 @@ impl Stages<'_> {
         let plausible = Plausible { law: self.law, free };
         let effort = Effort { stage: &scanned, budget: 1 + config.estimate.scan };
         self.search(run, &effort, &particles, unknowns, &mut |problem, search, each, notes| {
-            let lower = Unknowns { contact: COARSE_CONTACT, ..search.start.clone() };
-            let mut points = vec![lower];
-            points.extend(plausible.points(&points[0], config.estimate.scan));
+            let mut points = vec![search.start.clone()];
+            points.extend(plausible.points(&search.start, config.estimate.scan));
             let all = scan(problem, &points, free, frames, &search.answers, each, notes)?;
             let best = all.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss));
             Ok(best.expect("the start is one of them"))
         })?;
-        let tried = run
-            .rows(&scanned)
-            .map(|row| Evaluation { unknowns: row.unknowns.clone(), loss: row.loss.unwrap_or(f64::INFINITY) });
-        let starts = apart(tried.collect(), self.law, free, config.estimate.starts.max(1));
+        let starts = apart(self.tried(run, &scanned), self.law, free, config.estimate.starts.max(1));
         if starts.is_empty() {
             return Err(Error::new(ErrorKind::Physics, "the simulation breaks down with every plausible material")
                 .at(scanned)
@@ -99,6 +97,13 @@ impl Stages<'_> {
             *unknowns = best;
         }
         Ok(())
+    }
+
+    /// The points that a stage has tried.
+    fn tried(&self, run: &Run, stage: &str) -> Vec<Evaluation> {
+        let point =
+            |row: &HistoryRow| Evaluation { unknowns: row.unknowns.clone(), loss: row.loss.unwrap_or(f64::INFINITY) };
+        run.rows(stage).map(point).collect()
     }
 
     /// The material on the full grid; the velocity stays what the flight has shown.
@@ -199,8 +204,9 @@ const CHOICE: &str = "which of them";
 const COARSE: &str = "material, coarse, start";
 const INTERVALS: &str = "intervals";
 
-/// Where a grid of twice the spacing feels the ground, to begin with: as much too high as the full grid would not.
-const COARSE_CONTACT: f64 = -0.25;
+/// How many of the materials that were scanned on the coarse grid are tried again on the full one, beside the ends of the
+/// searches: what looks best on a coarse grid may lie beyond a hill on the full one.
+const TRIED_AGAIN: usize = 6;
 
 /// The error of the full grid as a share of its difference to that of twice the spacing: a third if it falls with the square
 /// of the spacing, all of it if it falls with the spacing.

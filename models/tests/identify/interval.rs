@@ -50,11 +50,16 @@ fn intervals_agree_with_a_scan_of_the_likelihood_and_hold_the_truth() {
                 Unknowns { parameters: vec![best.unknowns.parameters[0] * 10f64.powf(decades), 0.3], ..truth.clone() };
             problem.misfit(&at, FRAMES, &mut substeps.clone(), &mut |_| ()).unwrap() - at_best
         };
-        let (mut near, mut far) = (0.0, 0.5);
-        for _ in 0..12 {
-            let middle = 0.5 * (near + far);
-            if loss(middle) > rise { far = middle } else { near = middle }
-        }
+        // the mean of both sides: the search ends near the bottom, not exactly there
+        let side = |sign: f64| {
+            let (mut near, mut far) = (0.0, 0.1);
+            for _ in 0..10 {
+                let middle = 0.5 * (near + far);
+                if loss(sign * middle) > rise { far = middle } else { near = middle }
+            }
+            near
+        };
+        let near = 0.5 * (side(1.0) + side(-1.0));
         let deviation = (high / low).log10() / 2.0 / 2.92; // Student's t of three cameras
         println!("E {:.4e}: ± {deviation:.5} decades; by the scan {near:.5}", best.unknowns.parameters[0]);
         // three cameras and seven frames are a small sample of what errors may do
