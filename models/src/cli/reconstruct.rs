@@ -33,8 +33,8 @@ pub(super) struct Arguments {
     /// Use the first so many frames only
     #[arg(long, value_name = "COUNT", conflicts_with = "resume")]
     frames: Option<usize>,
-    /// What the object is made of: elastic, plasticine, newtonian, non_newtonian or sand, or the name of a law [default:
-    /// elastic]
+    /// What the object is made of: elastic, plasticine, newtonian, non_newtonian or sand, auto to let each of these try,
+    /// or the name of a law [default: elastic]
     #[arg(long, value_name = "NAME", conflicts_with = "resume")]
     material: Option<String>,
     /// Values to start from in SI units, for example young=1e4,yield_stress=500; the law's own for those not named
@@ -122,7 +122,8 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     config.geometry.dx = arguments.dx.unwrap_or(config.geometry.dx);
     config.check()?;
     let law = config.law()?;
-    config.material.held = Some(config.held(&law)?.into_iter().map(str::to_owned).collect());
+    config.material.held =
+        (!config.chooses_family()).then_some(config.held(&law)?.into_iter().map(str::to_owned).collect());
     // the clip first: one that cannot be used leaves no trace
     let clip = open(&arguments.clip, &config)?;
     check_shrink(&clip, config.clip.shrink)?;
@@ -181,6 +182,13 @@ pub(super) fn open(path: &Path, config: &Config) -> Result<Clip> {
 
 fn summarise(found: &Reconstruction, run: &Run) {
     println!();
+    if !run.state.candidates.is_empty() {
+        println!("  family            loss of frames fitted   of frames foretold");
+        for candidate in &run.state.candidates {
+            println!("  {:<16} {:>22.5} {:>20.5}", candidate.family, candidate.seen, candidate.foretold);
+        }
+        println!("  chosen: {}\n", run.config.material.name);
+    }
     for quantity in quantities(found, run) {
         let known = match (quantity.readable_interval(), quantity.determined) {
             (Some(interval), Some(false)) => format!("not determined by this clip: 90 % {interval}"),

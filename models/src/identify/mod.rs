@@ -6,9 +6,10 @@
 //!
 //! 1. **geometry**: visual hull, then voxels fitted to the first frame, then particles;
 //! 2. **velocity**: frames before contact, where the motion does not depend on the material, by L-BFGS;
-//! 3. **coarse**: on a grid of twice the spacing, a scan of what is plausible, then Gauss–Newton from the best of it;
-//! 4. **fine**: the material by Gauss–Newton on the full grid and all frames;
-//! 5. **intervals**: how sure all that is.
+//! 3. **family**: if it was not said, which of them foretells the frames that it was not fitted to;
+//! 4. **coarse**: on a grid of twice the spacing, a scan of what is plausible, then Gauss–Newton from the best of it;
+//! 5. **fine**: the material by Gauss–Newton on the full grid and all frames;
+//! 6. **intervals**: how sure all that is.
 //!
 //! [`dynamic_step`] is the published forward model on the particles of a radiance field; [`RangePenalty`] keeps parameters
 //! plausible. [`Changes`] makes a reconstructed object move under other
@@ -18,6 +19,7 @@ mod again;
 mod config;
 mod contact;
 mod estimate;
+mod family;
 mod gauss_newton;
 mod interval;
 mod linearise;
@@ -36,6 +38,7 @@ pub use again::Changes;
 pub use config::{ClipConfig, Config, EstimateConfig, FAMILIES, GeometryConfig, MaterialConfig, WorldConfig};
 pub use contact::first_contact;
 pub use estimate::{Evaluation, estimate};
+pub use family::{Candidate, choose};
 pub use gauss_newton::{apart, gauss_newton, scan};
 pub use interval::{Interval, intervals};
 pub use linearise::{Linearised, Score};

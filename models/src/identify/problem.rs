@@ -60,6 +60,8 @@ pub struct Problem<'a> {
     pub density: f64,
     /// Share of a cell that waves may cross in a substep.
     pub cfl: f64,
+    /// Waves and particles are taken to be at least so fast \[m/s\].
+    pub least_speed: f64,
     /// Memory for states.
     pub remat: Remat,
     /// Precision of everything on the tape.
@@ -84,6 +86,7 @@ impl<'a> Problem<'a> {
             surface: config.surface.clone(),
             density: config.world.density,
             cfl: config.world.cfl,
+            least_speed: config.world.least_speed,
             remat: Remat::Auto { bytes: config.world.memory_mib << 20 },
             dtype,
         }
@@ -98,7 +101,7 @@ impl<'a> Problem<'a> {
         let highest = self.particles.positions.iter().fold(f64::NEG_INFINITY, |high, x| high.max(x[1]));
         let drop = (highest - self.ground).max(0.0);
         let speed = (start + gravity * time).min((start * start + 2.0 * gravity * drop).sqrt());
-        let sound = self.law.wave_speed(&unknowns.parameters, self.density);
+        let sound = self.law.wave_speed(&unknowns.parameters, self.density).max(self.least_speed - speed);
         Schedule::stable(&self.world, frames, self.observed.frame_dt, sound, speed, self.cfl)
     }
 

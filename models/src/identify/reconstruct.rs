@@ -61,6 +61,12 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     let flying = Moved::Flying { frames: flight, velocity: unknowns.velocity };
     stages.shape(run, "shape in flight", iterations, flying)?;
     stages.velocity(run, "velocity in flight", flight.max(few), &mut unknowns)?;
+    if run.config.chooses_family() {
+        stages.choose_family(run, flight, frames, &unknowns)?;
+    }
+    let law = run.config.law()?;
+    let stages = Stages { law: &law, ..stages };
+    unknowns.parameters = run.config.starting_values(&law)?;
     stages.coarse(run, frames, &mut unknowns)?;
     stages.fine(run, MATERIAL, frames, &mut unknowns)?;
     stages.refine(run, frames, &mut unknowns)?;
@@ -83,11 +89,12 @@ enum Moved<'a> {
 }
 
 /// What all stages share.
+#[derive(Clone, Copy)]
 pub(super) struct Stages<'a> {
-    clip: &'a Clip,
+    pub clip: &'a Clip,
     pub observed: &'a Observed,
     pub law: &'a Law,
-    spacing: f64,
+    pub spacing: f64,
     pub progress: &'a Progress,
 }
 

@@ -10,7 +10,7 @@ use gradreel::{Error, ErrorKind, Result, Tensor};
 use serde::{Deserialize, Serialize};
 
 use crate::field::Field;
-use crate::identify::{Answer, Config, Evaluation, Interval, Unknowns};
+use crate::identify::{Answer, Candidate, Config, Evaluation, Interval, Unknowns};
 use crate::report::run_folder::RunFolder;
 use crate::video::Clip;
 
@@ -39,6 +39,9 @@ pub struct State {
     /// The search that is under way.
     #[serde(default)]
     pub search: Option<Search>,
+    /// What the families made of the clip, if the run had to choose.
+    #[serde(default)]
+    pub candidates: Vec<Candidate>,
     /// How sure the estimates are, once known.
     #[serde(default)]
     pub intervals: Vec<Interval>,
@@ -141,11 +144,15 @@ impl Run {
             }
             String::from_utf8(folder.read(name)?).map_err(|e| damaged(&folder, name, &e))
         };
-        let config = Config::parse(&text(CONFIG)?).map_err(|e| e.at(folder.path(CONFIG).display()))?;
+        let written = text(CONFIG)?;
+        let config = Config::parse(&written).map_err(|e| e.at(folder.path(CONFIG).display()))?;
+        if let Some(lost) = lost_setting(&written, &config.to_toml()?) {
+            return Err(damaged(&folder, CONFIG, &format!("no setting {lost}")));
+        }
         let state: State = serde_json::from_str(&text(STATE)?).map_err(|e| damaged(&folder, STATE, &e))?;
         let parameters = config.law()?.parameters().len();
-        let begun = state.unknowns.iter().chain(state.history.iter().map(|row| &row.unknowns));
-        if begun.into_iter().any(|unknowns| unknowns.parameters.len() != parameters) {
+        // a family that is still to be chosen may leave any number
+        if !config.chooses_family() && state.unknowns.as_ref().is_some_and(|u| u.parameters.len() != parameters) {
             return Err(damaged(&folder, STATE, &"another number of parameters than the material has"));
         }
         if state.seconds.len() != state.finished.len() {
@@ -323,6 +330,20 @@ impl Run {
         let params = file.tensors.into_iter().filter(|(path, _)| path.starts_with("field.")).collect();
         Ok((field, params))
     }
+}
+
+/// The first setting of a resolved configuration that its file does not hold: a run's file holds them all.
+fn lost_setting(written: &str, resolved: &str) -> Option<String> {
+    fn lost(written: &toml::Table, resolved: &toml::Table) -> Option<String> {
+        resolved.iter().find_map(|(name, value)| match (written.get(name), value) {
+            (None, _) => Some(name.clone()),
+            (Some(toml::Value::Table(written)), toml::Value::Table(resolved)) => {
+                lost(written, resolved).map(|inner| format!("{name}.{inner}"))
+            }
+            _ => None,
+        })
+    }
+    lost(&written.parse().ok()?, &resolved.parse().ok()?)
 }
 
 fn damaged(folder: &RunFolder, name: &str, found: &dyn std::fmt::Display) -> Error {

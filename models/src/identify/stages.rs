@@ -6,10 +6,10 @@ use gradreel::{Error, ErrorKind, Result};
 
 use crate::identify::plausible::Plausible;
 use crate::identify::reconstruct::{DTYPE, Stages, describe};
-use crate::identify::run::{Run, Search};
+use crate::identify::run::{HistoryRow, Run, Search};
 use crate::identify::unknowns::Unknown;
 use crate::identify::{
-    Answer, Evaluation, Free, Listener, Problem, Unknowns, apart, estimate, gauss_newton, intervals, scan,
+    Answer, Config, Evaluation, Free, Listener, Problem, Unknowns, apart, estimate, gauss_newton, intervals, scan,
 };
 use crate::particles::Particles;
 use crate::report::interrupt;
@@ -34,61 +34,76 @@ impl Stages<'_> {
         })
     }
 
-    /// The material on a grid of twice the spacing: from the best of a scan of what is plausible.
+    /// The material on a grid of twice the spacing, and which of the searches there to follow.
     pub fn coarse(&self, run: &mut Run, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
-        let particles = self.particles(run)?.coarsened();
         let config = run.config.clone();
+        self.coarse_of(run, &config, "", frames, unknowns)?;
+        let free = Free::all_but(self.law, &config.held(self.law)?, false);
+        // the full grid tells which; it stops a body closer to the ground
+        let ends = (1..=config.estimate.starts.max(1)).filter_map(|k| run.best_of(&format!("{COARSE} {k}")));
+        let tried = apart(self.tried(run, SCAN), self.law, free, TRIED_AGAIN);
+        let ends = ends.map(|(end, _)| end).chain(tried);
+        let ends: Vec<Unknowns> = ends.map(|end| Unknowns { contact: 0.0, ..end }).collect();
+        let particles = self.particles(run)?;
+        let effort = Effort { stage: CHOICE, budget: ends.len() };
+        self.search(run, &effort, &particles, unknowns, &mut |problem, search, each, notes| {
+            let all = scan(problem, &ends, free, frames, &search.answers, each, notes)?;
+            let best = all.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss));
+            Ok(best.expect("there is at least one start"))
+        })
+    }
+
+    /// The material on a grid of twice the spacing: Gauss–Newton from the best of a scan of what is plausible. The names of
+    /// the stages begin with `prefix`; the best of their ends is what is left in `unknowns`.
+    pub fn coarse_of(
+        &self,
+        run: &mut Run,
+        config: &Config,
+        prefix: &str,
+        frames: usize,
+        unknowns: &mut Unknowns,
+    ) -> Result<()> {
+        let named = |stage: &str| [prefix, stage].join(if prefix.is_empty() { "" } else { ": " });
+        let scanned = named(SCAN);
+        let particles = self.particles(run)?.coarsened();
         let held = config.held(self.law)?;
         let free = Free::all_but(self.law, &held, false);
         let plausible = Plausible { law: self.law, free };
-        let effort = Effort { stage: SCAN, budget: 1 + config.estimate.scan };
+        let effort = Effort { stage: &scanned, budget: 1 + config.estimate.scan };
         self.search(run, &effort, &particles, unknowns, &mut |problem, search, each, notes| {
-            let lower = Unknowns { contact: COARSE_CONTACT, ..search.start.clone() };
-            let mut points = vec![lower];
-            points.extend(plausible.points(&points[0], config.estimate.scan));
+            let mut points = vec![search.start.clone()];
+            points.extend(plausible.points(&search.start, config.estimate.scan));
             let all = scan(problem, &points, free, frames, &search.answers, each, notes)?;
             let best = all.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss));
             Ok(best.expect("the start is one of them"))
         })?;
-        let tried = run
-            .rows(SCAN)
-            .map(|row| Evaluation { unknowns: row.unknowns.clone(), loss: row.loss.unwrap_or(f64::INFINITY) });
-        let starts = apart(tried.collect(), self.law, free, config.estimate.starts.max(1));
+        let starts = apart(self.tried(run, &scanned), self.law, free, config.estimate.starts.max(1));
         if starts.is_empty() {
             return Err(Error::new(ErrorKind::Physics, "the simulation breaks down with every plausible material")
-                .at(SCAN)
+                .at(scanned)
                 .fix("check world.ground, world.density and the size of the object with `gradreel check`"));
         }
         let budget = config.estimate.coarse;
         for (index, start) in starts.iter().enumerate() {
-            let stage = format!("{COARSE} {}", index + 1);
+            let stage = named(&format!("{COARSE} {}", index + 1));
             let mut own = start.clone();
             let effort = Effort { stage: &stage, budget };
             self.search(run, &effort, &particles, &mut own, &mut |problem, search, each, notes| {
                 gauss_newton(problem, &search.start, free, frames, budget, &search.answers, each, notes)
             })?;
         }
-        // which of them it is, the full grid tells; it stops a body closer to the ground
-        let ends = (1..=starts.len()).filter_map(|k| run.best_of(&format!("{COARSE} {k}")));
-        let ends: Vec<Unknowns> = ends.map(|(end, _)| Unknowns { contact: 0.0, ..end }).collect();
-        let particles = self.particles(run)?;
-        self.search(
-            run,
-            &Effort { stage: CHOICE, budget: ends.len() },
-            &particles,
-            unknowns,
-            &mut |problem, search, each, notes| {
-                let all = scan(problem, &ends, free, frames, &search.answers, each, notes)?;
-                let best = all.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss));
-                Ok(best.expect("there is at least one start"))
-            },
-        )
+        let ends = (1..=starts.len()).filter_map(|k| run.best_of(&named(&format!("{COARSE} {k}"))));
+        if let Some((best, _)) = ends.min_by(|a, b| a.1.total_cmp(&b.1)) {
+            *unknowns = best;
+        }
+        Ok(())
     }
 
-    /// The best that the coarse grid has found, with its loss.
-    fn coarse_best(&self, run: &Run) -> Option<(Unknowns, f64)> {
-        let searches = (1..=run.config.estimate.starts.max(1)).map(|k| run.best_of(&format!("{COARSE} {k}")));
-        searches.flatten().min_by(|a, b| a.1.total_cmp(&b.1))
+    /// The points that a stage has tried.
+    fn tried(&self, run: &Run, stage: &str) -> Vec<Evaluation> {
+        let point =
+            |row: &HistoryRow| Evaluation { unknowns: row.unknowns.clone(), loss: row.loss.unwrap_or(f64::INFINITY) };
+        run.rows(stage).map(point).collect()
     }
 
     /// The material on the full grid; the velocity stays what the flight has shown.
@@ -113,7 +128,7 @@ impl Stages<'_> {
         let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
         let mut notes = Vec::new();
         let linearised = problem.linearise(unknowns, free, frames, &mut 0, &mut |note| notes.push(note))?;
-        let coarse = self.coarse_best(run).map(|(coarse, _)| coarse.coordinates(self.law, free));
+        let coarse = run.best_of(CHOICE).map(|(coarse, _)| coarse.coordinates(self.law, free));
         let fine = unknowns.coordinates(self.law, free);
         let coarse = coarse.unwrap_or_else(|| fine.clone());
         // the grid's error, estimated from that of one of twice the spacing; the coarse grid holds the velocity
@@ -181,13 +196,17 @@ impl Stages<'_> {
     }
 }
 
+/// How the stages of the choice among families begin.
+pub(super) const AUTO: &str = "auto";
+
 const SCAN: &str = "what is plausible, coarse";
 const CHOICE: &str = "which of them";
 const COARSE: &str = "material, coarse, start";
 const INTERVALS: &str = "intervals";
 
-/// Where a grid of twice the spacing feels the ground, to begin with: as much too high as the full grid would not.
-const COARSE_CONTACT: f64 = -0.25;
+/// How many of the materials that were scanned on the coarse grid are tried again on the full one, beside the ends of the
+/// searches: what looks best on a coarse grid may lie beyond a hill on the full one.
+const TRIED_AGAIN: usize = 6;
 
 /// The error of the full grid as a share of its difference to that of twice the spacing: a third if it falls with the square
 /// of the spacing, all of it if it falls with the spacing.

@@ -319,7 +319,12 @@ fn plots(found: &Reconstruction, run: &Run) -> Vec<Plot> {
         let log = p.map == crate::physics::Map::Log10;
         let y_label = if p.unit == "-" { p.symbol.to_owned() } else { format!("{} [{}]", p.symbol, p.unit) };
         let of = |row: &HistoryRow| row.unknowns.parameters.get(index).copied();
-        plots.push(plot(&label(p.name), y_label, log, series(&of, &|stage| !stage.starts_with("velocity"))));
+        plots.push(plot(
+            &label(p.name),
+            y_label,
+            log,
+            series(&of, &|stage| !stage.starts_with("velocity") && !stage.starts_with("auto")),
+        ));
     }
     let axis = |a: usize, name: &str| Series {
         label: name.into(),

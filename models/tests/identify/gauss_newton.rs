@@ -1,15 +1,15 @@
 //! Least squares over the pixels: derivatives against the tape and against differences, and five materials recovered.
 
 use gradreel::DType;
-use gradreel_models::identify::{Config, Free, Problem, Unknowns, apart, gauss_newton, scan};
+use gradreel_models::identify::{Free, Problem, Unknowns, apart, gauss_newton, scan};
 use gradreel_models::physics::Map;
 
-use crate::scene::{block, film, film_of, problem, problem_of};
+use crate::scene::{block, film, film_of, problem, problem_of, quick};
 
 #[test]
 fn forward_mode_agrees_with_the_tape_and_with_differences_of_pictures() {
     const FRAMES: usize = 5;
-    let config = Config::default();
+    let config = quick();
     let particles = block(5, 0.04);
     let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], contact: 0.0 };
     let observed = film(&particles, &truth, &config, FRAMES, 20, DType::F64);
@@ -69,7 +69,7 @@ fn contact_height(problem: &Problem<'_>, truth: &Unknowns, frames: usize) {
 
 /// Films a block and finds its material again: a scan, then Gauss–Newton from the best of it.
 fn recover(name: &str, truth: &[f64], allowed: &[(usize, f64)], frames: usize) {
-    let config = Config::default();
+    let config = quick();
     let particles = block(6, 0.04);
     let velocity = [0.3, -1.2, 0.1];
     let truth = Unknowns { velocity, parameters: truth.to_vec(), contact: 0.0 };
@@ -159,7 +159,7 @@ fn sand() {
 /// An interrupted search ends as an uninterrupted one, without computing again what was known.
 #[test]
 fn a_search_goes_on_where_it_was_interrupted() {
-    let config = Config::default();
+    let config = quick();
     let particles = block(4, 0.05);
     let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], contact: 0.0 };
     let observed = film(&particles, &truth, &config, 6, 16, DType::F32);

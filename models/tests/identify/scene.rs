@@ -20,6 +20,13 @@ fn camera(id: i64, angle: f64, size: usize) -> Camera {
     Camera { id, width: size, height: size, fx: focal, fy: focal, cx: middle, cy: middle, c2w }
 }
 
+/// The default settings, but as few substeps as are stable: enough where picture and model are of one kind.
+pub fn quick() -> Config {
+    let mut config = Config::default();
+    config.world.least_speed = 0.0;
+    config
+}
+
 /// An L-shaped block, `edge` particles long, so that no symmetry hides an error.
 pub fn block(edge: usize, spacing: f64) -> Particles {
     let mut particles = Particles { positions: vec![], opacity: vec![], colour: vec![], spacing };
