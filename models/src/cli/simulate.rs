@@ -10,7 +10,7 @@ use crate::report::interrupt;
 use crate::report::progress::Progress;
 use crate::report::run_folder::RunFolder;
 use crate::report::simulation::{Format, Record};
-use crate::scenes::{Precision, Runner, SceneFile, Setup};
+use crate::scenes::{Film, Precision, Runner, SceneFile, Setup};
 
 /// Arguments of `gradreel simulate`.
 #[derive(clap::Args)]
@@ -36,6 +36,9 @@ pub(super) struct Arguments {
     /// Files to write for each frame
     #[arg(long, value_name = "FORMATS", value_delimiter = ',', default_value = "ply")]
     frames: Vec<Format>,
+    /// Film it with a ring of cameras into clip/, with the settings of [film] in the scene
+    #[arg(long)]
+    film: bool,
     /// No animation
     #[arg(long)]
     no_gif: bool,
@@ -71,6 +74,9 @@ A scene file:
     shape.box = { centre_m = [0.6, 0.2, 0], size_m = [0.1, 0.4, 0.6] }
     velocity_m_s = [-0.3, 0, 0]
 
+    [film]                        # as with --film: cameras around the scene make a clip of it
+    cameras = 7                   # pixels, field_of_view_deg, elevation_deg, target_m, distance_m, pattern
+
 Shapes of objects:    box, sphere, cylinder, cone, torus, mesh (file = OBJ, PLY or STL; scale; translate_m),
                       particles (file = PLY or npy)
 Shapes of colliders:  plane, box, sphere, cylinder
@@ -83,6 +89,7 @@ Examples:
   gradreel simulate examples/scenes/rubber.toml                 a folder in runs/ with an index.html
   gradreel simulate my.toml --plan                              particles, memory and substeps only
   gradreel simulate my.toml --out runs/my --frames ply,npy      both kinds of files
+  gradreel simulate my.toml --out runs/my --film                then: gradreel reconstruct runs/my/clip
   gradreel simulate my.toml --out runs/my --resume              go on after Ctrl-C
 
 The folder holds frames/frame_0000.ply …, motion.gif, totals.json (mass, momentum, energy), scene.toml and index.html.";
@@ -91,6 +98,9 @@ The folder holds frames/frame_0000.ply …, motion.gif, totals.json (mass, momen
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     interrupt::install()?;
     let mut file = SceneFile::read(&arguments.scene)?;
+    if arguments.film {
+        file.film.get_or_insert_default();
+    }
     file.time.duration_s = arguments.duration.unwrap_or(file.time.duration_s);
     match arguments.precision.as_deref() {
         Some("f64") => file.grid.precision = Precision::F64,
@@ -100,6 +110,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let folder = arguments.scene.parent().unwrap_or(Path::new("."));
     let setup = Setup::of(&file, folder).map_err(|e| e.within(arguments.scene.display()))?;
     let name = arguments.scene.file_stem().map_or("scene".into(), |stem| stem.to_string_lossy());
+    let film = file.film.as_ref().map(|settings| Film::of(&setup, settings)).transpose();
+    let film = film.map_err(|e| e.within(arguments.scene.display()))?;
     if !arguments.quiet {
         print_plan(&name, &file, &setup);
     }
@@ -107,12 +119,18 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         return Ok(());
     }
     match setup.precision {
-        Precision::F32 => simulate::<f32>(arguments, &name, &file, &setup),
-        Precision::F64 => simulate::<f64>(arguments, &name, &file, &setup),
+        Precision::F32 => simulate::<f32>(arguments, &name, &file, &setup, film),
+        Precision::F64 => simulate::<f64>(arguments, &name, &file, &setup, film),
     }
 }
 
-fn simulate<T: Number>(arguments: &Arguments, name: &str, file: &SceneFile, setup: &Setup) -> Result<()> {
+fn simulate<T: Number>(
+    arguments: &Arguments,
+    name: &str,
+    file: &SceneFile,
+    setup: &Setup,
+    film: Option<Film>,
+) -> Result<()> {
     let text =
         toml::to_string_pretty(file).map_err(|e| Error::new(ErrorKind::Io, "the scene cannot be written").found(e))?;
     let folder = match &arguments.out {
@@ -122,6 +140,7 @@ fn simulate<T: Number>(arguments: &Arguments, name: &str, file: &SceneFile, setu
     };
     let mut record = Record::new(folder, name, &text, file, setup, &arguments.frames);
     record.animated = !arguments.no_gif;
+    record.film = film;
     let mut runner = if arguments.resume {
         Runner::<T>::resume(setup, &record.resume()?)?
     } else {
@@ -167,10 +186,14 @@ fn simulate<T: Number>(arguments: &Arguments, name: &str, file: &SceneFile, setu
         stage.set(frame.index as u64, &format!("fastest {:.2} m/s", frame.totals.fastest_m_s));
     }
     stage.finish("");
+    let filmed = record.film.is_some();
     record.publish(begun.elapsed().as_secs_f64())?;
     record.forget_state()?;
     if !arguments.quiet {
         println!("\n  open {}", record.root().join("index.html").display());
+        if filmed {
+            println!("  clip {}", record.root().join("clip").display());
+        }
     }
     Ok(())
 }
@@ -202,5 +225,9 @@ fn print_plan(name: &str, file: &SceneFile, setup: &Setup) {
             if setup.automatic { "found" } else { "given" },
         ),
     );
+    if let Some(film) = &file.film {
+        let [width, height] = film.pixels;
+        line("film", format!("{} cameras of {width} × {height} pixels", film.cameras));
+    }
     line("work", format!("{:.3e} particle substeps", setup.len() as f64 * schedule.steps() as f64));
 }

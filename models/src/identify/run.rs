@@ -9,7 +9,7 @@ use gradreel::{Error, ErrorKind, Result, Tensor};
 use serde::{Deserialize, Serialize};
 
 use crate::field::Field;
-use crate::identify::{Config, Unknowns};
+use crate::identify::{Answer, Config, Evaluation, Interval, Unknowns};
 use crate::report::run_folder::RunFolder;
 use crate::video::Clip;
 
@@ -32,6 +32,24 @@ pub struct State {
     pub history: Vec<HistoryRow>,
     /// What happened that the user should know.
     pub notes: Vec<String>,
+    /// The search that is under way.
+    #[serde(default)]
+    pub search: Option<Search>,
+    /// How sure the estimates are, once known.
+    #[serde(default)]
+    pub intervals: Vec<Interval>,
+}
+
+/// A search that was begun: gone through again with the answers that are known, it goes on where it was interrupted and ends
+/// as if it had not been.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Search {
+    /// Its stage.
+    pub stage: String,
+    /// Where it started.
+    pub start: Unknowns,
+    /// What its evaluations gave so far.
+    pub answers: Vec<Answer>,
 }
 
 /// What tells one clip from another when a run goes on.
@@ -162,6 +180,37 @@ impl Run {
         self.state.finished.iter().any(|done| done == stage)
     }
 
+    /// The search of a stage: the one that was interrupted, or a new one from `start`.
+    pub fn search(&mut self, stage: &str, start: &Unknowns) -> &Search {
+        self.state.search.take_if(|search| search.stage != stage);
+        self.state.search.get_or_insert_with(|| Search {
+            stage: stage.to_owned(),
+            start: start.clone(),
+            answers: Vec::new(),
+        })
+    }
+
+    /// Keeps an evaluation of a search in the history, with its answer if it is new, and saves.
+    ///
+    /// # Errors
+    /// What writing returns.
+    pub fn record(&mut self, stage: &str, evaluation: &Evaluation, answer: Option<&Answer>) -> Result<()> {
+        let Some(answer) = answer else { return Ok(()) };
+        let row = HistoryRow {
+            stage: stage.to_owned(),
+            loss: Some(evaluation.loss).filter(|loss| loss.is_finite()),
+            unknowns: evaluation.unknowns.clone(),
+        };
+        // a point that is first tried and then differentiated is one point
+        if self.state.history.last() != Some(&row) {
+            self.state.history.push(row);
+        }
+        if let Some(search) = &mut self.state.search {
+            search.answers.push(answer.clone());
+        }
+        self.save()
+    }
+
     /// Marks a stage as finished.
     ///
     /// # Errors
@@ -170,6 +219,7 @@ impl Run {
         self.state.finished.push(stage.to_owned());
         self.state.seconds.push(since.elapsed().as_secs_f64());
         self.state.fitted = 0;
+        self.state.search = None;
         self.save()
     }
 
@@ -212,10 +262,14 @@ impl Run {
         self.folder.write(FIELD, &self.folder.read(KEPT_FIELD)?)
     }
 
+    /// The evaluations of a stage.
+    pub fn rows<'a>(&'a self, stage: &'a str) -> impl Iterator<Item = &'a HistoryRow> {
+        self.state.history.iter().filter(move |row| row.stage == stage)
+    }
+
     /// The unknowns of least loss that a stage has seen, and that loss.
     pub fn best_of(&self, stage: &str) -> Option<(Unknowns, f64)> {
-        let rows = self.state.history.iter().filter(|row| row.stage == stage);
-        let known = rows.filter_map(|row| Some((row.unknowns.clone(), row.loss?)));
+        let known = self.rows(stage).filter_map(|row| Some((row.unknowns.clone(), row.loss?)));
         known.min_by(|a, b| a.1.total_cmp(&b.1))
     }
 

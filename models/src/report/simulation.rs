@@ -11,9 +11,10 @@ use super::animation::{Picture, gif};
 use super::page::{Headline, Page, Scene};
 use super::plot::{Plot, Series};
 use super::ply::ply;
+use super::png_file::png_with_alpha;
 use super::run_folder::RunFolder;
-use crate::physics::{Contact, Region};
-use crate::scenes::{Frame, SceneFile, Setup, Snapshot, Totals, View, positions_of};
+use crate::physics::Contact;
+use crate::scenes::{Film, Frame, SceneFile, Setup, Snapshot, Totals, View, positions_of};
 
 /// Time between two saved states.
 const BETWEEN_STATES: Duration = Duration::from_secs(20);
@@ -51,6 +52,8 @@ pub struct Record<'a> {
     saved: Instant,
     /// Whether to write an animation.
     pub animated: bool,
+    /// Cameras that make a clip of it.
+    pub film: Option<Film>,
 }
 
 impl<'a> Record<'a> {
@@ -79,6 +82,7 @@ impl<'a> Record<'a> {
             substeps: setup.schedule.substeps,
             saved: Instant::now(),
             animated: true,
+            film: None,
         }
     }
 
@@ -87,6 +91,9 @@ impl<'a> Record<'a> {
     /// # Errors
     /// A file that cannot be written.
     pub fn begin(&self) -> Result<()> {
+        if let Some(film) = &self.film {
+            self.folder.write("clip/all_data.json", film.list().as_bytes())?;
+        }
         self.folder.write("scene.toml", self.text.as_bytes())
     }
 
@@ -155,6 +162,12 @@ impl<'a> Record<'a> {
                 }
             };
             self.folder.write(&frame_name(frame.index, format), &bytes)?;
+        }
+        if let Some(film) = &self.film {
+            for (camera, shot) in film.cameras().iter().zip(film.shots(&frame.positions)?) {
+                let name = format!("clip/{}", Film::name(camera.id, frame.index));
+                self.folder.write(&name, &png_with_alpha(shot.width, shot.height, &shot.rgba)?)?;
+            }
         }
         self.totals.push(frame.totals.clone());
         self.substeps = frame.substeps;
@@ -249,16 +262,12 @@ impl<'a> Record<'a> {
         let setup = self.setup;
         let thinning = self.thinning();
         let colours = setup.object_of.iter().step_by(thinning).map(|&object| setup.colours[object as usize]).collect();
-        let floor = setup.world.colliders.iter().find_map(|collider| match collider.region {
-            Region::Plane { point, normal } if normal[1] > 0.999 => Some(point[1] as f32),
-            _ => None,
-        });
         let lowest = setup.positions.iter().map(|x| x[1] as f32).fold(f32::INFINITY, f32::min);
         let scene = Scene {
             frames: self.shown.clone(),
             colours,
             frame_dt: setup.schedule.frame_dt * self.every as f64,
-            ground: floor.unwrap_or(lowest),
+            ground: setup.floor().map_or(lowest, |floor| floor as f32),
             cameras: Vec::new(),
         };
         let total = self.totals.last();
@@ -323,6 +332,9 @@ impl<'a> Record<'a> {
             ("totals.json".into(), "mass, momentum and energy of every frame".into()),
             ("scene.toml".into(), "the scene, with everything that was assumed".into()),
         ];
+        if self.film.is_some() {
+            files.push(("clip/all_data.json".into(), "the cameras of the clip in this folder".into()));
+        }
         if animation.is_some() {
             files.push(("motion.gif".into(), "the animation above".into()));
         }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
+use super::film::FilmSettings;
 use super::nearest::nearest;
 
 /// A scene as a file says it. Every key that carries a unit has it in its name; parameters of materials are in the SI unit
@@ -64,6 +65,9 @@ pub struct SceneFile {
     /// Where the picture is taken from.
     #[serde(default)]
     pub camera: Camera,
+    /// A ring of cameras that make a clip of it, if there is one.
+    #[serde(default)]
+    pub film: Option<FilmSettings>,
 }
 
 /// Duration, frames and substeps.

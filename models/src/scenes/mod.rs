@@ -1,20 +1,24 @@
 //! Scenes: files that say what falls onto what, and running them without a video.
 //!
 //! A [`SceneFile`] is read from TOML; [`fill`](fill()) turns each shape, [`Mesh`] or particle file into particles; [`Setup`] checks
-//! everything and plans the substeps; a [`Runner`] steps frame by frame and [`View`] takes pictures.
+//! everything and plans the substeps; a [`Runner`] steps frame by frame,
+//! [`View`] takes pictures and [`Film`] makes a clip of many views.
 
 mod file;
 mod fill;
+mod film;
 mod mesh;
 mod nearest;
 mod picture;
 mod run;
 mod setup;
+mod surface;
 mod totals;
 
 pub use file::{Barrier, Camera, Grid, Ground, Object, Obstacle, Precision, SceneFile, Shape, Substance, Surroundings};
 pub use file::{Time, Touch};
 pub use fill::{fill, positions_of};
+pub use film::{Film, FilmSettings, Shot};
 pub use mesh::Mesh;
 pub use nearest::nearest;
 pub use picture::View;

@@ -42,7 +42,7 @@ impl View {
                 high = std::array::from_fn(|axis| high[axis].max(to[axis]));
             }
         }
-        let floor = setup.world.colliders.iter().find_map(floor_of);
+        let floor = setup.floor();
         let foot = floor.filter(|floor| low[1] - floor < 3.0 * (high[1] - low[1] + 0.1)).unwrap_or(low[1]);
         let low = [low[0], foot.min(low[1]), low[2]];
         let middle: [f64; 3] = std::array::from_fn(|axis| 0.5 * (low[axis] + high[axis]));
@@ -171,14 +171,6 @@ fn box_of(collider: &Collider) -> Option<[[f64; 3]; 2]> {
             let centre = std::array::from_fn(|axis| 0.5 * (start[axis] + end[axis]));
             around(centre, std::array::from_fn(|axis| 0.5 * (end[axis] - start[axis]).abs() + radius))
         }
-    }
-}
-
-/// The height of a horizontal floor.
-fn floor_of(collider: &Collider) -> Option<f64> {
-    match collider.region {
-        Region::Plane { point, normal } if normal[1] > 0.999 => Some(point[1]),
-        _ => None,
     }
 }
 

@@ -57,6 +57,14 @@ pub struct Setup {
 }
 
 impl Setup {
+    /// Height of the first horizontal floor \[m\].
+    pub fn floor(&self) -> Option<f64> {
+        self.world.colliders.iter().find_map(|collider| match collider.region {
+            Region::Plane { point, normal } if normal[1] > 0.999 => Some(point[1]),
+            _ => None,
+        })
+    }
+
     /// Fills the shapes and checks everything; files are looked for in `folder`.
     ///
     /// # Errors

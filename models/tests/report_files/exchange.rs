@@ -194,7 +194,17 @@ fn a_picture_comes_back_from_png() {
 fn quantity(name: &str, unit: &str, value: f64) -> Quantity {
     let source = "fitted".to_string();
     let [label, symbol] = ["Label", "x"].map(String::from);
-    Quantity { name: name.into(), label, symbol, unit: unit.into(), value, start: None, source }
+    Quantity {
+        name: name.into(),
+        label,
+        symbol,
+        unit: unit.into(),
+        value,
+        start: None,
+        source,
+        interval_90: None,
+        determined: None,
+    }
 }
 
 #[test]

@@ -148,3 +148,38 @@ fn a_run_that_is_interrupted_goes_on_to_the_same_end() {
     whole.iter().zip(&parts).for_each(|(a, b)| approx::assert_relative_eq!(a, b, max_relative = 1e-12));
     std::fs::remove_dir_all(within).unwrap();
 }
+
+#[test]
+fn a_filmed_scene_is_a_clip_that_can_be_reconstructed() {
+    use gradreel_models::video::{Clip, OpenOptions};
+    let within = folder("film");
+    let scene = SCENE.to_owned() + "[film]\ncameras = 3\npixels = [40, 32]\ntarget_m = [0, 0.2, 0]\ndistance_m = 1.2\n";
+    std::fs::write(within.join("film.toml"), &scene).unwrap();
+    let done = simulate(&["film.toml", "--out", "run", "--no-gif"], &within);
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let clip = Clip::open(&within.join("run/clip"), &OpenOptions::default()).unwrap();
+    assert_eq!((clip.cameras.len(), clip.frame_count()), (3, 5));
+    approx::assert_relative_eq!(clip.frame_dt(), 0.025, max_relative = 1e-9);
+    for (camera, frames) in clip.cameras.iter().zip(&clip.frames) {
+        // Two boxes of 0.18 m, their middles where a pinhole camera has them, on a background without any coverage.
+        for (centre, colour) in [([0.0, 0.1, 0.0], 0), ([0.0, 0.4, 0.0], 1)] {
+            let [u, v, depth] = camera.project(centre).unwrap();
+            let (row, column) = (v as usize, u as usize);
+            assert_eq!(frames[0].alpha[[row, column]], 1.0, "object {colour} at {row}, {column}");
+            let red = frames[0].rgb[[row, column, 0]] > frames[0].rgb[[row, column, 2]];
+            assert_eq!(red, colour == 0, "the first object is red, the second blue");
+            assert!(depth > 0.9);
+        }
+        let area: f64 = frames[0].alpha.iter().map(|&a| f64::from(a)).sum();
+        let pixel = 1.2 / camera.fx;
+        // between the sides of the two boxes and their diagonals
+        let wanted = 2.0 * 0.18 * 0.18 / (pixel * pixel);
+        assert!(area > 0.9 * wanted && area < 1.9 * wanted, "{area} pixels of {wanted}");
+        assert_eq!(frames[0].alpha[[0, 0]], 0.0);
+    }
+    std::fs::write(within.join("film.toml"), scene.replace("cameras = 3", "cameras = 0")).unwrap();
+    let refused = simulate(&["film.toml", "--out", "third"], &within);
+    let text = String::from_utf8_lossy(&refused.stderr);
+    assert!(refused.status.code() == Some(2) && text.contains("film.cameras"), "{text}");
+    assert!(!within.join("third").exists(), "a scene that is refused leaves nothing");
+}

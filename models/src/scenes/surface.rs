@@ -1,0 +1,193 @@
+//! The surface of a body made of particles, where rays meet it.
+//!
+//! Every particle spreads `(1 − r²/R²)³` over a ball of radius `R` of twice the particles' spacing. Inside a filled body the
+//! sum is constant; the surface is where it has fallen to half of that.
+
+use gradreel::{Error, ErrorKind, Result};
+
+use crate::vector::{bounds, dot};
+
+/// Radius of a particle's ball, in spacings.
+const RADIUS: f64 = 2.0;
+/// Distance between nodes, in spacings.
+const NODES: f64 = 0.8;
+/// Share of the sum inside at which the surface lies.
+const LEVEL: f32 = 0.5;
+/// The sum inside a filled body: `∫ (1 − r²/R²)³ = 64/315 π R³` over the volume of one particle.
+const INSIDE: f64 = 64.0 / 315.0 * std::f64::consts::PI * RADIUS * RADIUS * RADIUS;
+
+/// Where a ray meets the surface.
+pub(super) struct Hit {
+    pub colour: [f64; 3],
+    /// Unit normal, outwards.
+    pub normal: [f64; 3],
+}
+
+/// A field of which the surface is a level, and the particles' colours weighted by it.
+pub(super) struct Surface {
+    origin: [f64; 3],
+    spacing: f64,
+    dims: [usize; 3],
+    /// Share of the sum inside, and the colours premultiplied by it.
+    nodes: Vec<[f32; 4]>,
+}
+
+impl Surface {
+    /// Spreads particles, `spacing` \[m\] apart at rest.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Physics`] when they are spread over more than 2²⁶ nodes.
+    pub fn of(positions: &[[f32; 3]], colours: &[[f32; 3]], spacing: f64) -> Result<Self> {
+        let [low, high] = bounds(positions.iter().map(|x| x.map(f64::from)));
+        let (radius, step) = (RADIUS * spacing, NODES * spacing);
+        let origin = low.map(|x| x - radius - step);
+        let dims: [usize; 3] =
+            std::array::from_fn(|axis| ((high[axis] - low[axis] + 2.0 * (radius + step)) / step).ceil() as usize + 1);
+        if dims.iter().map(|&n| n as f64).product::<f64>() > f64::from(1 << 26) {
+            return Err(Error::new(ErrorKind::Physics, "the particles are spread too far to be filmed")
+                .found(format!("{dims:?} nodes, {step} m apart"))
+                .fix("film fewer frames, or keep what flies away inside walls"));
+        }
+        let mut nodes = vec![[0.0f32; 4]; dims.iter().product()];
+        for (x, colour) in positions.iter().zip(colours) {
+            let at: [f64; 3] = std::array::from_fn(|axis| (f64::from(x[axis]) - origin[axis]) / step);
+            let reach = RADIUS / NODES;
+            let range = |axis: usize| (at[axis] - reach).ceil() as usize..=(at[axis] + reach).floor() as usize;
+            for i in range(0) {
+                for j in range(1) {
+                    for k in range(2) {
+                        let away = [i as f64 - at[0], j as f64 - at[1], k as f64 - at[2]];
+                        let rest = 1.0 - dot(away, away) / (reach * reach);
+                        if rest > 0.0 {
+                            let share = (rest * rest * rest / INSIDE) as f32;
+                            let node = &mut nodes[(i * dims[1] + j) * dims[2] + k];
+                            node[0] += share;
+                            (0..3).for_each(|c| node[c + 1] += share * colour[c]);
+                        }
+                    }
+                }
+            }
+        }
+        Ok(Self { origin, spacing: step, dims, nodes })
+    }
+
+    /// The first point of a ray inside the level.
+    pub fn hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<Hit> {
+        // in units of nodes
+        let start: [f64; 3] = std::array::from_fn(|axis| (origin[axis] - self.origin[axis]) / self.spacing);
+        let norm = dot(direction, direction).sqrt();
+        let along = direction.map(|d| d / norm);
+        let [mut near, mut far] = [0.0f64, f64::INFINITY];
+        for axis in 0..3 {
+            let last = (self.dims[axis] - 1) as f64 - 1e-6;
+            let ends = [0.0, last].map(|end| (end - start[axis]) / along[axis]);
+            if along[axis].abs() > 1e-12 {
+                near = near.max(ends[0].min(ends[1]));
+                far = far.min(ends[0].max(ends[1]));
+            } else if !(0.0..=last).contains(&start[axis]) {
+                return None;
+            }
+        }
+        let at = |t: f64| -> [f64; 3] { std::array::from_fn(|axis| start[axis] + t * along[axis]) };
+        let mut t = near;
+        while t < far {
+            if self.level(at(t)) >= LEVEL {
+                let (mut outside, mut inside) = ((t - STEP).max(near), t);
+                for _ in 0..8 {
+                    let middle = 0.5 * (outside + inside);
+                    if self.level(at(middle)) >= LEVEL {
+                        inside = middle;
+                    } else {
+                        outside = middle;
+                    }
+                }
+                return Some(self.describe(at(inside)));
+            }
+            t += STEP;
+        }
+        None
+    }
+
+    fn describe(&self, x: [f64; 3]) -> Hit {
+        let [share, r, g, b] = self.sample(x);
+        let slope: [f64; 3] = std::array::from_fn(|axis| {
+            let (mut below, mut above) = (x, x);
+            below[axis] -= 0.7;
+            above[axis] += 0.7;
+            f64::from(self.level(below) - self.level(above))
+        });
+        let norm = dot(slope, slope).sqrt().max(1e-12);
+        Hit { colour: [r, g, b].map(|c| f64::from(c / share)), normal: slope.map(|s| s / norm) }
+    }
+
+    fn level(&self, x: [f64; 3]) -> f32 {
+        self.sample(x)[0]
+    }
+
+    /// Trilinear; what lies outside is as on the rim, which is empty.
+    fn sample(&self, x: [f64; 3]) -> [f32; 4] {
+        let mut corner = [0; 3];
+        let mut share = [0.0f32; 3];
+        for axis in 0..3 {
+            let inside = x[axis].clamp(0.0, (self.dims[axis] - 1) as f64 - 1e-6);
+            corner[axis] = inside as usize;
+            share[axis] = (inside - corner[axis] as f64) as f32;
+        }
+        let mut sum = [0.0; 4];
+        for (i, wx) in [1.0 - share[0], share[0]].into_iter().enumerate() {
+            for (j, wy) in [1.0 - share[1], share[1]].into_iter().enumerate() {
+                let row = ((corner[0] + i) * self.dims[1] + corner[1] + j) * self.dims[2] + corner[2];
+                for (k, wz) in [1.0 - share[2], share[2]].into_iter().enumerate() {
+                    let weight = wx * wy * wz;
+                    (0..4).for_each(|c| sum[c] += weight * self.nodes[row + k][c]);
+                }
+            }
+        }
+        sum
+    }
+}
+
+/// Length of a step along a ray, in nodes.
+const STEP: f64 = 0.5;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A ball of particles has its surface where the ball's is, and its normals point from the centre.
+    #[test]
+    fn a_ball_is_hit_at_its_radius() {
+        let (spacing, radius) = (0.01, 0.1);
+        let mut positions = Vec::new();
+        for i in -12..12 {
+            for j in -12..12 {
+                for k in -12..12 {
+                    let x = [i, j, k].map(|k| (f64::from(k) + 0.5) * spacing);
+                    if dot(x, x) <= radius * radius {
+                        positions.push(x.map(|x| x as f32));
+                    }
+                }
+            }
+        }
+        let colours = vec![[0.2, 0.4, 0.6]; positions.len()];
+        let surface = Surface::of(&positions, &colours, spacing).unwrap();
+        let mut mean = 0.0;
+        for turn in 0..40 {
+            let (up, around) = (-0.9 + 1.8 * f64::from(turn) / 39.0, 2.4 * f64::from(turn));
+            let wide = (1.0f64 - up * up).sqrt();
+            let outwards = [wide * around.cos(), up, wide * around.sin()];
+            let hit = surface.hit(outwards, outwards.map(|x| -x)).expect("a ray through the centre");
+            assert!(dot(hit.normal, outwards) > 0.95, "{:?} at {outwards:?}", hit.normal);
+            assert!((hit.colour[1] - 0.4).abs() < 1e-4);
+            // the level along this ray, once more with small steps
+            let reached = (0..2000).map(|k| 0.2 - 1e-4 * f64::from(k)).find(|r| {
+                let x: [f64; 3] =
+                    std::array::from_fn(|axis| (r * outwards[axis] - surface.origin[axis]) / surface.spacing);
+                surface.level(x) >= LEVEL
+            });
+            mean += reached.expect("the ball is filled") / 40.0;
+        }
+        assert!((mean - radius).abs() < 0.15 * spacing, "radius {mean} of {radius}");
+        assert!(surface.hit([0.0, 0.3, -1.0], [0.0, 0.0, 1.0]).is_none());
+    }
+}
