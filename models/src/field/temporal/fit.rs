@@ -316,10 +316,13 @@ fn starts(settings: &TemporalFitSettings, stage: usize) -> usize {
     (settings.iterations as f64 * 2.0 / 3.0 * 0.5f64.powi(halvings)).round() as usize
 }
 
-/// The grid of a stage: half as many nodes as the next one.
+/// The grid of a stage: half as many nodes as the next one, along every axis one more than a multiple of 4, so that it can be
+/// thinned as it is.
 fn grid_of(field: &TemporalField, settings: &TemporalFitSettings, stage: usize) -> Result<DenseGrid> {
     let nodes = settings.nodes >> settings.refinements.saturating_sub(stage).min(20);
-    DenseGrid::of_count(field.grid.low, field.grid.high, nodes)
+    let mut grid = DenseGrid::of_count(field.grid.low, field.grid.high, nodes)?;
+    grid.dims = grid.dims.map(|n| n + (5 - n % 4) % 4);
+    Ok(grid)
 }
 
 /// A fresh optimiser whose rates have decayed as far as the number of updates made says.
