@@ -171,7 +171,7 @@ impl TemporalFit {
         }
         let first = self.settings.iterations / 6;
         let every = self.settings.mask_every;
-        if every > 0 && self.iteration >= first && self.iteration % every == 0 {
+        if every > 0 && self.iteration >= first && self.iteration.is_multiple_of(every) {
             self.field.mask = Some(self.emptiness(&rays.times)?);
         }
         Ok(progress)
