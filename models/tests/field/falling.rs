@@ -5,7 +5,9 @@ use std::sync::Arc;
 use gradreel::io::TensorFile;
 use gradreel::optim::Params;
 use gradreel::{DType, Key, Result, Tape, Tensor};
-use gradreel_models::field::temporal::{ClipRays, TemporalField, TemporalFit, TemporalFitSettings, TemporalSettings};
+use gradreel_models::field::temporal::{
+    ClipRays, TemporalField, TemporalFit, TemporalFitSettings, TemporalSettings, TemporalWeights,
+};
 use gradreel_models::field::{Occupancy, RadianceSizes, StaticFit, StaticFitSettings, static_step};
 use gradreel_models::particles::Jitter;
 use gradreel_models::render::{Rays, Splat, Surface, ViewWeights, render};
