@@ -31,7 +31,7 @@ fn rays() -> Rays {
 /// Raw densities of a ball.
 fn ball(grid: &DenseGrid, inside: f64) -> Tensor {
     let value = |x: &[f64; 3]| {
-        let r = ((x[0]).powi(2) + (x[1] - 0.5).powi(2) + x[2].powi(2)).sqrt();
+        let r = (x[0].powi(2) + (x[1] - 0.5).powi(2) + x[2].powi(2)).sqrt();
         if r < 0.25 { inside as f32 } else { -5.0 }
     };
     let [x, y, z] = grid.dims;

@@ -5,7 +5,7 @@
 //! spacing, half a cell of the simulation.
 //!
 //! Beside it stands the published voxel radiance field: [`RadianceField`] is raw density and features on a [`DenseGrid`] with
-//! a network of colours, [`Occupancy`] the mask of what may be opaque, [`static_step`] one evaluation and
+//! a network of colours, [`Occupancy`] the mask of what may be opaque, [`static_step`](static_step()) one evaluation and
 //! [`StaticFit`] the whole of its fit to the first frame.
 //! [`temporal`] is the field that moves: one network bends the coordinates of every frame into those of the first.
 

@@ -5,7 +5,9 @@ use std::sync::Arc;
 use gradreel::io::TensorFile;
 use gradreel::optim::Params;
 use gradreel::{DType, Key, Result, Tape, Tensor};
-use gradreel_models::field::temporal::{ClipRays, TemporalField, TemporalFit, TemporalFitSettings, TemporalSettings};
+use gradreel_models::field::temporal::{
+    ClipRays, TemporalField, TemporalFit, TemporalFitSettings, TemporalSettings, TemporalWeights,
+};
 use gradreel_models::field::{Occupancy, RadianceSizes, StaticFit, StaticFitSettings, static_step};
 use gradreel_models::particles::Jitter;
 use gradreel_models::render::{Rays, Splat, Surface, ViewWeights, render};
@@ -100,7 +102,7 @@ fn sizes() -> TemporalSettings {
 
 fn settings() -> TemporalFitSettings {
     TemporalFitSettings {
-        iterations: 120,
+        iterations: 100,
         rays: 256,
         nodes: 6000,
         refinements: 1,
@@ -164,11 +166,35 @@ fn a_ball_is_seen_falling_from_a_side_that_nobody_filmed() {
 
     // the ablation: one still field cannot be in five places
     let still = TemporalSettings { time: false, ..sizes() };
-    let without = fit_of(&still, &TemporalFitSettings { iterations: 40, ..settings() });
+    let without = fit_of(&still, &TemporalFitSettings { iterations: 30, ..settings() });
     let mut without = without.within_silhouettes(&rays).unwrap();
     without.run(&rays, |_, _| Ok(())).unwrap();
     let blurred = psnr(&without.field, &without.params, &unseen, 0, 0);
     assert!(blurred < found[0] - 3.0, "{blurred:.1} dB without time, {:.1} dB with", found[0]);
+}
+
+#[test]
+fn rays_in_parts_have_the_gradients_of_all_together() {
+    let clip = ring();
+    let rays = rays_of(&clip);
+    // offsets are averaged over the opaque samples of a part
+    let weights = TemporalWeights { offsets: 0.0, ..TemporalWeights::default() };
+    let after = |rays_at_once: usize| {
+        let settings = TemporalFitSettings { rays: 90, rays_at_once, weights: weights.clone(), ..settings() };
+        let mut fit = TemporalFit::new(LOW, HIGH, &sizes(), &settings, DType::F64).unwrap();
+        for _ in 0..2 {
+            fit.step(&rays).unwrap();
+        }
+        fit.params
+    };
+    let (whole, parts) = (after(90), after(40));
+    let mut apart = 0;
+    for (path, value) in whole.iter() {
+        let (a, b) = (value.slice::<f64>(), parts.get(path).unwrap().slice::<f64>());
+        apart += a.iter().zip(b).filter(|(a, b)| (*a - *b).abs() > 1e-6).count();
+    }
+    // Adam makes whole steps of gradients that are nothing but rounding
+    assert!(1000 * apart < whole.count(), "{apart} of {}", whole.count());
 }
 
 #[test]

@@ -1,6 +1,8 @@
 //! Rays drawn from all views and frames of a clip.
 
-use gradreel::{DType, Key, Result, Tensor};
+use std::ops::Range;
+
+use gradreel::{DType, Key, Result, Tape, Tensor};
 
 use super::losses::RayTargets;
 use crate::render::{Rays, ViewWeights, camera_angles};
@@ -18,6 +20,32 @@ pub struct RayBatch {
     pub moment_of: Vec<u32>,
     /// What they should see.
     pub targets: RayTargets,
+}
+
+impl RayBatch {
+    /// Some neighbouring rays.
+    ///
+    /// # Errors
+    /// What the ops return.
+    ///
+    /// # Panics
+    /// When there are no such rays.
+    pub fn part(&self, range: Range<usize>) -> Result<Self> {
+        if range == (0..self.rays.len()) {
+            return Ok(self.clone());
+        }
+        let tape = Tape::new();
+        let rows = |x: &Tensor| tape.constant(x.clone()).slice(0, range.clone()).value().cloned();
+        Ok(Self {
+            rays: self.rays.picked(&range.clone().collect::<Vec<_>>()),
+            moment_of: self.moment_of[range.clone()].to_vec(),
+            targets: RayTargets {
+                colours: rows(&self.targets.colours)?,
+                weight: rows(&self.targets.weight)?,
+                imagined: self.targets.imagined.as_ref().map(rows).transpose()?,
+            },
+        })
+    }
 }
 
 /// The pixels of a clip as rays to draw from.

@@ -1,5 +1,7 @@
 //! The fit of a temporal field to a clip: Adam on batches of rays, on grids that become finer.
 
+use std::collections::BTreeMap;
+
 use gradreel::io::TensorFile;
 use gradreel::optim::{Adam, Params, Schedule};
 use gradreel::{DType, Error, ErrorKind, Key, Result, Tape, Tensor};
@@ -19,6 +21,8 @@ pub struct TemporalFitSettings {
     pub iterations: usize,
     /// Rays of an update.
     pub rays: usize,
+    /// Rays whose samples are in memory at a time: gradients of several parts are added up.
+    pub rays_at_once: usize,
     /// Nodes of the finest grid.
     pub nodes: usize,
     /// How often the number of nodes doubles on the way there: after 1/6, 1/3, 2/3 of the updates and so on.
@@ -46,6 +50,7 @@ impl Default for TemporalFitSettings {
         Self {
             iterations: 5000,
             rays: 4096,
+            rays_at_once: 4096,
             nodes: 1_000_000,
             refinements: 3,
             grid_rate: 0.1,
@@ -166,7 +171,7 @@ impl TemporalFit {
         }
         let first = self.settings.iterations / 6;
         let every = self.settings.mask_every;
-        if every > 0 && self.iteration >= first && self.iteration % every == 0 {
+        if every > 0 && self.iteration >= first && self.iteration.is_multiple_of(every) {
             self.field.mask = Some(self.emptiness(&rays.times)?);
         }
         Ok(progress)
@@ -177,15 +182,21 @@ impl TemporalFit {
     /// # Errors
     /// What rendering and the optimiser return.
     pub fn step_on(&mut self, batch: &RayBatch, times: &[f64]) -> Result<TemporalProgress> {
-        let (gradients, loss, pixels) = {
+        let count = batch.rays.len();
+        let (mut gradients, mut loss, mut pixels) = (BTreeMap::new(), 0.0, 0.0);
+        for start in (0..count).step_by(self.settings.rays_at_once.max(1)) {
+            let part = batch.part(start..count.min(start + self.settings.rays_at_once.max(1)))?;
             let tape = Tape::new();
             let bound = self.params.bind(&tape);
-            let seen = self.field.render(&bound, &batch.rays, &batch.moment_of, times)?;
-            let loss = seen.loss(&batch.targets, &self.settings.weights)?;
-            let (total, pixels) = (loss.total.item()?, loss.pixels.item()?);
-            drop(seen);
-            (bound.gradients(&loss.total.into_gradients()?)?, total, pixels)
-        };
+            let seen = self.field.render(&bound, &part.rays, &part.moment_of, times)?;
+            let terms = seen.loss(&part.targets, &self.settings.weights)?;
+            let share = part.rays.len() as f64 / count as f64;
+            let total = &terms.total * share;
+            loss += total.item()?;
+            pixels += share * terms.pixels.item()?;
+            drop((seen, terms));
+            add(&mut gradients, bound.gradients(&total.into_gradients()?)?)?;
+        }
         self.adam.step(&mut self.params, &gradients)?;
         self.iteration += 1;
         let psnr = -10.0 * pixels.max(1e-12).log10();
@@ -284,16 +295,34 @@ impl TemporalFit {
     }
 }
 
+/// Adds gradients to those of other rays.
+fn add(sums: &mut BTreeMap<String, Tensor>, more: BTreeMap<String, Tensor>) -> Result<()> {
+    if sums.is_empty() {
+        *sums = more;
+        return Ok(());
+    }
+    let tape = Tape::new();
+    for (path, gradient) in more {
+        if let Some(sum) = sums.get_mut(&path) {
+            *sum = (tape.constant(sum.clone()) + tape.constant(gradient)).value()?.clone();
+        }
+    }
+    Ok(())
+}
+
 /// The update after which a stage starts: the last at 2/3 of them, each before at half of that.
 fn starts(settings: &TemporalFitSettings, stage: usize) -> usize {
     let halvings = (settings.refinements - stage) as i32;
     (settings.iterations as f64 * 2.0 / 3.0 * 0.5f64.powi(halvings)).round() as usize
 }
 
-/// The grid of a stage: half as many nodes as the next one.
+/// The grid of a stage: half as many nodes as the next one, along every axis one more than a multiple of 4, so that it can be
+/// thinned as it is.
 fn grid_of(field: &TemporalField, settings: &TemporalFitSettings, stage: usize) -> Result<DenseGrid> {
     let nodes = settings.nodes >> settings.refinements.saturating_sub(stage).min(20);
-    DenseGrid::of_count(field.grid.low, field.grid.high, nodes)
+    let mut grid = DenseGrid::of_count(field.grid.low, field.grid.high, nodes)?;
+    grid.dims = grid.dims.map(|n| n + (5 - n % 4) % 4);
+    Ok(grid)
 }
 
 /// A fresh optimiser whose rates have decayed as far as the number of updates made says.
