@@ -177,6 +177,19 @@ fn ops_without_a_kernel_say_so() {
 }
 
 #[test]
+fn a_model_may_go_to_the_gpu_and_back() {
+    let Some(gpu) = gpu() else { return };
+    let tape = Tape::new();
+    let x = tape.leaf(Tensor::from_vec(vec![0.5f32, -2.0, 3.0], [3]));
+    let there = x.to_device(&gpu).square();
+    assert_eq!((there.device(), x.to_device(&Device::Cpu).device()), (gpu.clone(), Device::Cpu));
+    let loss = (there.to_device(&Device::Cpu) * &x).sum_all();
+    let gradients = loss.backward().unwrap();
+    let found = gradients.wrt(&x).unwrap();
+    assert_eq!((found.device(), found.slice::<f32>()), (Device::Cpu, &[0.75f32, 12.0, 27.0][..]));
+}
+
+#[test]
 fn any_number_of_elements() {
     let Some(gpu) = gpu() else { return };
     for len in [0, 1, 3, 255, 257, 70_000] {

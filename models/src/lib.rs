@@ -5,6 +5,7 @@
 //!                          scenes → physics → report
 //! ```
 
+mod constant;
 mod nearest;
 mod vector;
 pub mod layers;

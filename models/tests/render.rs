@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use gradreel::ops::{Lattice, uniform};
 use gradreel::{DType, ErrorKind, GradCheck, Tape, Tensor};
-use gradreel_models::render::{Rays, Splat, Surface, march, render, splat};
+use gradreel_models::render::{Rays, Splat, Surface, march, render, render_jvp, splat};
 
 fn rays(list: &[([f64; 3], [f64; 3])]) -> Arc<Rays> {
     let unit = |d: [f64; 3]| d.map(|x| x / d.iter().map(|x| x * x).sum::<f64>().sqrt());
@@ -131,4 +131,43 @@ fn particles_without_a_place_are_errors() {
     let apart = tape.constant(Tensor::from_vec(vec![0.0, 0.0, 0.0, 1e6, 1e6, 1e6], [2, 3]));
     let far = splat(&apart, &one(1.0, 1), &one(0.5, 3), &settings).err().unwrap();
     assert_eq!(far.kind(), ErrorKind::Physics);
+}
+
+#[test]
+fn forward_mode_agrees_with_central_differences_and_with_the_tape() {
+    let particles = 40;
+    let settings = Splat { spacing: 0.2, particle_spacing: 0.15 };
+    // translucent, so that no ray ends early and every sample counts
+    let surface = Surface { depth: 0.3, low: 0.05, ..Surface::default() };
+    let at = uniform(1, [particles, 3], 0.1..0.9);
+    let (opacity, colour) = (uniform(2, [particles, 1], 0.5..1.0), uniform(3, [particles, 3], 0.1..0.9));
+    let directions = [uniform(4, [particles, 3], -1.0..1.0), uniform(5, [particles, 3], -1.0..1.0)];
+    let jvp = |at: &Tensor, directions: &[Tensor]| {
+        let (pixels, changes) =
+            render_jvp(at, directions, &opacity, &colour, &some_rays(), &settings, &surface).unwrap();
+        (pixels.to_vec().unwrap(), changes.to_vec().unwrap())
+    };
+    let (pixels, changes) = jvp(&at, &directions);
+    let tape = Tape::new();
+    let [x, o, c] = [&at, &opacity, &colour].map(|tensor| tape.constant(tensor.clone()));
+    let rendered = render(&x, &o, &c, &some_rays(), &settings, &surface).unwrap();
+    assert_eq!(pixels, rendered.value().unwrap().to_vec().unwrap(), "the same picture");
+    let mut largest = 0.0f64;
+    for (k, direction) in directions.iter().enumerate() {
+        let moved = |step: f64| {
+            let x = at.to_vec().unwrap().iter().zip(direction.to_vec().unwrap()).map(|(x, d)| x + step * d).collect();
+            jvp(&Tensor::from_vec(x, [particles, 3]), &[]).0
+        };
+        let (plus, minus) = (moved(1e-6), moved(-1e-6));
+        for i in 0..pixels.len() {
+            let difference = (plus[i] - minus[i]) / 2e-6;
+            let exact = changes[(i / 4 * 2 + k) * 4 + i % 4];
+            assert!((exact - difference).abs() < 1e-6, "value {i}, direction {k}: {exact}, difference {difference}");
+            largest = largest.max(exact.abs());
+        }
+    }
+    assert!(largest > 0.1, "the pixels do change: {largest}");
+    let odd = uniform(4, [particles - 1, 3], -1.0..1.0);
+    let error = render_jvp(&at, &[odd], &opacity, &colour, &some_rays(), &settings, &surface).unwrap_err();
+    assert_eq!(error.kind(), ErrorKind::Shape);
 }

@@ -30,6 +30,7 @@ mod memory;
 mod op;
 mod profile;
 mod remat;
+mod transfer;
 mod var;
 
 use std::cell::RefCell;

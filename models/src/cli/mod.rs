@@ -3,6 +3,7 @@
 mod check;
 mod gradcheck;
 mod reconstruct;
+mod resimulate;
 mod simulate;
 mod synthesize;
 mod weights;

@@ -8,7 +8,6 @@ use crate::field::{bounding_sphere, hull};
 use crate::identify::{Config, Reconstruction, Run, reconstruct};
 use crate::report::interrupt;
 use crate::report::progress::Progress;
-use crate::report::quantity::Quantity;
 use crate::report::reconstruction::{publish, quantities};
 use crate::report::run_folder::RunFolder;
 use crate::video::{Clip, OpenOptions};
@@ -34,6 +33,13 @@ pub(super) struct Arguments {
     /// Use the first so many frames only
     #[arg(long, value_name = "COUNT", conflicts_with = "resume")]
     frames: Option<usize>,
+    /// What the object is made of: elastic, plasticine, newtonian, non_newtonian or sand, auto to let each of these try,
+    /// or the name of a law [default: elastic]
+    #[arg(long, value_name = "NAME", conflicts_with = "resume")]
+    material: Option<String>,
+    /// Values to start from in SI units, for example young=1e4,yield_stress=500; the law's own for those not named
+    #[arg(long, value_delimiter = ',', value_name = "NAME=VALUE", value_parser = named_value, conflicts_with = "resume")]
+    start: Vec<(String, f64)>,
     /// Young's modulus to start from [Pa]
     #[arg(long, value_name = "PA", allow_negative_numbers = true, conflicts_with = "resume")]
     young: Option<f64>,
@@ -58,6 +64,7 @@ const EXAMPLES: &str = "\
 Examples:
   gradreel reconstruct examples/clips/bird                     the bundled clip, under three minutes on two cores
   gradreel reconstruct my/clip --cameras 0,4 --out runs/two    two cameras only
+  gradreel reconstruct my/clip --material plasticine --start yield_stress=500
   gradreel reconstruct my/clip --out runs/two --resume         go on after Ctrl-C
 
 Look at a clip first with `gradreel check my/clip`. The results are in index.html of the output folder.";
@@ -103,7 +110,11 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     if let Some(cameras) = &arguments.cameras {
         config.clip.cameras.clone_from(cameras);
     }
+    if let Some(material) = &arguments.material {
+        config.material.name.clone_from(material);
+    }
     let start = &mut config.material.start;
+    start.extend(arguments.start.iter().cloned());
     arguments.young.map(|value| start.insert("young".into(), value));
     arguments.poisson.map(|value| start.insert("poisson".into(), value));
     config.clip.frames = arguments.frames.unwrap_or(config.clip.frames);
@@ -111,6 +122,9 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     config.world.ground = arguments.ground.unwrap_or(config.world.ground);
     config.geometry.dx = arguments.dx.unwrap_or(config.geometry.dx);
     config.check()?;
+    let law = config.law()?;
+    config.material.held =
+        (!config.chooses_family()).then_some(config.held(&law)?.into_iter().map(str::to_owned).collect());
     // the clip first: one that cannot be used leaves no trace
     let clip = open(&arguments.clip, &config)?;
     check_shrink(&clip, config.clip.shrink)?;
@@ -151,7 +165,7 @@ fn check_shrink(clip: &Clip, shrink: usize) -> Result<()> {
         .fix("choose a smaller factor in the file of --config, or 0 for an automatic one"))
 }
 
-fn open(path: &Path, config: &Config) -> Result<Clip> {
+pub(super) fn open(path: &Path, config: &Config) -> Result<Clip> {
     let options = OpenOptions {
         cameras: Some(config.clip.cameras.clone()).filter(|cameras| !cameras.is_empty()),
         max_frames: Some(config.clip.frames).filter(|&frames| frames > 0),
@@ -169,7 +183,27 @@ fn open(path: &Path, config: &Config) -> Result<Clip> {
 
 fn summarise(found: &Reconstruction, run: &Run) {
     println!();
-    let line = |q: &Quantity| println!("  {:<22} {:>12}", q.label, q.readable());
-    quantities(found, run).iter().for_each(line);
+    if !run.state.candidates.is_empty() {
+        println!("  family            loss of frames fitted   of frames foretold");
+        for candidate in &run.state.candidates {
+            println!("  {:<16} {:>22.5} {:>20.5}", candidate.family, candidate.seen, candidate.foretold);
+        }
+        println!("  chosen: {}\n", run.config.material.name);
+    }
+    for quantity in quantities(found, run) {
+        let known = match (quantity.readable_interval(), quantity.determined) {
+            (Some(interval), Some(false)) => format!("not determined by this clip: 90 % {interval}"),
+            (Some(interval), _) => format!("90 % {interval}"),
+            (None, _) => quantity.source.clone(),
+        };
+        println!("  {:<22} {:>12}   {known}", quantity.label, quantity.readable());
+    }
     println!("\n  open {}", run.folder.path("index.html").display());
+}
+
+/// A number with its name, as in `young=1e4`.
+pub(super) fn named_value(text: &str) -> std::result::Result<(String, f64), String> {
+    let (name, value) = text.split_once('=').ok_or("a name, `=` and a number are wanted, such as young=1e4")?;
+    let value = value.trim().parse().map_err(|e| format!("{value:?} is not a number: {e}"))?;
+    Ok((name.trim().to_owned(), value))
 }

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use gradreel::{Error, ErrorKind, Result};
 
+use super::resimulate;
 use crate::physics::Number;
 use crate::report::interrupt;
 use crate::report::progress::Progress;
@@ -17,7 +18,8 @@ use crate::scenes::{Film, Precision, Runner, SceneFile, Setup};
 #[command(after_long_help = HELP)]
 pub(super) struct Arguments {
     /// The scene: a TOML file (see below)
-    scene: PathBuf,
+    #[arg(required_unless_present = "from")]
+    scene: Option<PathBuf>,
     /// Folder for the results [default: runs/<scene>, runs/<scene>-2, …]
     #[arg(long, value_name = "FOLDER")]
     out: Option<PathBuf>,
@@ -45,6 +47,8 @@ pub(super) struct Arguments {
     /// No progress on stderr
     #[arg(long, short)]
     quiet: bool,
+    #[command(flatten)]
+    again: resimulate::Arguments,
 }
 
 const HELP: &str = "\
@@ -90,14 +94,19 @@ Examples:
   gradreel simulate my.toml --plan                              particles, memory and substeps only
   gradreel simulate my.toml --out runs/my --frames ply,npy      both kinds of files
   gradreel simulate my.toml --out runs/my --film                then: gradreel reconstruct runs/my/clip
+  gradreel simulate --from runs/bird --set young=1e6            what was reconstructed, stiffer, beside its clip
   gradreel simulate my.toml --out runs/my --resume              go on after Ctrl-C
 
 The folder holds frames/frame_0000.ply …, motion.gif, totals.json (mass, momentum, energy), scene.toml and index.html.";
 
 /// Simulates a scene into a folder.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    let scene = match (&arguments.again.from, &arguments.scene) {
+        (Some(from), _) => return resimulate::run(&arguments.again, from, arguments.out.as_deref(), arguments.quiet),
+        (None, scene) => scene.as_deref().unwrap_or(Path::new("")),
+    };
     interrupt::install()?;
-    let mut file = SceneFile::read(&arguments.scene)?;
+    let mut file = SceneFile::read(scene)?;
     if arguments.film {
         file.film.get_or_insert_default();
     }
@@ -107,38 +116,38 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         Some(_) => file.grid.precision = Precision::F32,
         None => {}
     }
-    let folder = arguments.scene.parent().unwrap_or(Path::new("."));
-    let setup = Setup::of(&file, folder).map_err(|e| e.within(arguments.scene.display()))?;
-    let name = arguments.scene.file_stem().map_or("scene".into(), |stem| stem.to_string_lossy());
+    let folder = scene.parent().unwrap_or(Path::new("."));
+    let setup = Setup::of(&file, folder).map_err(|e| e.within(scene.display()))?;
     let film = file.film.as_ref().map(|settings| Film::of(&setup, settings)).transpose();
-    let film = film.map_err(|e| e.within(arguments.scene.display()))?;
+    let film = film.map_err(|e| e.within(scene.display()))?;
     if !arguments.quiet {
-        print_plan(&name, &file, &setup);
+        print_plan(&stem(scene), &file, &setup);
     }
     if arguments.plan {
         return Ok(());
     }
     match setup.precision {
-        Precision::F32 => simulate::<f32>(arguments, &name, &file, &setup, film),
-        Precision::F64 => simulate::<f64>(arguments, &name, &file, &setup, film),
+        Precision::F32 => simulate::<f32>(arguments, scene, &file, &setup, film),
+        Precision::F64 => simulate::<f64>(arguments, scene, &file, &setup, film),
     }
 }
 
 fn simulate<T: Number>(
     arguments: &Arguments,
-    name: &str,
+    scene: &Path,
     file: &SceneFile,
     setup: &Setup,
     film: Option<Film>,
 ) -> Result<()> {
+    let name = stem(scene);
     let text =
         toml::to_string_pretty(file).map_err(|e| Error::new(ErrorKind::Io, "the scene cannot be written").found(e))?;
     let folder = match &arguments.out {
         _ if arguments.resume => RunFolder::open(arguments.out.as_deref().unwrap_or(Path::new(".")))?,
         Some(folder) => RunFolder::create(folder)?,
-        None => RunFolder::create_free(Path::new("runs"), name)?,
+        None => RunFolder::create_free(Path::new("runs"), &name)?,
     };
-    let mut record = Record::new(folder, name, &text, file, setup, &arguments.frames);
+    let mut record = Record::new(folder, &name, &text, file, setup, &arguments.frames);
     record.animated = !arguments.no_gif;
     record.film = film;
     let mut runner = if arguments.resume {
@@ -148,7 +157,7 @@ fn simulate<T: Number>(
         Runner::<T>::new(setup)?
     };
     let root = record.root().display().to_string();
-    let go_on = format!("go on with `gradreel simulate {} --out {root} --resume`", arguments.scene.display());
+    let go_on = format!("go on with `gradreel simulate {} --out {root} --resume`", scene.display());
     let progress = Progress::new(arguments.quiet);
     let last = setup.schedule.frames - 1;
     let mut frame = runner.frame();
@@ -196,6 +205,11 @@ fn simulate<T: Number>(
         }
     }
     Ok(())
+}
+
+/// The scene's name: that of its file.
+fn stem(scene: &Path) -> String {
+    scene.file_stem().map_or("scene".into(), |stem| stem.to_string_lossy().into_owned())
 }
 
 /// What will be done, before it is.

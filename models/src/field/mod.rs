@@ -3,11 +3,31 @@
 //! [`hull`] carves the visual hull from the silhouettes; [`Field`] holds raw density and colour at the hull's voxels, and
 //! `fit` makes the rendered voxels agree with the images. A voxel is a particle-to-be: the voxel spacing is the particle
 //! spacing, half a cell of the simulation.
+//!
+//! Beside it stands the published voxel radiance field: [`RadianceField`] is raw density and features on a [`DenseGrid`] with
+//! a network of colours, [`Occupancy`] the mask of what may be opaque, [`static_step`](static_step()) one evaluation and
+//! [`StaticFit`] the whole of its fit to the first frame.
+//! [`temporal`] is the field that moves: one network bends the coordinates of every frame into those of the first.
 
+mod dense;
 mod fit;
 mod hull;
+mod occupancy;
+mod radiance;
+mod static_fit;
+mod static_step;
+pub mod temporal;
+mod variation;
 mod voxels;
 
+pub(crate) use dense::channel;
+pub use dense::{DenseGrid, opacity_shift};
 pub use fit::{FitSettings, FitState, Pose, fit};
 pub use hull::{Hull, Sphere, bounding_sphere, hull};
+pub use occupancy::Occupancy;
+pub(crate) use occupancy::opacity;
+pub use radiance::{ColourNet, RadianceField, RadianceSizes};
+pub use static_fit::{StaticFit, StaticFitSettings, StaticProgress};
+pub use static_step::{StaticSettings, StaticStep, entropy, static_step};
+pub use variation::{Reach, variation_gradient, with_variation};
 pub use voxels::Field;

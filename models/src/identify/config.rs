@@ -72,13 +72,17 @@ pub struct WorldConfig {
     pub density: f64,
     /// Share of a grid cell that waves and particles may cross in a substep; stable up to about 1.
     pub cfl: f64,
+    /// Waves and particles are taken to be at least so fast when the substep is chosen \[m/s\]. Every substep damps the motion
+    /// a little, by passing it to the grid and back; with this floor the number of substeps does not hang on how soft a
+    /// material is. 43 m/s makes 1/4800 s of a grid of 0.02 m.
+    pub least_speed: f64,
     /// Memory for the states of a rollout \[MiB\].
     pub memory_mib: usize,
 }
 
 impl Default for WorldConfig {
     fn default() -> Self {
-        Self { gravity: [0.0, -9.8, 0.0], ground: 0.0, density: 1000.0, cfl: 0.45, memory_mib: 1024 }
+        Self { gravity: [0.0, -9.8, 0.0], ground: 0.0, density: 1000.0, cfl: 0.45, least_speed: 43.0, memory_mib: 1024 }
     }
 }
 
@@ -86,38 +90,51 @@ impl Default for WorldConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MaterialConfig {
-    /// Name of the material.
+    /// Name of the material: `elastic`, `plasticine`, `newtonian`, `non_newtonian`, `sand`, or the name of a law; `auto` lets
+    /// each of the five try.
     pub name: String,
-    /// Starting values by parameter name, in SI units.
+    /// Starting values by parameter name, in SI units; the law's own for those not named.
     pub start: std::collections::BTreeMap<String, f64>,
+    /// Parameters that stay where they start; if not given, sand's cohesion.
+    pub held: Option<Vec<String>>,
 }
 
 impl Default for MaterialConfig {
     fn default() -> Self {
-        let start = [("young".to_owned(), 1e4), ("poisson".to_owned(), 0.1)];
-        Self { name: "neo_hookean".to_owned(), start: start.into_iter().collect() }
+        Self { name: "elastic".to_owned(), start: std::collections::BTreeMap::new(), held: None }
     }
 }
 
-/// Effort of the estimates, in evaluations of the forward model with its gradient.
+/// The families of materials by the names that people use, and their laws.
+pub const FAMILIES: [(&str, &str); 5] = [
+    ("elastic", "neo_hookean"),
+    ("plasticine", "von_mises"),
+    ("newtonian", "newtonian"),
+    ("non_newtonian", "viscoplastic"),
+    ("sand", "drucker_prager"),
+];
+
+/// Effort of the estimates.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct EstimateConfig {
-    /// Evaluations at most for the velocity before contact, each time.
+    /// Evaluations with their gradient at most for the velocity before contact, each time.
     pub velocity: usize,
-    /// Evaluations at most on a grid of twice the spacing, first on the frames around contact, then on all.
+    /// Materials tried on a grid of twice the spacing, spread over what is plausible, besides the one to start from.
+    pub scan: usize,
+    /// The best of these from which a search goes out on that grid.
+    pub starts: usize,
+    /// Gauss–Newton steps at most of each of these searches.
     pub coarse: usize,
-    /// Evaluations at most for the material on the full grid and all frames, and again in each round.
+    /// Gauss–Newton steps at most on the full grid, and again in each round.
     pub fine: usize,
     /// Rounds at most of fitting the shape to the whole motion and the material to the new shape.
     pub rounds: usize,
-    /// Frames after first contact that the first coarse estimate sees.
-    pub warm_up_frames: usize,
 }
 
 impl Default for EstimateConfig {
     fn default() -> Self {
-        Self { velocity: 30, coarse: 16, fine: 10, rounds: 2, warm_up_frames: 3 }
+        Self { velocity: 30, scan: 24, starts: 3, coarse: 8, fine: 5, rounds: 2 }
     }
 }
 
@@ -164,6 +181,7 @@ impl Config {
             (self.world.ground.is_finite(), "world.ground", "a height in metres"),
             ((0.1..=1e5).contains(&self.world.density), "world.density", "0.1 to 100000 kg/m³"),
             ((0.01..=1.0).contains(&self.world.cfl), "world.cfl", "0.01 to 1"),
+            ((0.0..=1e4).contains(&self.world.least_speed), "world.least_speed", "0 to 10000 m/s"),
             (self.world.memory_mib >= 16, "world.memory_mib", "at least 16 MiB"),
             (positive(self.surface.step) && self.surface.step <= 2.0, "surface.step", "above 0, at most 2 cells"),
             (positive(self.surface.depth), "surface.depth", "a positive optical depth"),
@@ -178,7 +196,34 @@ impl Config {
                     .fix("correct it in the file of --config or on the command line, or leave it out"));
             }
         }
-        self.starting_values(&self.law()?).map(|_| ())
+        let law = self.law()?;
+        self.held(&law)?;
+        self.starting_values(&law).map(|_| ())
+    }
+
+    /// The names of the parameters that stay where they start.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] for a parameter that the law does not have.
+    pub fn held<'a>(&'a self, law: &'a Law) -> Result<Vec<&'a str>> {
+        let Some(held) = &self.material.held else {
+            // how far sand can be pulled is next to nothing, and any sign of it drowns in the shape's error
+            return Ok(law.parameters().iter().map(|p| p.name).filter(|name| *name == "cohesion").collect());
+        };
+        let known: Vec<_> = law.parameters().iter().map(|p| p.name).collect();
+        if let Some(unknown) = held.iter().find(|name| !known.contains(&name.as_str())) {
+            return Err(Error::new(ErrorKind::Input, "the material has no parameter of this name")
+                .at("material.held")
+                .found(unknown)
+                .wanted(format!("some of {known:?}"))
+                .fix("correct the name in the file of --config"));
+        }
+        Ok(held.iter().map(String::as_str).collect())
+    }
+
+    /// Whether the family of the material is still to be chosen.
+    pub fn chooses_family(&self) -> bool {
+        self.material.name == "auto"
     }
 
     /// The law of the material.
@@ -187,13 +232,17 @@ impl Config {
     /// [`ErrorKind::Input`] when there is no material of this name.
     pub fn law(&self) -> Result<Law> {
         let name = &self.material.name;
-        materials::find(name).ok_or_else(|| {
-            let known: Vec<_> = materials::all().iter().map(|law| law.name().to_owned()).collect();
+        // until a family is chosen nothing depends on it: free flight
+        let name = if self.chooses_family() { FAMILIES[0].0 } else { name };
+        let family = FAMILIES.iter().find(|(family, _)| *family == name);
+        materials::find(family.map_or(name, |(_, law)| law)).ok_or_else(|| {
+            let families = FAMILIES.iter().map(|(family, _)| (*family).to_owned());
+            let known: Vec<_> = families.chain(materials::all().iter().map(|law| law.name().to_owned())).collect();
             Error::new(ErrorKind::Input, "there is no material of this name")
                 .at("material.name")
                 .found(name)
                 .wanted(format!("one of {known:?}"))
-                .fix("choose one of these in the file of --config")
+                .fix("choose one of these with --material, or in the file of --config")
         })
     }
 

@@ -1,29 +1,52 @@
-//! Identify: geometry, velocity and material, each by gradients from the pixels.
+//! Identify: geometry, velocity and material, each by derivatives from the pixels.
 //!
-//! [`Problem`] is the forward model on one tape (unknowns → rollout → splat → march → loss); [`estimate`] moves unknowns
-//! against its gradient; [`reconstruct`](reconstruct()) runs the stages in order and keeps a run folder up to date:
+//! [`Problem`] is the forward model (unknowns → rollout → splat → march → loss), in reverse mode on one tape and in forward
+//! mode as least squares ([`Problem::linearise`]); [`estimate`] and [`gauss_newton`](gauss_newton()) move unknowns with it;
+//! [`reconstruct`](reconstruct()) runs the stages in order and keeps a run folder up to date:
 //!
 //! 1. **geometry**: visual hull, then voxels fitted to the first frame, then particles;
-//! 2. **velocity**: frames before contact, where the motion does not depend on the material;
-//! 3. **coarse**: the material on a grid of twice the spacing, first around contact, then on all frames;
-//! 4. **fine**: material and velocity together, on the full grid and all frames.
+//! 2. **velocity**: frames before contact, where the motion does not depend on the material, by L-BFGS;
+//! 3. **family**: if it was not said, which of them foretells the frames that it was not fitted to;
+//! 4. **coarse**: on a grid of twice the spacing, a scan of what is plausible, then Gauss–Newton from the best of it;
+//! 5. **fine**: the material by Gauss–Newton on the full grid and all frames;
+//! 6. **intervals**: how sure all that is.
 //!
-//! Where the particles themselves were tracked, [`Tracks`] finds velocity and material without pictures.
+//! [`dynamic_step`] is the published forward model on the particles of a radiance field; [`RangePenalty`] keeps parameters
+//! plausible. [`Changes`] makes a reconstructed object move under other
+//! conditions. Where the particles themselves were tracked, [`Tracks`] finds velocity and material without pictures.
 
+mod again;
 mod config;
 mod contact;
 mod estimate;
+mod family;
+mod gauss_newton;
+mod interval;
+mod linearise;
+mod oracle;
+mod penalty;
+mod pixels;
+mod plausible;
 mod problem;
 mod reconstruct;
 mod run;
+mod stages;
 mod tracks;
 mod unknowns;
 
-pub use config::{ClipConfig, Config, EstimateConfig, GeometryConfig, MaterialConfig, WorldConfig};
+pub use again::Changes;
+pub use config::{ClipConfig, Config, EstimateConfig, FAMILIES, GeometryConfig, MaterialConfig, WorldConfig};
 pub use contact::first_contact;
 pub use estimate::{Evaluation, estimate};
+pub use family::{Candidate, choose};
+pub use gauss_newton::{apart, gauss_newton, scan};
+pub use interval::{Interval, intervals};
+pub use linearise::{Linearised, Score};
+pub use oracle::{Answer, Listener};
+pub use penalty::RangePenalty;
+pub use pixels::{FramePixels, MotionLoss, MotionSettings, body_of, dynamic_step, is_stiffness, motion_loss};
 pub use problem::{Observed, Problem};
 pub use reconstruct::{Reconstruction, reconstruct};
-pub use run::{ClipIdentity, HistoryRow, Run, State};
+pub use run::{ClipIdentity, HistoryRow, Run, Search, State};
 pub use tracks::{TANGENT_COST, Tracks, TracksFit};
-pub use unknowns::{Bound, Free, Unknowns};
+pub use unknowns::{Bound, Free, Unknown, Unknowns};

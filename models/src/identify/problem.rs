@@ -6,7 +6,7 @@ use gradreel::{DType, ErrorKind, Result, Tape, Tensor, Var};
 
 use crate::identify::{Bound, Config, Free, Unknowns};
 use crate::particles::Particles;
-use crate::physics::{Body, Collider, Law, Remat, Schedule, World, rollout};
+use crate::physics::{Body, Collider, Law, Parameter, Remat, Schedule, World, rollout};
 use crate::render::{Rays, Splat, Surface, Target, render};
 use crate::video::Clip;
 
@@ -18,6 +18,8 @@ const SLACK: f64 = 1.45;
 pub struct Observed {
     /// The rays of all cameras.
     pub rays: Arc<Rays>,
+    /// Number of rays of each camera, in their order.
+    pub views: Vec<usize>,
     /// One target per frame, in the order of the rays.
     pub targets: Vec<Target>,
     /// Time between frames \[s\].
@@ -33,6 +35,7 @@ impl Observed {
         let targets = (0..clip.frame_count()).map(|f| Target::of(clip, f, &config.weights, dtype));
         Ok(Self {
             rays: Arc::new(Rays::of_cameras(&clip.cameras)),
+            views: clip.cameras.iter().map(|camera| camera.width * camera.height).collect(),
             targets: targets.collect::<Result<_>>()?,
             frame_dt: clip.frame_dt(),
         })
@@ -57,6 +60,8 @@ pub struct Problem<'a> {
     pub density: f64,
     /// Share of a cell that waves may cross in a substep.
     pub cfl: f64,
+    /// Waves and particles are taken to be at least so fast \[m/s\].
+    pub least_speed: f64,
     /// Memory for states.
     pub remat: Remat,
     /// Precision of everything on the tape.
@@ -81,6 +86,7 @@ impl<'a> Problem<'a> {
             surface: config.surface.clone(),
             density: config.world.density,
             cfl: config.world.cfl,
+            least_speed: config.world.least_speed,
             remat: Remat::Auto { bytes: config.world.memory_mib << 20 },
             dtype,
         }
@@ -95,14 +101,15 @@ impl<'a> Problem<'a> {
         let highest = self.particles.positions.iter().fold(f64::NEG_INFINITY, |high, x| high.max(x[1]));
         let drop = (highest - self.ground).max(0.0);
         let speed = (start + gravity * time).min((start * start + 2.0 * gravity * drop).sqrt());
-        let sound = self.law.wave_speed(&unknowns.parameters, self.density);
+        let sound = self.law.wave_speed(&unknowns.parameters, self.density).max(self.least_speed - speed);
         Schedule::stable(&self.world, frames, self.observed.frame_dt, sound, speed, self.cfl)
     }
 
     /// Positions of the particles at every frame, `[frames, particles, 3]` \[m\], on the tape.
     ///
-    /// A particle stands for a cube that is filled to the share that its opacity says: density and stiffness are in
-    /// proportion to it. The velocity of the rollout is that of half a substep earlier (a leapfrog start), so that free flight
+    /// A particle stands for a cube that is filled to the share that its opacity says: its density and its stress are in
+    /// proportion to it. A stress is in proportion when every modulus, yield stress and viscosity is; strains and angles at
+    /// which a material yields stay as they are. The velocity of the rollout is that of half a substep earlier (a leapfrog start), so that free flight
     /// is exact whatever the substep: `x₀ + v t + g t²/2`.
     ///
     /// # Errors
@@ -112,16 +119,32 @@ impl<'a> Problem<'a> {
         let opacity = tape.constant(self.particles.opacity(self.dtype)?).reshape([count]);
         let parameters = self.law.parameters();
         let body = Body {
-            positions: tape.constant(self.particles.positions(self.dtype)?),
+            positions: tape.constant(self.lowered(bound.contact)?),
             velocity: &bound.velocity - &self.half_kick(tape, schedule)?,
             density: &opacity * self.density,
             parameters: parameters
                 .iter()
                 .zip(&bound.parameters)
-                .map(|(p, value)| if p.unit == "Pa" { value * &opacity } else { value.clone() })
+                .map(|(p, value)| if is_stress(p) { value * &opacity } else { value.clone() })
                 .collect(),
         };
-        rollout(&self.world, &self.law, schedule, self.remat, &body)
+        let motion = rollout(&self.world, &self.law, schedule, self.remat, &body)?;
+        if bound.contact == 0.0 {
+            return Ok(motion);
+        }
+        let back = Tensor::from_vec(vec![0.0, bound.contact * self.world.dx, 0.0], [3]).cast(self.dtype)?;
+        Ok(&motion + &tape.constant(back))
+    }
+
+    /// The particles as the simulation has them: a ground that is felt `contact` grid spacings higher than it is, is felt
+    /// there by a body that is as much lower.
+    ///
+    /// # Errors
+    /// Never for `f32` and `f64`.
+    pub(crate) fn lowered(&self, contact: f64) -> Result<Tensor> {
+        let shift = contact * self.world.dx;
+        let lower = self.particles.positions.iter().flat_map(|x| [x[0], x[1] - shift, x[2]]);
+        Tensor::from_vec(lower.collect(), [self.particles.len(), 3]).cast(self.dtype)
     }
 
     /// Positions of the particles at every filmed frame, `[frames, particles, 3]` \[m\], without a tape to differentiate.
@@ -168,14 +191,12 @@ impl<'a> Problem<'a> {
         render(positions, opacity, colour, &self.observed.rays, &splat, &self.surface)
     }
 
-    /// Loss and gradient in the coordinates of the free unknowns.
+    /// Loss and gradient in the coordinates of the free unknowns, on the tape.
     ///
-    /// `substeps` is the least number of substeps a frame and is raised when the unknowns need more, never lowered: a loss
-    /// that an optimiser follows must not jump with the step. When the rollout breaks down, it is retried with up to eight
-    /// times the substeps; `notes` is told.
+    /// `substeps` and `notes` as in [`Problem::with_step`].
     ///
     /// # Errors
-    /// [`ErrorKind::Physics`] when it still breaks down then; what the renderer returns.
+    /// As [`Problem::with_step`]; what the renderer returns.
     pub fn evaluate(
         &self,
         unknowns: &Unknowns,
@@ -184,26 +205,50 @@ impl<'a> Problem<'a> {
         substeps: &mut usize,
         notes: &mut dyn FnMut(String),
     ) -> Result<(f64, Vec<f64>)> {
+        self.with_step(unknowns, frames, substeps, notes, &mut |schedule| {
+            let tape = Tape::new();
+            let bound = unknowns.bind(&tape, &self.law, free, self.dtype)?;
+            let loss = self.loss(&self.motion(&tape, &bound, schedule)?, frames)?;
+            Ok((loss.item()?, bound.gradient(&loss)?))
+        })
+    }
+
+    /// Does something with a schedule that is stable for these unknowns.
+    ///
+    /// `substeps` is the least number of substeps a frame and is raised when the unknowns need more, never lowered: a loss
+    /// that an optimiser follows must not jump with the step. When the rollout breaks down, it is retried with up to eight
+    /// times the substeps; `notes` is told.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Physics`] when it still breaks down then; what `attempt` returns.
+    pub fn with_step<R>(
+        &self,
+        unknowns: &Unknowns,
+        frames: usize,
+        substeps: &mut usize,
+        notes: &mut dyn FnMut(String),
+        attempt: &mut dyn FnMut(Schedule) -> Result<R>,
+    ) -> Result<R> {
         let mut schedule = self.schedule(unknowns, frames);
         if schedule.substeps as f64 > SLACK * *substeps as f64 {
             *substeps = schedule.substeps;
         }
         schedule.substeps = *substeps;
         for retry in 0.. {
-            let tape = Tape::new();
-            let bound = unknowns.bind(&tape, &self.law, free, self.dtype)?;
-            let motion = match self.motion(&tape, &bound, schedule) {
+            match attempt(schedule) {
                 Err(error) if error.kind() == ErrorKind::Physics && retry < 3 => {
                     schedule.substeps *= 2;
                     *substeps = schedule.substeps;
                     notes(format!("retrying with {} substeps a frame: {error}", schedule.substeps));
-                    continue;
                 }
-                motion => motion?,
-            };
-            let loss = self.loss(&motion, frames)?;
-            return Ok((loss.item()?, bound.gradient(&loss)?));
+                done => return done,
+            }
         }
         unreachable!("the loop returns")
     }
+}
+
+/// Whether a parameter scales the stress: a modulus, a yield stress, a viscosity.
+pub(crate) fn is_stress(parameter: &Parameter) -> bool {
+    parameter.unit == "Pa" || parameter.unit == "Pa s"
 }

@@ -1,13 +1,14 @@
 //! The stages in order, from a clip to shape, motion and material.
 
+use std::collections::BTreeSet;
 use std::time::Instant;
 
 use gradreel::optim::{Adam, Params};
-use gradreel::{DType, Result, Tensor};
+use gradreel::{DType, Error, ErrorKind, Result, Tensor};
 
 use crate::field::{Field, Pose, bounding_sphere, fit, hull};
-use crate::identify::run::{HistoryRow, Run};
-use crate::identify::{Free, Observed, Problem, Unknowns, estimate, first_contact};
+use crate::identify::run::Run;
+use crate::identify::{Observed, Problem, Unknowns, first_contact};
 use crate::particles::Particles;
 use crate::physics::Law;
 use crate::render::Splat;
@@ -30,6 +31,10 @@ pub struct Reconstruction {
     pub clip: Clip,
     /// Its pixels.
     pub observed: Observed,
+    /// Names of parameters and components of the velocity that were given instead of estimated.
+    pub given: BTreeSet<String>,
+    /// What was changed since, in words.
+    pub changes: Vec<String>,
 }
 
 /// Runs every stage that the run has not finished yet.
@@ -38,35 +43,40 @@ pub struct Reconstruction {
 /// [`gradreel::ErrorKind::Input`] for a clip that cannot be used; [`gradreel::ErrorKind::Physics`] when the simulation
 /// breaks down whatever the step; [`gradreel::ErrorKind::Interrupted`] when the user stopped it. The run can go on from
 /// there.
-pub fn reconstruct(clip: &Clip, run: &mut Run, progress: &Progress) -> Result<Reconstruction> {
+pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<Reconstruction> {
     let law = run.config.law()?;
-    let spacing = particle_spacing(clip, run)?;
-    let clip = &clip.scaled(shrink_factor(clip, run, 2.0 * spacing)?);
+    let spacing = particle_spacing(whole, run)?;
+    let clip = &whole.scaled(shrink_factor(whole, run, 2.0 * spacing)?);
     let observed = Observed::of(clip, &run.config, DTYPE)?;
-    let start = Unknowns { velocity: [0.0; 3], parameters: run.config.starting_values(&law)? };
+    let mut unknowns = Unknowns { parameters: run.config.starting_values(&law)?, ..Unknowns::default() };
     let stages = Stages { clip, observed: &observed, law: &law, spacing, progress };
 
-    let mut unknowns = run.state.unknowns.clone().unwrap_or(start);
     let frames = clip.frame_count();
     let iterations = run.config.geometry.fit.iterations;
     stages.shape(run, "shape", iterations, Moved::Flying { frames: 1, velocity: [0.0; 3] })?;
     let few = frames.min(3);
-    stages.unknowns(run, "velocity", Free::Velocity, 1, few, &mut unknowns)?;
+    stages.velocity(run, "velocity", few, &mut unknowns)?;
     stages.contact(run, &unknowns)?;
     let flight = run.state.contact.unwrap_or(frames).clamp(1, frames);
     let flying = Moved::Flying { frames: flight, velocity: unknowns.velocity };
     stages.shape(run, "shape in flight", iterations, flying)?;
-    stages.unknowns(run, "velocity in flight", Free::Velocity, 1, flight.max(few), &mut unknowns)?;
-    let warm = (flight + run.config.estimate.warm_up_frames).min(frames);
-    stages.unknowns(run, "magnitudes around contact, coarse", Free::Magnitudes, 2, warm, &mut unknowns)?;
-    stages.unknowns(run, "magnitudes, coarse", Free::Magnitudes, 2, frames, &mut unknowns)?;
-    stages.unknowns(run, MATERIAL, Free::Material, 1, frames, &mut unknowns)?;
+    stages.velocity(run, "velocity in flight", flight.max(few), &mut unknowns)?;
+    if run.config.chooses_family() {
+        stages.choose_family(run, flight, frames, &unknowns)?;
+    }
+    let law = run.config.law()?;
+    let stages = Stages { law: &law, ..stages };
+    unknowns.parameters = run.config.starting_values(&law)?;
+    stages.coarse(run, frames, &mut unknowns)?;
+    stages.fine(run, MATERIAL, frames, &mut unknowns)?;
     stages.refine(run, frames, &mut unknowns)?;
+    stages.intervals(run, frames, &unknowns)?;
     if flight >= frames {
         run.note("the object never touched the ground: the material is not determined by this clip".into());
     }
-    let particles = stages.particles(run)?;
-    Ok(Reconstruction { particles, unknowns, law, clip: clip.clone(), observed })
+    run.state.unknowns = Some(unknowns);
+    run.save()?;
+    Reconstruction::of(run, whole)
 }
 
 /// How the voxels move through the frames they are fitted to.
@@ -79,12 +89,13 @@ enum Moved<'a> {
 }
 
 /// What all stages share.
-struct Stages<'a> {
-    clip: &'a Clip,
-    observed: &'a Observed,
-    law: &'a Law,
-    spacing: f64,
-    progress: &'a Progress,
+#[derive(Clone, Copy)]
+pub(super) struct Stages<'a> {
+    pub clip: &'a Clip,
+    pub observed: &'a Observed,
+    pub law: &'a Law,
+    pub spacing: f64,
+    pub progress: &'a Progress,
 }
 
 impl Stages<'_> {
@@ -100,7 +111,7 @@ impl Stages<'_> {
                 run.keep_field()?;
             }
             self.shape(run, &shape, run.config.geometry.fit.in_motion, Moved::Simulated(&before))?;
-            self.unknowns(run, &material, Free::Material, 1, frames, unknowns)?;
+            self.fine(run, &material, frames, unknowns)?;
             let (_, loss_after) = run.best_of(&material).unwrap_or((before.clone(), f64::INFINITY));
             if loss_after >= loss_before {
                 run.restore_field()?;
@@ -200,67 +211,9 @@ impl Stages<'_> {
         Ok((field, params))
     }
 
-    fn particles(&self, run: &Run) -> Result<Particles> {
+    pub fn particles(&self, run: &Run) -> Result<Particles> {
         let (field, params) = run.load_field(&mut Adam::new(0.0))?;
         Particles::of_field(&field, &params, run.config.geometry.least_opacity)
-    }
-
-    /// Estimates the free unknowns on particles and grid of `coarseness` times the spacing.
-    fn unknowns(
-        &self,
-        run: &mut Run,
-        stage: &str,
-        free: Free,
-        coarseness: usize,
-        frames: usize,
-        unknowns: &mut Unknowns,
-    ) -> Result<()> {
-        if run.has_finished(stage) {
-            return Ok(());
-        }
-        let since = Instant::now();
-        let fine = self.particles(run)?;
-        let particles = if coarseness == 2 { fine.coarsened() } else { fine };
-        let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
-        let budget = match (free, coarseness) {
-            (Free::Velocity, _) => run.config.estimate.velocity,
-            (_, 2) => run.config.estimate.coarse,
-            _ => run.config.estimate.fine,
-        };
-        let bar = self.progress.stage(stage, budget as u64);
-        let mut notes = Vec::new();
-        let mut evaluations = 0;
-        let mut best = f64::INFINITY;
-        let start = unknowns.clone();
-        let estimated = estimate(
-            &problem,
-            &start,
-            free,
-            frames,
-            budget,
-            &mut |evaluation| {
-                evaluations += 1;
-                run.state.history.push(HistoryRow {
-                    stage: stage.to_owned(),
-                    loss: Some(evaluation.loss).filter(|loss| loss.is_finite()),
-                    unknowns: evaluation.unknowns.clone(),
-                });
-                if evaluation.loss < best {
-                    best = evaluation.loss;
-                    run.state.unknowns = Some(evaluation.unknowns.clone());
-                    *unknowns = evaluation.unknowns.clone();
-                }
-                run.save()?;
-                bar.set(evaluations.min(budget as u64), &format!("loss {best:.5}  {}", describe(self.law, unknowns)));
-                interrupt::check()
-            },
-            &mut |note| notes.push(note),
-        );
-        notes.into_iter().for_each(|note| run.note(format!("{stage}: {note}")));
-        *unknowns = estimated?.unknowns;
-        run.state.unknowns = Some(unknowns.clone());
-        bar.finish(&format!("loss {best:.5}  {}", describe(self.law, unknowns)));
-        run.finish(stage, since)
     }
 
     fn contact(&self, run: &mut Run, unknowns: &Unknowns) -> Result<()> {
@@ -277,6 +230,24 @@ impl Stages<'_> {
 }
 
 impl Reconstruction {
+    /// What a run has found so far in its clip (at the clip's own resolution).
+    ///
+    /// # Errors
+    /// [`gradreel::ErrorKind::Input`] when it has found nothing yet, or its files are damaged.
+    pub fn of(run: &Run, clip: &Clip) -> Result<Self> {
+        let law = run.config.law()?;
+        let Some(unknowns) = run.state.unknowns.clone() else {
+            return Err(Error::new(ErrorKind::Input, "the run has found nothing yet")
+                .at(run.folder.root().display())
+                .fix("let it go on with `gradreel reconstruct CLIP --out FOLDER --resume`"));
+        };
+        let (field, params) = run.load_field(&mut Adam::new(0.0))?;
+        let particles = Particles::of_field(&field, &params, run.config.geometry.least_opacity)?;
+        let clip = clip.scaled(shrink_factor(clip, run, 2.0 * particles.spacing)?);
+        let observed = Observed::of(&clip, &run.config, DTYPE)?;
+        Ok(Self { particles, unknowns, law, clip, observed, given: BTreeSet::new(), changes: Vec::new() })
+    }
+
     /// Positions of the particles in every frame of the clip, `[frames, particles, 3]` \[m\].
     ///
     /// # Errors

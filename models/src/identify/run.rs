@@ -1,5 +1,6 @@
 //! A run: its folder, its state, and how it goes on after an interruption.
 
+use std::path::PathBuf;
 use std::time::Instant;
 
 use gradreel::io::safetensors::TensorFile;
@@ -9,7 +10,7 @@ use gradreel::{Error, ErrorKind, Result, Tensor};
 use serde::{Deserialize, Serialize};
 
 use crate::field::Field;
-use crate::identify::{Config, Unknowns};
+use crate::identify::{Answer, Candidate, Config, Evaluation, Interval, Unknowns};
 use crate::report::run_folder::RunFolder;
 use crate::video::Clip;
 
@@ -18,6 +19,9 @@ use crate::video::Clip;
 pub struct State {
     /// The clip it was begun with.
     pub clip: ClipIdentity,
+    /// Where that clip was.
+    #[serde(default)]
+    pub clip_path: Option<PathBuf>,
     /// Stages that are finished.
     pub finished: Vec<String>,
     /// Seconds that each finished stage took.
@@ -32,6 +36,27 @@ pub struct State {
     pub history: Vec<HistoryRow>,
     /// What happened that the user should know.
     pub notes: Vec<String>,
+    /// The search that is under way.
+    #[serde(default)]
+    pub search: Option<Search>,
+    /// What the families made of the clip, if the run had to choose.
+    #[serde(default)]
+    pub candidates: Vec<Candidate>,
+    /// How sure the estimates are, once known.
+    #[serde(default)]
+    pub intervals: Vec<Interval>,
+}
+
+/// A search that was begun: gone through again with the answers that are known, it goes on where it was interrupted and ends
+/// as if it had not been.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Search {
+    /// Its stage.
+    pub stage: String,
+    /// Where it started.
+    pub start: Unknowns,
+    /// What its evaluations gave so far.
+    pub answers: Vec<Answer>,
 }
 
 /// What tells one clip from another when a run goes on.
@@ -98,7 +123,8 @@ impl Run {
     /// [`ErrorKind::Input`] when the folder holds something.
     pub fn create(folder: RunFolder, config: Config, clip: &Clip) -> Result<Self> {
         folder.write(CONFIG, config.to_toml()?.as_bytes())?;
-        let state = State { clip: ClipIdentity::of(clip), ..State::default() };
+        let clip_path = Some(clip.root.canonicalize().unwrap_or_else(|_| clip.root.clone()));
+        let state = State { clip: ClipIdentity::of(clip), clip_path, ..State::default() };
         let run = Self { folder, config, state };
         run.save()?;
         Ok(run)
@@ -118,17 +144,37 @@ impl Run {
             }
             String::from_utf8(folder.read(name)?).map_err(|e| damaged(&folder, name, &e))
         };
-        let config = Config::parse(&text(CONFIG)?).map_err(|e| e.at(folder.path(CONFIG).display()))?;
+        let written = text(CONFIG)?;
+        let config = Config::parse(&written).map_err(|e| e.at(folder.path(CONFIG).display()))?;
+        if let Some(lost) = lost_setting(&written, &config.to_toml()?) {
+            return Err(damaged(&folder, CONFIG, &format!("no setting {lost}")));
+        }
         let state: State = serde_json::from_str(&text(STATE)?).map_err(|e| damaged(&folder, STATE, &e))?;
         let parameters = config.law()?.parameters().len();
-        let begun = state.unknowns.iter().chain(state.history.iter().map(|row| &row.unknowns));
-        if begun.into_iter().any(|unknowns| unknowns.parameters.len() != parameters) {
+        // a family that is still to be chosen may leave any number
+        if !config.chooses_family() && state.unknowns.as_ref().is_some_and(|u| u.parameters.len() != parameters) {
             return Err(damaged(&folder, STATE, &"another number of parameters than the material has"));
         }
         if state.seconds.len() != state.finished.len() {
             return Err(damaged(&folder, STATE, &"stages without their times"));
         }
         Ok(Self { folder, config, state })
+    }
+
+    /// The same run, to be changed and written to another folder.
+    #[must_use]
+    pub fn copied(&self) -> Self {
+        Self { folder: self.folder.clone(), config: self.config.clone(), state: self.state.clone() }
+    }
+
+    /// Writes a changed copy of a run, with that run's voxels, to its own empty folder.
+    ///
+    /// # Errors
+    /// What reading and writing return.
+    pub fn begin_from(&self, other: &Self) -> Result<()> {
+        self.folder.write(CONFIG, self.config.to_toml()?.as_bytes())?;
+        self.folder.write(FIELD, &other.folder.read(FIELD)?)?;
+        self.save()
     }
 
     /// Whether a clip is the one that the run was begun with.
@@ -162,6 +208,37 @@ impl Run {
         self.state.finished.iter().any(|done| done == stage)
     }
 
+    /// The search of a stage: the one that was interrupted, or a new one from `start`.
+    pub fn search(&mut self, stage: &str, start: &Unknowns) -> &Search {
+        self.state.search.take_if(|search| search.stage != stage);
+        self.state.search.get_or_insert_with(|| Search {
+            stage: stage.to_owned(),
+            start: start.clone(),
+            answers: Vec::new(),
+        })
+    }
+
+    /// Keeps an evaluation of a search in the history, with its answer if it is new, and saves.
+    ///
+    /// # Errors
+    /// What writing returns.
+    pub fn record(&mut self, stage: &str, evaluation: &Evaluation, answer: Option<&Answer>) -> Result<()> {
+        let Some(answer) = answer else { return Ok(()) };
+        let row = HistoryRow {
+            stage: stage.to_owned(),
+            loss: Some(evaluation.loss).filter(|loss| loss.is_finite()),
+            unknowns: evaluation.unknowns.clone(),
+        };
+        // a point that is first tried and then differentiated is one point
+        if self.state.history.last() != Some(&row) {
+            self.state.history.push(row);
+        }
+        if let Some(search) = &mut self.state.search {
+            search.answers.push(answer.clone());
+        }
+        self.save()
+    }
+
     /// Marks a stage as finished.
     ///
     /// # Errors
@@ -170,6 +247,7 @@ impl Run {
         self.state.finished.push(stage.to_owned());
         self.state.seconds.push(since.elapsed().as_secs_f64());
         self.state.fitted = 0;
+        self.state.search = None;
         self.save()
     }
 
@@ -212,10 +290,14 @@ impl Run {
         self.folder.write(FIELD, &self.folder.read(KEPT_FIELD)?)
     }
 
+    /// The evaluations of a stage.
+    pub fn rows<'a>(&'a self, stage: &'a str) -> impl Iterator<Item = &'a HistoryRow> {
+        self.state.history.iter().filter(move |row| row.stage == stage)
+    }
+
     /// The unknowns of least loss that a stage has seen, and that loss.
     pub fn best_of(&self, stage: &str) -> Option<(Unknowns, f64)> {
-        let rows = self.state.history.iter().filter(|row| row.stage == stage);
-        let known = rows.filter_map(|row| Some((row.unknowns.clone(), row.loss?)));
+        let known = self.rows(stage).filter_map(|row| Some((row.unknowns.clone(), row.loss?)));
         known.min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
@@ -248,6 +330,20 @@ impl Run {
         let params = file.tensors.into_iter().filter(|(path, _)| path.starts_with("field.")).collect();
         Ok((field, params))
     }
+}
+
+/// The first setting of a resolved configuration that its file does not hold: a run's file holds them all.
+fn lost_setting(written: &str, resolved: &str) -> Option<String> {
+    fn lost(written: &toml::Table, resolved: &toml::Table) -> Option<String> {
+        resolved.iter().find_map(|(name, value)| match (written.get(name), value) {
+            (None, _) => Some(name.clone()),
+            (Some(toml::Value::Table(written)), toml::Value::Table(resolved)) => {
+                lost(written, resolved).map(|inner| format!("{name}.{inner}"))
+            }
+            _ => None,
+        })
+    }
+    lost(&written.parse().ok()?, &resolved.parse().ok()?)
 }
 
 fn damaged(folder: &RunFolder, name: &str, found: &dyn std::fmt::Display) -> Error {

@@ -2,28 +2,34 @@
 
 use gradreel::{DType, Result, Tape, Tensor, Var};
 
-use crate::physics::{Law, Map};
+use crate::physics::{Law, Map, Parameter};
 
 /// One unit of the optimiser's velocity coordinates \[m/s\], so that a unit step is of similar effect in all unknowns.
 const SPEED: f64 = 0.1;
 
-/// One unit of the optimiser's coordinate of a parameter, in its unconstrained form: a decade of a magnitude, and three of a
-/// bounded parameter, which moves particles less (the curvatures of the loss along Poisson's ratio and along a modulus differ
-/// by a factor of about ten).
-fn unit(map: Map) -> f64 {
-    match map {
-        Map::Log10 | Map::Linear => 1.0,
-        Map::Bounded { .. } => 3.0,
+/// One unit of the optimiser's coordinate of a parameter, in its unconstrained form: a decade of a magnitude, and three of
+/// Poisson's ratio, which moves particles less (the curvatures of the loss along the ratio and along a modulus differ by a
+/// factor of about ten).
+pub(crate) fn unit(parameter: &Parameter) -> f64 {
+    match parameter.map {
+        Map::Log10 => 1.0,
+        Map::Linear => parameter.prior[1] - parameter.prior[0],
+        // three for Poisson's ratio, whose plausible range is 0.45; as much more for a wider one
+        Map::Bounded { .. } => (parameter.prior[1] - parameter.prior[0]) / 0.15,
     }
 }
 
 /// Velocity \[m/s\] and material parameters (SI units).
-#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Unknowns {
     /// Initial velocity of the whole object \[m/s\].
     pub velocity: [f64; 3],
     /// The material's parameters in their order.
     pub parameters: Vec<f64>,
+    /// How much higher than it is the ground is felt, in grid spacings: a grid stops a body a share of a cell above the
+    /// ground, and a coarse one earlier than a fine one or the real ground.
+    #[serde(default)]
+    pub contact: f64,
 }
 
 /// Which unknowns an optimiser moves.
@@ -38,19 +44,54 @@ pub enum Free {
     Material,
     /// Velocity and material.
     Both,
+    /// Some parameters of the material, with or without the velocity.
+    Chosen {
+        /// Whether the velocity is free.
+        velocity: bool,
+        /// Bit `k` says whether parameter `k` is; parameters beyond the 64th are held.
+        parameters: u64,
+        /// Whether the height at which the ground is felt is.
+        contact: bool,
+    },
+}
+
+/// One free unknown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unknown {
+    /// A component of the velocity.
+    Velocity(usize),
+    /// A parameter of the material.
+    Parameter(usize),
+    /// The height at which the ground is felt.
+    Contact,
 }
 
 impl Free {
     fn velocity(self) -> bool {
-        matches!(self, Self::Velocity | Self::Both)
+        matches!(self, Self::Velocity | Self::Both | Self::Chosen { velocity: true, .. })
     }
 
-    fn parameter(self, map: Map) -> bool {
+    fn parameter(self, index: usize, map: Map) -> bool {
         match self {
             Self::Velocity => false,
             Self::Magnitudes => map == Map::Log10,
             Self::Material | Self::Both => true,
+            Self::Chosen { parameters, .. } => index < 64 && parameters >> index & 1 == 1,
         }
+    }
+
+    /// All parameters of a law but those held and the height at which the ground is felt, with or without the velocity.
+    pub fn all_but(law: &Law, held: &[&str], velocity: bool) -> Self {
+        let free = law.parameters().iter().enumerate().take(64).filter(|(_, p)| !held.contains(&p.name));
+        Self::Chosen { velocity, parameters: free.map(|(k, _)| 1 << k).sum(), contact: true }
+    }
+
+    /// The free unknowns in the order of their coordinates.
+    pub fn list(self, law: &Law) -> Vec<Unknown> {
+        let velocity = (0..3).filter(|_| self.velocity()).map(Unknown::Velocity);
+        let parameters = law.parameters().iter().enumerate().filter(|(k, p)| self.parameter(*k, p.map));
+        let contact = matches!(self, Self::Chosen { contact: true, .. }).then_some(Unknown::Contact);
+        velocity.chain(parameters.map(|(k, _)| Unknown::Parameter(k))).chain(contact).collect()
     }
 }
 
@@ -61,35 +102,51 @@ pub struct Bound {
     pub velocity: Var,
     /// Each parameter as `[1]`, in SI units.
     pub parameters: Vec<Var>,
+    /// How much higher than it is the ground is felt, in grid spacings; never a leaf.
+    pub contact: f64,
 }
 
 impl Unknowns {
     /// The coordinates of the free unknowns.
     pub fn coordinates(&self, law: &Law, free: Free) -> Vec<f64> {
-        let mut x = Vec::new();
-        if free.velocity() {
-            x.extend(self.velocity.map(|v| v / SPEED));
-        }
-        let parameters = law.parameters().iter().zip(&self.parameters);
-        x.extend(parameters.filter(|(p, _)| free.parameter(p.map)).map(|(p, value)| p.map.raw(*value) / unit(p.map)));
-        x
+        let coordinate = |unknown| match unknown {
+            Unknown::Velocity(axis) => self.velocity[axis] / SPEED,
+            Unknown::Parameter(k) => {
+                let p = &law.parameters()[k];
+                p.map.raw(self.parameters[k]) / unit(p)
+            }
+            Unknown::Contact => self.contact,
+        };
+        free.list(law).into_iter().map(coordinate).collect()
     }
 
     /// The same unknowns with the free ones moved to these coordinates.
     #[must_use]
     pub fn moved(&self, law: &Law, free: Free, coordinates: &[f64]) -> Self {
         let mut moved = self.clone();
-        let mut rest = coordinates.iter();
-        let mut next = || *rest.next().expect("as many coordinates as free unknowns");
-        if free.velocity() {
-            moved.velocity = [(); 3].map(|()| next() * SPEED);
-        }
-        for (p, value) in law.parameters().iter().zip(&mut moved.parameters) {
-            if free.parameter(p.map) {
-                *value = p.map.value(next() * unit(p.map));
+        for (unknown, coordinate) in free.list(law).into_iter().zip(coordinates) {
+            match unknown {
+                Unknown::Velocity(axis) => moved.velocity[axis] = coordinate * SPEED,
+                Unknown::Parameter(k) => {
+                    let p = &law.parameters()[k];
+                    moved.parameters[k] = p.map.value(coordinate * unit(p));
+                }
+                Unknown::Contact => moved.contact = *coordinate,
             }
         }
         moved
+    }
+
+    /// How fast a free unknown changes with its coordinate, in its own unit.
+    pub fn slope(&self, law: &Law, unknown: Unknown) -> f64 {
+        match unknown {
+            Unknown::Velocity(_) => SPEED,
+            Unknown::Parameter(k) => {
+                let p = &law.parameters()[k];
+                p.map.derivative(p.map.raw(self.parameters[k])) * unit(p)
+            }
+            Unknown::Contact => 1.0,
+        }
     }
 
     /// Constants of a tape for them: nothing is differentiated.
@@ -101,7 +158,7 @@ impl Unknowns {
             Ok(tape.constant(Tensor::from_vec(values.to_vec(), [values.len()]).cast(dtype)?))
         };
         let parameters = self.parameters.iter().map(|value| constant(&[*value])).collect::<Result<_>>()?;
-        Ok(Bound { leaves: Vec::new(), velocity: constant(&self.velocity)?, parameters })
+        Ok(Bound { leaves: Vec::new(), velocity: constant(&self.velocity)?, parameters, contact: self.contact })
     }
 
     /// Variables of a tape for them; the free ones are leaves.
@@ -125,12 +182,12 @@ impl Unknowns {
         let raw_velocity = make(tensor(self.velocity.map(|v| v / SPEED).to_vec())?, free.velocity());
         let velocity = &raw_velocity * SPEED;
         let mut parameters = Vec::new();
-        for (parameter, value) in law.parameters().iter().zip(&self.parameters) {
-            let unit = unit(parameter.map);
-            let coordinate = make(tensor(vec![parameter.map.raw(*value) / unit])?, free.parameter(parameter.map));
+        for (k, (parameter, value)) in law.parameters().iter().zip(&self.parameters).enumerate() {
+            let unit = unit(parameter);
+            let coordinate = make(tensor(vec![parameter.map.raw(*value) / unit])?, free.parameter(k, parameter.map));
             parameters.push(constrained(parameter.map, &(&coordinate * unit)));
         }
-        Ok(Bound { leaves, velocity, parameters })
+        Ok(Bound { leaves, velocity, parameters, contact: self.contact })
     }
 }
 

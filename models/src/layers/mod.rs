@@ -33,6 +33,7 @@ mod resampling;
 mod transformer;
 mod depth_attention;
 mod segment;
+mod perceptron;
 
 pub use attention::{Attention, AttentionSizes};
 pub(crate) use attention::{merge_heads, split_heads};
@@ -40,6 +41,7 @@ pub use convolution::{Convolution, Kernel};
 pub use depth_attention::{DepthAttention, DepthAttentionSizes};
 pub use linear::Linear;
 pub use normalisation::{GroupNorm, LayerNorm};
+pub use perceptron::Perceptron;
 pub use resampling::{Downsample, Upsample};
 pub use residual::ResidualBlock;
 pub(crate) use residual::per_channel;

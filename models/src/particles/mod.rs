@@ -1,5 +1,9 @@
 //! Particles: the material points that a field stands for.
 
+mod sowing;
+
+pub use sowing::{Jitter, Sowing, Sown};
+
 use gradreel::optim::Params;
 use gradreel::{DType, ErrorKind, Result, Tape, Tensor};
 

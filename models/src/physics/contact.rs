@@ -1,7 +1,7 @@
 //! What obstacles do to the velocity of a node, with both derivatives.
 
 use super::collider::{Collider, Contact, Region};
-use crate::vector::{cross, dot, minus, product, rotation, times};
+use crate::vector::{EYE, cross, dot, minus, plus, product, rotation, times};
 
 /// An obstacle where it is at one moment.
 #[derive(Debug, Clone, Copy)]
@@ -42,6 +42,13 @@ impl Placed {
         let pose = (!collider.is_at_rest())
             .then(|| (product(rotation(motion.spin.map(|w| w * t)), collider.turn), motion.velocity.map(|v| v * t)));
         Self { collider: *collider, pose }
+    }
+
+    /// Where its pivot has come, and how far it has turned, as a matrix of rows; at the origin and not at all for one that is
+    /// where its region says.
+    pub fn pose(&self) -> ([f64; 3], [[f64; 3]; 3]) {
+        let pivot = self.collider.motion.pivot;
+        self.pose.map_or(([0.0; 3], EYE), |(turn, shift)| (plus(pivot, shift), turn))
     }
 
     /// The faces that act at a point.

@@ -4,7 +4,6 @@ use gradreel::{Element, Error, ErrorKind};
 
 use super::row::Number;
 use super::state::{F, State, V};
-use super::transfer::Record;
 use super::world::World;
 
 /// When and under which step a substep failed.
@@ -18,19 +17,20 @@ pub(crate) struct Moment<'a> {
     pub labels: &'a [u32],
 }
 
-/// The error of a substep in which `particle` broke a limit. `next` holds what it moved to.
+/// The error of a substep in which `particle` broke a limit. `next` holds what it moved to; `source` finds the first particle
+/// that scattered a number that is not finite.
 pub(crate) fn failure<T: Number>(
     world: &World,
     moment: Moment<'_>,
     particle: usize,
     now: &State<T>,
     next: &State<T>,
-    records: &[Record<T>],
+    source: impl FnOnce() -> Option<usize>,
 ) -> Error {
     let v = next.read(particle, V).map(Element::to_f64);
     let x = next.read(particle, 0).map(Element::to_f64);
     if v.iter().any(|v| !v.is_finite()) {
-        return not_finite(moment, particle, now, next, records);
+        return not_finite(moment, particle, now, next, source());
     }
     let Moment { dt, .. } = moment;
     let speed = v.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
@@ -58,9 +58,8 @@ fn not_finite<T: Number>(
     particle: usize,
     now: &State<T>,
     next: &State<T>,
-    records: &[Record<T>],
+    source: Option<usize>,
 ) -> Error {
-    let source = records.iter().position(|record| record.iter().any(|value| !value.is_finite()));
     let culprit = source.unwrap_or(particle);
     let f: [[f64; 3]; 3] = std::array::from_fn(|row| next.read(culprit, F + 3 * row).map(Element::to_f64));
     let volume = f[0][0] * (f[1][1] * f[2][2] - f[1][2] * f[2][1]) - f[0][1] * (f[1][0] * f[2][2] - f[1][2] * f[2][0])

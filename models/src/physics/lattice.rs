@@ -10,8 +10,10 @@ use gradreel::{Error, ErrorKind, Result};
 /// apart never touch the same node.
 pub(crate) const SLAB: usize = 4;
 
-/// Particles sorted by material, then by the cell of their stencil: neighbours in space are neighbours in memory.
-pub(crate) fn neighbours<T: Number>(dx: f64, positions: &[[T; 3]], material: impl Fn(usize) -> u32) -> Vec<u32> {
+/// Numbers of the particles sorted by material, then by the cell of their stencil, for grid nodes `dx` \[m\] apart: neighbours
+/// in space are then neighbours in memory. A [`Simulation`](super::Simulation) is fastest in this order; a
+/// [`rollout`](super::rollout()) puts its particles into it by itself.
+pub fn neighbours<T: Number>(dx: f64, positions: &[[T; 3]], material: impl Fn(usize) -> u32) -> Vec<u32> {
     let lattice = Lattice::of_spacing(dx);
     let mut order: Vec<u32> = (0..positions.len() as u32).collect();
     order.sort_by_cached_key(|&p| (material(p as usize), lattice.locate(positions[p as usize]).0));

@@ -4,6 +4,7 @@ use std::sync::{Arc, OnceLock};
 
 use gradreel::scalar::{Lanes, Mat3, Program, Scalar};
 
+use super::gpu::LawKernels;
 use super::material::{Given, History, Material, Point};
 use super::parameters::Parameter;
 use super::row::Number;
@@ -40,6 +41,8 @@ pub struct Law {
     reverse: Program,
     /// Made when first asked for.
     tangent: Arc<OnceLock<Program>>,
+    /// As it is.
+    kernels: Arc<OnceLock<LawKernels>>,
 }
 
 impl Law {
@@ -87,7 +90,8 @@ impl Law {
         });
         let wanted: Vec<usize> = (0..18).chain(20..FIXED + parameters.len() + history.len()).collect();
         let reverse = forward.vjp_wrt(&wanted);
-        Self { material: Arc::new(material), parameters, history, law, forward, reverse, tangent: Arc::default() }
+        let material = Arc::new(material);
+        Self { material, parameters, history, law, forward, reverse, tangent: Arc::default(), kernels: Arc::default() }
     }
 
     /// The material's name.
@@ -119,6 +123,21 @@ impl Law {
     /// `(I + dt C) F`.
     pub fn program(&self) -> &Program {
         &self.law
+    }
+
+    /// `F, C, dt, s, m, parameters, history ↦ F′, A, history′`
+    pub(crate) fn forward(&self) -> &Program {
+        &self.forward
+    }
+
+    /// The vector-Jacobian product of [`Law::forward`] with respect to `F, C, m`, parameters and history.
+    pub(crate) fn reverse(&self) -> &Program {
+        &self.reverse
+    }
+
+    /// Its kernels for a GPU.
+    pub(crate) fn kernels(&self) -> &LawKernels {
+        self.kernels.get_or_init(|| LawKernels::of(self))
     }
 
     /// Runs the forward program over some particles of a block: reads `F, C` and history of `now`, writes `F` and history

@@ -11,9 +11,11 @@
 //! - [`rollout`]: thousands of substeps as one node of the tape, with a [`Schedule`] and [`Remat`]; [`simulate`]: the same
 //!   for several materials at once; [`Rollout::jvp`]: forward mode, several directions at once.
 //! - [`State`], [`Simulation`], [`Tangent`]: one substep at a time, forwards, backwards and in forward mode, on plain arrays.
+//! - [`GpuSimulation`]: many substeps on a GPU, forwards and backwards; [`rollout`] and [`simulate`] run there by themselves
+//!   when their inputs live on one.
 //!
 //! Units are SI throughout; world y is up; node (0, 0, 0) of the grid is the world's origin. Results do not depend on the
-//! number of threads, bit for bit.
+//! number of threads, bit for bit; on a GPU they are the same at every run.
 //!
 //! Source: Hu et al., *A Moving Least Squares Material Point Method*, 2018; Jiang et al., *The Affine Particle-In-Cell
 //! Method*, 2015.
@@ -25,6 +27,7 @@ mod denormals;
 mod failure;
 mod flip;
 mod forward;
+mod gpu;
 mod grid;
 mod kernel;
 mod lattice;
@@ -48,7 +51,8 @@ mod world;
 pub use check::{MaterialCheck, MaterialReport, check_material};
 pub use collider::{Collider, Contact, Region, RigidMotion};
 pub use forward::Tangent;
-pub(crate) use lattice::neighbours;
+pub use gpu::GpuSimulation;
+pub use lattice::neighbours;
 pub use law::Law;
 pub use material::{Given, History, Material, Point};
 pub use parameters::{Map, Parameter, lame};

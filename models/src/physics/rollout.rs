@@ -1,10 +1,13 @@
 //! A whole simulation as one op of the tape.
 
+mod cotangents;
+mod gpu;
 mod jvp;
 
 use std::sync::Arc;
 
-use gradreel::{Backward, DType, Error, ErrorKind, Forward, Op, Reads, Result, Spec, Tensor, Var};
+use gradreel::backend::gpu::Gpu;
+use gradreel::{Backward, DType, Device, Error, ErrorKind, Forward, Op, Reads, Result, Spec, Tensor, Var};
 
 use super::collider::Contact;
 use super::lattice::neighbours;
@@ -31,7 +34,9 @@ use super::world::World;
 /// | each parameter of each material | `[1]` or `[n]` | its own |
 ///
 /// The output is `[frames, n, 3]` \[m\]; frame 0 is the input. All inputs have the same dtype, `f32` or `f64`, and live on
-/// the CPU.
+/// the same device. On a GPU, in `f32`, all substeps run there, forwards and backwards; inputs are read once at the start, and
+/// gradients that are sums over particles are summed on the CPU at the end. There is no blend with FLIP and no forward mode
+/// there.
 #[derive(Debug, Clone)]
 pub struct Rollout {
     /// Surroundings.
@@ -158,6 +163,10 @@ impl Op for Rollout {
         }
     }
 
+    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+        self.forward_on(gpu, inputs)
+    }
+
     fn reads(&self, _wanted: &[bool]) -> Reads {
         Reads::inputs()
     }
@@ -170,9 +179,10 @@ impl Op for Rollout {
                 .found("Rollout::remat is None")
                 .fix("choose a Remat"));
         }
-        match cx.gradient().dtype() {
-            DType::F64 => self.backward::<f64>(cx),
-            _ => self.backward::<f32>(cx),
+        match (cx.gradient().device(), cx.gradient().dtype()) {
+            (Device::Gpu(gpu), _) => self.backward_on(&gpu, cx),
+            (Device::Cpu, DType::F64) => self.backward::<f64>(cx),
+            (Device::Cpu, _) => self.backward::<f32>(cx),
         }
     }
 }
@@ -228,44 +238,8 @@ impl Rollout {
                 }
             })
         })?;
-        let values = simulation.value_gradients();
-        let mut cotangents = Vec::with_capacity(inputs.len());
-        for component in [0, V] {
-            let triples: Vec<[T; 3]> = (0..n).map(|p| start.read(p, component)).collect();
-            cotangents.push(triples.into_flattened());
-        }
-        cotangents.push(values.density);
-        if self.gravity {
-            cotangents.push(values.gravity.map(T::from_f64).to_vec());
-        }
-        if self.friction {
-            let all = values.friction.iter().map(|&g| T::from_f64(g));
-            let rough = self.world.colliders.iter().map(|c| matches!(c.contact, Contact::Friction(_)));
-            let all: Vec<T> = all.zip(rough).map(|(g, rough)| if rough { g } else { T::ZERO }).collect();
-            cotangents.push(if inputs[self.friction_at()].len() == 1 { total(&all, 1) } else { all });
-        }
-        cotangents.extend(values.parameters);
-        let tape = cx.input(0).tape();
-        let mut gradients = Vec::with_capacity(inputs.len());
-        for (index, (cotangent, input)) in cotangents.into_iter().zip(&inputs).enumerate() {
-            let name = format!("gradient of {}", self.input_names()[index]);
-            let of_world = (3..self.inputs_of_world()).contains(&index);
-            let width = if index < 2 || (index == 3 && self.gravity) { 3 } else { 1 };
-            let gradient = if of_world || (input.len() == cotangent.len() && input.len() <= width) {
-                cotangent
-            } else if input.len() == width {
-                total(&cotangent, width)
-            } else {
-                let mut back = vec![T::ZERO; cotangent.len()];
-                for (p, &label) in order.iter().enumerate() {
-                    back[label as usize * width..][..width].copy_from_slice(&cotangent[p * width..][..width]);
-                }
-                back
-            };
-            finite(&name, &gradient, width)?;
-            gradients.push(Some(tape.constant(Tensor::from_vec(gradient, input.shape()))));
-        }
-        Ok(gradients)
+        let start = [0, V].map(|component| (0..n).map(|p| start.read(p, component)).collect());
+        self.hand_back(cx, &inputs, order, start, simulation.value_gradients())
     }
 
     /// What the inputs are called, in order.

@@ -204,6 +204,24 @@ impl<T: Number> State<T> {
         size_of_val(&self.values[..])
     }
 
+    /// All particles' value of a component.
+    pub(crate) fn component(&self, component: usize) -> Vec<T> {
+        (0..self.len).map(|p| self.values[self.index(p, component)]).collect()
+    }
+
+    /// A state from all components, one list after the other; values need not be finite.
+    pub(crate) fn of_components(len: usize, history: usize, values: &[T]) -> Self {
+        let mut state = Self::zeros_with_history(len, history);
+        for (at, &value) in values.iter().take(len * (COMPONENTS + history)).enumerate() {
+            let slot = state.index(at % len, at / len);
+            state.values[slot] = value;
+        }
+        if len > 0 {
+            state.extent = (0..len).map(|p| state.read(p, 0)).fold([state.read(0, 0); 2], widen);
+        }
+        state
+    }
+
     /// Adds to the positions; used for cotangents of a frame.
     pub(crate) fn add_to_position(&mut self, particle: usize, value: [T; 3]) {
         for (axis, value) in value.into_iter().enumerate() {

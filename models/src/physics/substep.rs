@@ -46,10 +46,10 @@ pub struct Simulation<'a, T: Number> {
     pub(super) dt: f64,
     pub(super) particles: usize,
     /// History variables per particle, of the material with the most.
-    history: usize,
+    pub(super) history: usize,
     pub(super) mass: Values<T>,
     pub(super) portions: Vec<Portion<'a, T>>,
-    labels: Vec<u32>,
+    pub(super) labels: Vec<u32>,
     pub(super) level: Level,
     /// Substeps taken forwards, for error messages.
     pub(crate) substep: usize,
@@ -225,7 +225,9 @@ impl<'a, T: Number> Simulation<'a, T> {
         for (block, motion) in self.motions.iter().enumerate() {
             if let Some(at) = motion.broken {
                 let moment = Moment { substep: self.substep, dt: self.dt, labels: &self.labels };
-                return Err(failure(self.world, moment, block * BLOCK + at, now, next, &self.scattered));
+                let broken = |record: &Record<T>| record.iter().any(|value| !value.is_finite());
+                let source = || self.scattered.iter().position(broken);
+                return Err(failure(self.world, moment, block * BLOCK + at, now, next, source));
             }
         }
         self.blend(lattice, now, next);

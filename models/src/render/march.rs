@@ -63,34 +63,34 @@ struct March {
 }
 
 /// One visible sample of a ray.
-struct Sample<T> {
+pub(super) struct Sample<T> {
     /// Flat number of the lowest corner.
-    base: usize,
+    pub base: usize,
     /// Position in the cell, 0…1 per axis.
-    f: [T; 3],
+    pub f: [T; 3],
     /// Occupancy and premultiplied colour.
-    value: [T; 4],
+    pub value: [T; 4],
     /// Transmittance before and after the sample.
-    before: T,
-    after: T,
+    pub before: T,
+    pub after: T,
 }
 
 /// The lattice and the surface law in the working precision.
-struct Scene<'a, T> {
+pub(super) struct Scene<'a, T> {
     values: &'a [T],
     origin: [T; 3],
     last_cell: [usize; 3],
     upper: [T; 3],
-    stride: [usize; 2],
+    pub stride: [usize; 2],
     inverse: T,
     step: T,
-    depth: T,
+    pub depth: T,
     low: T,
     steepness: T,
 }
 
 impl<'a, T: Real> Scene<'a, T> {
-    fn new(lattice: &Lattice, surface: &Surface, values: &'a [T]) -> Self {
+    pub fn new(lattice: &Lattice, surface: &Surface, values: &'a [T]) -> Self {
         let real = T::from_f64;
         Self {
             values,
@@ -108,7 +108,7 @@ impl<'a, T: Real> Scene<'a, T> {
 
     /// Visits the visible samples of a ray front to back until it is opaque; returns the transmittance left.
     #[inline(always)]
-    fn walk(&self, origin: [f64; 3], direction: [f64; 3], mut visit: impl FnMut(Sample<T>)) -> T {
+    pub fn walk(&self, origin: [f64; 3], direction: [f64; 3], mut visit: impl FnMut(Sample<T>)) -> T {
         let real = T::from_f64;
         let mut transmittance = T::ONE;
         // ray in grid coordinates: position g0 + t·gd, t in metres
@@ -171,7 +171,7 @@ impl<'a, T: Real> Scene<'a, T> {
 
     /// The surface law and its derivative.
     #[inline(always)]
-    fn rise(&self, occupancy: T) -> (T, T) {
+    pub fn rise(&self, occupancy: T) -> (T, T) {
         let u = (occupancy - self.low) * self.steepness;
         if u >= T::ONE {
             return (T::ONE, T::ZERO);

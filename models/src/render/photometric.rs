@@ -32,18 +32,34 @@ impl Default for Weights {
 
 impl Target {
     /// The pixels of one frame of a clip.
+    ///
+    /// # Errors
+    /// Never for `f32` and `f64`.
     pub fn of(clip: &Clip, frame: usize, weights: &Weights, dtype: DType) -> Result<Self> {
+        Self::of_views(clip, frame, weights, &vec![1.0; clip.cameras.len()], dtype)
+    }
+
+    /// The same with a weight for each view ([`ViewWeights`](super::ViewWeights)).
+    ///
+    /// # Errors
+    /// Never for `f32` and `f64`.
+    ///
+    /// # Panics
+    /// When there is not one weight for each camera.
+    #[track_caller]
+    pub fn of_views(clip: &Clip, frame: usize, weights: &Weights, views: &[f64], dtype: DType) -> Result<Self> {
+        assert_eq!(views.len(), clip.cameras.len(), "one weight for each camera");
         let (mut rgba, mut weight) = (Vec::new(), Vec::new());
         let mut area = 0.0;
-        for frames in &clip.frames {
+        for (frames, view) in clip.frames.iter().zip(views) {
             let image = &frames[frame];
             for ((row, column), &alpha) in image.alpha.indexed_iter() {
                 // the image lies on white: premultiplied colour = image − (1 − alpha)
                 rgba.extend((0..3).map(|c| f64::from(image.rgb[[row, column, c]] - (1.0 - alpha)).max(0.0)));
                 rgba.push(f64::from(alpha));
                 let counts = f64::from(image.weight[[row, column]]);
-                weight.extend([weights.colour * counts; 3]);
-                weight.push(weights.coverage * counts);
+                weight.extend([weights.colour * counts * view; 3]);
+                weight.push(weights.coverage * counts * view);
                 area += f64::from(alpha) * counts;
             }
         }

@@ -9,7 +9,7 @@ use crate::video::Camera;
 pub struct Rays {
     /// Where each ray starts.
     pub origins: Vec<[f64; 3]>,
-    /// Where it goes; unit length.
+    /// Where it goes; of unit length, except for [`Samples`](super::Samples), which take any.
     pub directions: Vec<[f64; 3]>,
 }
 
@@ -36,6 +36,27 @@ impl Rays {
             rays.directions.extend(more.directions);
         }
         rays
+    }
+
+    /// The directions, each of length 1.
+    pub fn unit_directions(&self) -> Vec<[f64; 3]> {
+        let unit = |d: &[f64; 3]| {
+            let length = d.iter().map(|x| x * x).sum::<f64>().sqrt();
+            d.map(|x| x / length)
+        };
+        self.directions.iter().map(unit).collect()
+    }
+
+    /// Some of the rays, in this order.
+    ///
+    /// # Panics
+    /// When there is no ray of one of these numbers.
+    #[must_use]
+    pub fn picked(&self, numbers: &[usize]) -> Self {
+        Self {
+            origins: numbers.iter().map(|&i| self.origins[i]).collect(),
+            directions: numbers.iter().map(|&i| self.directions[i]).collect(),
+        }
     }
 
     /// Number of rays.

@@ -30,7 +30,7 @@ pub fn splat(positions: &Var, opacity: &Var, colour: &Var, settings: &Splat) -> 
 }
 
 /// The lattice of multiples of `spacing` around all positions, one node wider on every side than their cells.
-fn cover(positions: &Var, spacing: f64) -> Result<Lattice> {
+pub(super) fn cover(positions: &Var, spacing: f64) -> Result<Lattice> {
     let values = positions.value()?.to_vec()?;
     let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     for (p, position) in values.chunks(3).enumerate() {

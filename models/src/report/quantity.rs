@@ -28,8 +28,11 @@ const PREFIXES: [&str; 7] = ["n", "µ", "m", "", "k", "M", "G"];
 ///     value: 301_234.0,
 ///     start: Some(1e6),
 ///     source: "fitted".into(),
+///     interval_90: Some([295_000.0, 308_000.0]),
+///     determined: Some(true),
 /// };
 /// assert_eq!(young.readable(), "301 kPa");
+/// assert_eq!(young.readable_interval().as_deref(), Some("295 kPa to 308 kPa"));
 /// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Quantity {
@@ -47,21 +50,35 @@ pub struct Quantity {
     pub start: Option<f64>,
     /// `fitted`, `assumed` or `given`.
     pub source: String,
+    /// The interval that holds the truth in nine of ten cases, in `unit`, where it is known.
+    pub interval_90: Option<[f64; 2]>,
+    /// Whether the clip says clearly more about it than what is plausible anyway, where that is known.
+    pub determined: Option<bool>,
 }
 
 impl Quantity {
     /// The value with three significant digits and its unit, with a prefix where one is usual: `301 kPa`, `0.298`,
     /// `-0.402 m/s`. The digits are for people; the full value is in `parameters.json`.
     pub fn readable(&self) -> String {
+        self.readable_value(self.value)
+    }
+
+    /// The interval in the same form, `295 kPa to 308 kPa`; nothing where none is known.
+    pub fn readable_interval(&self) -> Option<String> {
+        let [low, high] = self.interval_90?.map(|end| self.readable_value(end));
+        Some(format!("{low} to {high}"))
+    }
+
+    fn readable_value(&self, value: f64) -> String {
         let unit = if self.unit == "-" { "" } else { self.unit.as_str() };
         let (number, prefix) = if UNITS_WITH_PREFIX.contains(&unit) {
-            let (digits, exponent) = three_digits(self.value);
+            let (digits, exponent) = three_digits(value);
             // A quantity of nothing has no size to choose a prefix by.
-            let thousands = if self.value == 0.0 { 0 } else { exponent.div_euclid(3).clamp(-3, 3) };
+            let thousands = if value == 0.0 { 0 } else { exponent.div_euclid(3).clamp(-3, 3) };
             let scaled = digits * 10f64.powi(exponent - 3 * thousands);
             (plain(scaled), PREFIXES[(thousands + 3) as usize])
         } else {
-            (plain(self.value), "")
+            (plain(value), "")
         };
         format!("{number} {prefix}{unit}").trim_end().to_string()
     }
@@ -89,12 +106,13 @@ fn plain(value: f64) -> String {
 ///
 /// ```text
 /// {"material": "neo_hookean",
-///  "parameters": {"young": {"label", "symbol", "value", "unit", "readable", "start", "source"}, …},
+///  "parameters": {"young": {"label", "symbol", "value", "unit", "readable", "start", "source",
+///                                 "interval_90": [295e3, 308e3], "determined": true}, …},
 ///  "assumed": {"density": {…}, …},
 ///  "quality": {"psnr": 31.2, …}}
 /// ```
 ///
-/// `start` is `null` where nothing was fitted. Values are written such that they read back to the same `f64`.
+/// `start` is `null` where nothing was fitted; `interval_90` and `determined` are where no interval is known. Values are written such that they read back to the same `f64`.
 ///
 /// # Errors
 ///
@@ -120,11 +138,14 @@ pub fn parameters_json(
 fn section(section: &str, quantities: &[Quantity]) -> Result<Map<String, Value>> {
     let mut entries = Map::new();
     for quantity in quantities {
-        let Quantity { name, label, symbol, unit, value, start, source } = quantity;
+        let Quantity { name, label, symbol, unit, value, start, source, interval_90, determined } = quantity;
         let place = format!("{section}.{name}");
         finite(&place, *value)?;
         if let Some(start) = start {
             finite(&format!("{place}.start"), *start)?;
+        }
+        for end in interval_90.iter().flatten() {
+            finite(&format!("{place}.interval_90"), *end)?;
         }
         if !SOURCES.contains(&source.as_str()) {
             return Err(Error::new(ErrorKind::Input, "a number of the result has no known source")
@@ -136,6 +157,7 @@ fn section(section: &str, quantities: &[Quantity]) -> Result<Map<String, Value>>
         let entry = json!({
             "label": label, "symbol": symbol, "value": value, "unit": unit,
             "readable": readable, "start": start, "source": source,
+            "interval_90": interval_90, "determined": determined,
         });
         if entries.insert(name.clone(), entry).is_some() {
             return Err(Error::new(ErrorKind::Input, "two numbers of the result have one name").at(place));

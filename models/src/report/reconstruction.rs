@@ -80,7 +80,13 @@ pub fn publish(found: &Reconstruction, run: &Run, clip: &Clip, progress: &Progre
         ),
         headlines: quantities.iter().map(headline).collect(),
         animation: Some(&animation),
-        animation_caption: "Left: the clip, background removed. Right: the reconstruction. Slowed to a third.".into(),
+        animation_caption: match &found.changes[..] {
+            [] => "Left: the clip, background removed. Right: the reconstruction. Slowed to a third.".into(),
+            changes => format!(
+                "Left: the clip, background removed. Right: the object reconstructed from it, with {}. Slowed to a third.",
+                changes.join(", ")
+            ),
+        },
         scene: Some(Scene {
             frames: positions,
             colours,
@@ -168,14 +174,24 @@ impl Agreement {
 
 /// The estimates with units, labels and starting values.
 pub fn quantities(found: &Reconstruction, run: &Run) -> Vec<Quantity> {
+    let held = run.config.held(&found.law).unwrap_or_default();
+    let known = |name: &str| run.state.intervals.iter().find(|interval| interval.name == name);
+    let interval = |name: &str| known(name).filter(|_| !found.given.contains(name));
+    let source = |name: &str, assumed: bool| match (found.given.contains(name), assumed) {
+        (true, _) => "given".to_owned(),
+        (_, true) => "assumed".into(),
+        _ => "fitted".into(),
+    };
     let material = found.law.parameters().iter().zip(&found.unknowns.parameters).map(|(p, &value)| Quantity {
+        interval_90: interval(p.name).map(|known| known.interval_90),
+        determined: interval(p.name).map(|known| known.determined),
         name: p.name.into(),
         label: label(p.name),
         symbol: p.symbol.into(),
         unit: p.unit.into(),
         value,
         start: Some(run.config.material.start.get(p.name).copied().unwrap_or(p.start)),
-        source: "fitted".into(),
+        source: source(p.name, held.contains(&p.name)),
     });
     let velocity = ["x", "y", "z"].into_iter().zip(found.unknowns.velocity).map(|(axis, value)| Quantity {
         name: format!("velocity_{axis}"),
@@ -184,9 +200,23 @@ pub fn quantities(found: &Reconstruction, run: &Run) -> Vec<Quantity> {
         unit: "m/s".into(),
         value,
         start: Some(0.0),
-        source: "fitted".into(),
+        source: source(&format!("velocity_{axis}"), false),
+        interval_90: interval(&format!("velocity_{axis}")).map(|known| known.interval_90),
+        determined: interval(&format!("velocity_{axis}")).map(|known| known.determined),
     });
-    material.chain(velocity).collect()
+    let dx = run.config.geometry.dx;
+    let contact = interval("contact").map(|known| Quantity {
+        name: "contact_height".into(),
+        label: "Felt height of ground".into(),
+        symbol: "h".into(),
+        unit: "m".into(),
+        value: run.config.world.ground + found.unknowns.contact * dx,
+        start: Some(run.config.world.ground),
+        source: "fitted".into(),
+        interval_90: Some(known.interval_90.map(|cells| run.config.world.ground + cells * dx)),
+        determined: Some(known.determined),
+    });
+    material.chain(velocity).chain(contact).collect()
 }
 
 fn assumed(run: &Run) -> Vec<Quantity> {
@@ -198,6 +228,8 @@ fn assumed(run: &Run) -> Vec<Quantity> {
         value,
         start: None,
         source: "assumed".into(),
+        interval_90: None,
+        determined: None,
     };
     let world = &run.config.world;
     vec![
@@ -224,7 +256,12 @@ fn headline(quantity: &Quantity) -> Headline {
         label: quantity.label.clone(),
         readable: quantity.readable(),
         exact: format!("{:.5e} {unit}", quantity.value).trim_end().to_owned(),
-        note: quantity.start.map_or_else(String::new, |start| format!("fitted; started at {start} {unit}")),
+        note: match (quantity.readable_interval(), quantity.determined, quantity.start) {
+            (Some(interval), Some(false), _) => format!("not determined by this clip; 90 %: {interval}"),
+            (Some(interval), ..) => format!("90 %: {interval}"),
+            (None, _, Some(start)) => format!("{}; started at {start} {unit}", quantity.source),
+            _ => String::new(),
+        },
     }
 }
 
@@ -282,7 +319,12 @@ fn plots(found: &Reconstruction, run: &Run) -> Vec<Plot> {
         let log = p.map == crate::physics::Map::Log10;
         let y_label = if p.unit == "-" { p.symbol.to_owned() } else { format!("{} [{}]", p.symbol, p.unit) };
         let of = |row: &HistoryRow| row.unknowns.parameters.get(index).copied();
-        plots.push(plot(&label(p.name), y_label, log, series(&of, &|stage| !stage.starts_with("velocity"))));
+        plots.push(plot(
+            &label(p.name),
+            y_label,
+            log,
+            series(&of, &|stage| !stage.starts_with("velocity") && !stage.starts_with("auto")),
+        ));
     }
     let axis = |a: usize, name: &str| Series {
         label: name.into(),

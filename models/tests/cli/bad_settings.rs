@@ -21,6 +21,7 @@ fn files_of_settings() {
         ("[geometry]\nleast_opacity = 1.0", ["geometry.least_opacity", "below 1"]),
         ("[clip]\nshrink = 5000", ["clip.shrink", "at most 24"]),
         ("[material]\nname = 'cheese'", ["cheese", "neo_hookean"]),
+        ("[material]\nheld = ['hardness']", ["hardness", "young"]),
         ("[material.start]\nhardness = 3.0", ["hardness", "young"]),
     ] {
         scene.write("bad.toml", settings);
@@ -38,6 +39,9 @@ fn starting_values() {
     for poisson in ["0.5", "-0.9", "nan"] {
         scene.refuses(&format!("reconstruct clip --out out --poisson {poisson}"), &["poisson", "0.45"]);
     }
+    scene.refuses("reconstruct clip --out out --material cheese", &["cheese", "plasticine"]);
+    scene.refuses("reconstruct clip --out out --material sand --start hardness=3", &["hardness", "friction_angle"]);
+    assert_eq!(scene.run("reconstruct clip --out out --start young").status.code(), Some(2));
     scene.refuses("reconstruct clip --out out --density -1", &["world.density"]);
     scene.refuses("reconstruct clip --out out --dx -1", &["geometry.dx"]);
     scene.refuses("reconstruct clip --out out --dx 0.00001", &["--dx", "too fine"]);

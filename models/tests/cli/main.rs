@@ -1,5 +1,6 @@
 //! The command line as its users meet it: the program itself, its exit codes, its messages and what it leaves behind.
 
+mod again;
 mod bad_clips;
 mod bad_settings;
 mod checks;

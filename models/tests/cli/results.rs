@@ -14,7 +14,7 @@ fn a_quick_run_leaves_every_result() {
     let arguments = "--cameras 0,2,4,6 --frames 8 --young 20000 --out out --config quick.toml";
     let printed = scene.succeeds(&format!("reconstruct {} {arguments}", clip.display()));
     let young = printed.lines().find(|line| line.contains("Young's modulus")).expect("the summary names it");
-    assert!(young.trim_end().ends_with("Pa"), "{young}");
+    assert!(young.contains("90 %") && young.trim_end().ends_with("Pa"), "{young}");
     assert!(printed.contains("index.html"));
 
     let out = scene.path("out");
@@ -27,7 +27,10 @@ fn a_quick_run_leaves_every_result() {
     for (name, unit) in [("young", "Pa"), ("poisson", "-"), ("velocity_y", "m/s")] {
         let entry = &parameters["parameters"][name];
         assert_eq!(entry["unit"], unit, "{name}");
-        assert!(entry["value"].as_f64().is_some_and(f64::is_finite), "{entry}");
+        let value = entry["value"].as_f64().expect("a number");
+        let [low, high] = [0, 1].map(|end| entry["interval_90"][end].as_f64().expect("an interval"));
+        assert!(low < value && value < high && low.is_finite() && high.is_finite(), "{entry}");
+        assert!(entry["determined"].is_boolean(), "{entry}");
     }
     assert!(parameters["parameters"]["young"]["value"].as_f64().unwrap() > 0.0);
     assert_eq!(parameters["parameters"]["young"]["start"], 20000.0);
@@ -61,6 +64,35 @@ fn a_quick_run_leaves_every_result() {
     }
     let left = fs::read_dir(&out).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
     assert_eq!(left.filter(|name| name.ends_with(".partial")).count(), 0);
+}
+
+#[test]
+fn another_family_of_materials() {
+    let scene = Scene::with_clip(&[0, 3], 7);
+    let start = "--start yield_stress=500,young=2e4";
+    let printed =
+        scene.succeeds(&format!("reconstruct clip --material plasticine {start} --out out --config quick.toml"));
+    assert!(printed.contains("yield stress"), "{printed}");
+    let file = fs::read(scene.path("out/parameters.json")).unwrap();
+    let parameters: Value = serde_json::from_slice(&file).unwrap();
+    assert_eq!(parameters["material"], "von_mises");
+    assert_eq!(parameters["parameters"]["yield_stress"]["start"], 500.0);
+    assert!(parameters["parameters"]["poisson"]["interval_90"].is_array());
+}
+
+#[test]
+fn a_family_is_chosen_when_nobody_said() {
+    let scene = Scene::with_clip(&[0, 3], 7);
+    let printed = scene.succeeds("reconstruct clip --material auto --out out --config quick.toml");
+    for family in ["elastic", "plasticine", "newtonian", "non_newtonian", "sand", "chosen: "] {
+        assert!(printed.contains(family), "no {family} in {printed}");
+    }
+    let state = scene.state("out");
+    assert_eq!(state["candidates"].as_array().unwrap().len(), 5);
+    let chosen = Config::parse(&fs::read_to_string(scene.path("out/config.toml")).unwrap()).unwrap();
+    assert!(!chosen.chooses_family());
+    scene.succeeds("reconstruct clip --out out --resume");
+    assert_eq!(scene.state("out"), state, "a finished run has nothing left to do");
 }
 
 #[test]

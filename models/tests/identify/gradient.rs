@@ -1,19 +1,19 @@
 //! The gradient of the image loss against central differences in `f64`, through contact.
 
 use gradreel::DType;
-use gradreel_models::identify::{Config, Free, Unknowns};
+use gradreel_models::identify::{Free, Unknowns};
 
-use crate::scene::{block, film, problem};
+use crate::scene::{block, film, problem, quick};
 
 #[test]
 fn image_loss_gradient_through_contact_agrees_with_central_differences() {
     const FRAMES: usize = 5;
-    let config = Config::default();
+    let config = quick();
     let particles = block(5, 0.04);
-    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3] };
+    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], contact: 0.0 };
     let observed = film(&particles, &truth, &config, FRAMES, 20, DType::F64);
     let problem = problem(&particles, &observed, &config, DType::F64);
-    let unknowns = Unknowns { velocity: [0.25, -1.1, 0.15], parameters: vec![4e4, 0.22] };
+    let unknowns = Unknowns { velocity: [0.25, -1.1, 0.15], parameters: vec![4e4, 0.22], contact: 0.0 };
 
     // the block does touch the ground: without contact the motion would not depend on the material
     let stiffer = Unknowns { parameters: vec![8e4, 0.22], ..unknowns.clone() };
@@ -46,10 +46,10 @@ fn image_loss_gradient_through_contact_agrees_with_central_differences() {
 #[test]
 fn single_precision_gives_the_same_gradient() {
     const FRAMES: usize = 4;
-    let config = Config::default();
+    let config = quick();
     let particles = block(4, 0.05);
-    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3] };
-    let unknowns = Unknowns { velocity: [0.25, -1.1, 0.15], parameters: vec![4e4, 0.22] };
+    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], contact: 0.0 };
+    let unknowns = Unknowns { velocity: [0.25, -1.1, 0.15], parameters: vec![4e4, 0.22], contact: 0.0 };
     let gradient = |dtype| {
         let observed = film(&particles, &truth, &config, FRAMES, 20, dtype);
         let problem = problem(&particles, &observed, &config, dtype);

@@ -1,6 +1,8 @@
 //! The forward model and the estimates, on scenes made of a known motion.
 
+mod gauss_newton;
 mod gradient;
+mod interval;
 mod recovery;
 mod scene;
 mod tracks;

@@ -20,6 +20,13 @@ fn camera(id: i64, angle: f64, size: usize) -> Camera {
     Camera { id, width: size, height: size, fx: focal, fy: focal, cx: middle, cy: middle, c2w }
 }
 
+/// The default settings, but as few substeps as are stable: enough where picture and model are of one kind.
+pub fn quick() -> Config {
+    let mut config = Config::default();
+    config.world.least_speed = 0.0;
+    config
+}
+
 /// An L-shaped block, `edge` particles long, so that no symmetry hides an error.
 pub fn block(edge: usize, spacing: f64) -> Particles {
     let mut particles = Particles { positions: vec![], opacity: vec![], colour: vec![], spacing };
@@ -39,8 +46,21 @@ pub fn block(edge: usize, spacing: f64) -> Particles {
     particles
 }
 
-/// Pixels of the block's motion with the true unknowns, and the problem's configuration.
+/// Pixels of the block's motion as rubber with the true unknowns, and the problem's configuration.
 pub fn film(
+    particles: &Particles,
+    truth: &Unknowns,
+    config: &Config,
+    frames: usize,
+    size: usize,
+    dtype: DType,
+) -> Observed {
+    film_of("neo_hookean", particles, truth, config, frames, size, dtype)
+}
+
+/// Pixels of the block's motion as some material.
+pub fn film_of(
+    law: &str,
     particles: &Particles,
     truth: &Unknowns,
     config: &Config,
@@ -52,8 +72,9 @@ pub fn film(
     let rays = Arc::new(Rays::of_cameras(&cameras));
     let blank = Tensor::zeros([rays.len(), 4], dtype);
     let empty = Target { rgba: blank.clone(), weight: blank };
-    let unfilmed = Observed { rays, targets: vec![empty; frames], frame_dt: 1.0 / 24.0 };
-    let problem = problem(particles, &unfilmed, config, dtype);
+    let views = vec![size * size; cameras.len()];
+    let unfilmed = Observed { rays, views, targets: vec![empty; frames], frame_dt: 1.0 / 24.0 };
+    let problem = problem_of(law, particles, &unfilmed, config, dtype);
     let motion = problem.positions(truth).unwrap();
     let targets = (0..frames).map(|frame| {
         let tape = Tape::new();
@@ -65,10 +86,21 @@ pub fn film(
         Target { rgba, weight }
     });
     let targets = targets.collect();
-    Observed { rays: unfilmed.rays.clone(), targets, frame_dt: unfilmed.frame_dt }
+    Observed { targets, ..unfilmed }
 }
 
 /// The problem of a neo-Hookean block over the ground.
 pub fn problem<'a>(particles: &'a Particles, observed: &'a Observed, config: &Config, dtype: DType) -> Problem<'a> {
-    Problem::new(particles, observed, materials::find("neo_hookean").unwrap(), config, dtype)
+    problem_of("neo_hookean", particles, observed, config, dtype)
+}
+
+/// The problem of a block of some material over the ground.
+pub fn problem_of<'a>(
+    law: &str,
+    particles: &'a Particles,
+    observed: &'a Observed,
+    config: &Config,
+    dtype: DType,
+) -> Problem<'a> {
+    Problem::new(particles, observed, materials::find(law).unwrap(), config, dtype)
 }

@@ -5,6 +5,7 @@ mod decomposition;
 mod derivatives;
 mod failures;
 mod flip;
+mod gpu;
 mod gradients;
 mod laws;
 mod materials;

@@ -8,7 +8,8 @@ use crate::scene::{Vectors, close, close_norm};
 
 /// A material of the vectors, with the chain from its own parameters to those of the vectors.
 #[derive(Clone, Copy, PartialEq)]
-enum Kind {
+pub enum Kind {
+    Elastic,
     Newtonian,
     Plasticine,
     NonNewtonian,
@@ -16,8 +17,9 @@ enum Kind {
 }
 
 impl Kind {
-    fn law(self) -> Law {
+    pub fn law(self) -> Law {
         let name = match self {
+            Self::Elastic => "neo_hookean",
             Self::Newtonian => "newtonian",
             Self::Plasticine => "von_mises",
             Self::NonNewtonian => "viscoplastic",
@@ -26,7 +28,7 @@ impl Kind {
         materials::find(name).unwrap()
     }
 
-    fn parameters<T: Number>(self, file: &Vectors) -> Vec<Values<T>> {
+    pub fn parameters<T: Number>(self, file: &Vectors) -> Vec<Values<T>> {
         let each = |f: fn(f64, f64) -> f64| {
             let pairs = file.get("mu").iter().zip(file.get("lam"));
             Values::Each(pairs.map(|(&mu, &lam)| T::from_f64(f(mu, lam))).collect())
@@ -34,6 +36,7 @@ impl Kind {
         let same = |name: &str| Values::Same(T::from_f64(file.scalar(name)));
         let shear_bulk = || vec![each(|mu, _| mu), each(|mu, lam| lam + 2.0 / 3.0 * mu)];
         match self {
+            Self::Elastic => file.young_poisson(),
             Self::Newtonian => shear_bulk(),
             Self::Plasticine => [file.young_poisson(), vec![same("yield_stress")]].concat(),
             Self::NonNewtonian => [shear_bulk(), vec![same("yield_stress"), same("eta")]].concat(),
@@ -47,7 +50,7 @@ impl Kind {
     fn compare<T: Number>(self, file: &Vectors, found: &[Vec<T>], prefix: &str, tolerance: f64) {
         let number = |values: &[T]| values.iter().map(|g| g.to_f64()).collect::<Vec<_>>();
         let [mu, lam] = match self {
-            Self::Plasticine | Self::Sand => file.to_lame(&found[0], &found[1]),
+            Self::Elastic | Self::Plasticine | Self::Sand => file.to_lame(&found[0], &found[1]),
             Self::Newtonian | Self::NonNewtonian => {
                 let (shear, bulk) = (number(&found[0]), number(&found[1]));
                 [shear.iter().zip(&bulk).map(|(shear, bulk)| shear + 2.0 / 3.0 * bulk).collect(), bulk]
@@ -59,7 +62,7 @@ impl Kind {
         check("lam", &lam);
         let sum = |values: &[T]| number(values).iter().sum::<f64>();
         match self {
-            Self::Newtonian => {}
+            Self::Elastic | Self::Newtonian => {}
             Self::Plasticine => check("yield_stress", &[sum(&found[2])]),
             Self::NonNewtonian => {
                 check("yield_stress", &[sum(&found[2])]);
@@ -164,7 +167,7 @@ fn projection_and_stress_of_sand() {
 }
 
 /// The deformation gradients of a file, or what stands for them in a fluid.
-fn deformation<T: Number>(file: &Vectors, f: &str, j: &str, rest: f64) -> Vec<[[T; 3]; 3]> {
+pub fn deformation<T: Number>(file: &Vectors, f: &str, j: &str, rest: f64) -> Vec<[[T; 3]; 3]> {
     if file.has(f) {
         return file.matrices(f);
     }
@@ -174,7 +177,7 @@ fn deformation<T: Number>(file: &Vectors, f: &str, j: &str, rest: f64) -> Vec<[[
 }
 
 /// Compares a state with tensors of these names and the volume ratio where there is no deformation gradient.
-fn compare<T: Number>(
+pub fn compare<T: Number>(
     file: &Vectors,
     state: &State<T>,
     names: [String; 5],
@@ -194,11 +197,11 @@ fn compare<T: Number>(
     }
 }
 
-fn names(of: impl Fn(&str) -> String) -> [String; 5] {
+pub fn names(of: impl Fn(&str) -> String) -> [String; 5] {
     ["x", "v", "C", "F", "J"].map(of)
 }
 
-fn compare_values<T: Number>(kind: Kind, file: &Vectors, found: &ValueGradients<T>, prefix: &str, tolerance: f64) {
+pub fn compare_values<T: Number>(kind: Kind, file: &Vectors, found: &ValueGradients<T>, prefix: &str, tolerance: f64) {
     close_norm("rho", &found.density, file.get(&format!("{prefix}rho")), tolerance);
     kind.compare(file, &found.parameters, prefix, tolerance);
 }
@@ -289,7 +292,7 @@ fn trajectory<T: Number>(kind: Kind, name: &str, tolerances: [f64; 4], gradient:
 
 /// Positions, velocities, affine velocities, deformations: plastic trajectories were made with an SVD accurate to 1e-9.
 const PLASTIC: [f64; 4] = [1e-9, 1e-7, 1e-5, 1e-7];
-const SINGLE: [f64; 4] = [2e-6, 1e-4, 2e-3, 1e-4];
+pub const SINGLE: [f64; 4] = [2e-6, 1e-4, 2e-3, 1e-4];
 
 #[test]
 fn trajectory_of_a_newtonian_fluid() {

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use gradreel::{Result, Tape, Tensor, Var};
+use gradreel::{DType, Device, Result, Tape, Tensor, Var};
 use gradreel_models::physics::{Law, Remat, Rollout, Scene, Schedule, Substance, World, simulate};
 
 /// All inputs of a simulation; `values` in the order of [`Rollout`].
@@ -41,7 +41,8 @@ impl PlainScene {
         Self { world, schedule, laws, material_of: None, values, names }
     }
 
-    fn rollout(&self) -> Rollout {
+    /// The op.
+    pub fn rollout(&self) -> Rollout {
         Rollout {
             world: self.world.clone(),
             laws: self.laws.clone(),
@@ -53,7 +54,8 @@ impl PlainScene {
         }
     }
 
-    fn tensor(&self, index: usize, values: &[f64]) -> Tensor {
+    /// An input.
+    pub fn tensor(&self, index: usize, values: &[f64]) -> Tensor {
         let n = self.values[0].len() / 3;
         match index {
             0 => Tensor::from_vec(values.to_vec(), [n, 3]),
@@ -80,9 +82,21 @@ impl PlainScene {
 
     /// Positions of all frames, and the gradients of their weighted sum, by reverse mode.
     pub fn vjp(&self, weights: &[f64], remat: Remat) -> Result<(Vec<f64>, Vec<Vec<f64>>)> {
+        self.vjp_on(&Device::Cpu, DType::F64, weights, remat)
+    }
+
+    /// As [`PlainScene::vjp`], on a device.
+    pub fn vjp_on(
+        &self,
+        device: &Device,
+        dtype: DType,
+        weights: &[f64],
+        remat: Remat,
+    ) -> Result<(Vec<f64>, Vec<Vec<f64>>)> {
         let tape = Tape::new();
-        let leaves: Vec<Var> =
-            self.values.iter().enumerate().map(|(index, values)| tape.leaf(self.tensor(index, values))).collect();
+        let there = |tensor: Tensor| tensor.cast(dtype)?.to_device(device);
+        let leaf = |(index, values): (usize, &Vec<f64>)| Ok(tape.leaf(there(self.tensor(index, values))?));
+        let leaves = self.values.iter().enumerate().map(leaf).collect::<Result<Vec<Var>>>()?;
         let has_friction = self.names.contains(&"friction");
         let mut rest = leaves[4 + usize::from(has_friction)..].iter().cloned();
         let scene = Scene {
@@ -102,7 +116,7 @@ impl PlainScene {
             material_of: self.material_of.clone().map(Arc::from),
         };
         let motion = simulate(&self.world, &scene, self.schedule, remat)?;
-        let weights = Tensor::from_vec(weights.to_vec(), motion.shape());
+        let weights = there(Tensor::from_vec(weights.to_vec(), motion.shape()))?;
         let gradients = (&motion * &tape.constant(weights)).sum_all().backward()?;
         let found = leaves.iter().map(|leaf| gradients.wrt(leaf)?.to_vec()).collect::<Result<_>>()?;
         Ok((motion.value()?.to_vec()?, found))

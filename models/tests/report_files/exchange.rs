@@ -194,7 +194,17 @@ fn a_picture_comes_back_from_png() {
 fn quantity(name: &str, unit: &str, value: f64) -> Quantity {
     let source = "fitted".to_string();
     let [label, symbol] = ["Label", "x"].map(String::from);
-    Quantity { name: name.into(), label, symbol, unit: unit.into(), value, start: None, source }
+    Quantity {
+        name: name.into(),
+        label,
+        symbol,
+        unit: unit.into(),
+        value,
+        start: None,
+        source,
+        interval_90: None,
+        determined: None,
+    }
 }
 
 #[test]
@@ -239,7 +249,10 @@ fn parameters_come_back_from_json() {
     assert_eq!(read["material"], "neo_hookean");
     assert_eq!(keys(&read["parameters"]), ["young", "poisson"], "in the order given");
     let young = &read["parameters"]["young"];
-    assert_eq!(keys(young), ["label", "symbol", "value", "unit", "readable", "start", "source"]);
+    assert_eq!(
+        keys(young),
+        ["label", "symbol", "value", "unit", "readable", "start", "source", "interval_90", "determined"]
+    );
     assert_eq!(young["value"].as_f64(), Some(301_234.567_890_123));
     assert_eq!((&young["unit"], &young["readable"]), (&"Pa".into(), &"301 kPa".into()));
     assert_eq!(young["start"].as_f64(), Some(1e6));

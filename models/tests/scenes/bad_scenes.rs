@@ -132,6 +132,18 @@ fn a_flight_too_fast_for_the_steps_that_are_given_stops_the_run() {
 }
 
 #[test]
+fn an_element_that_is_turned_inside_out_stops_the_run_and_is_named() {
+    // Neither block crosses a cell in a step, but together they close in on what lies between by more than its length.
+    let upwards = "material = \"rubber\"\nvelocity_m_s = [0, 25, 0]";
+    let given = collision(25.0).replacen("material = \"rubber\"", upwards, 1);
+    let setup = setup(&given.replace("frames_per_s = 20", "frames_per_s = 20\nsubsteps_per_frame = 36")).unwrap();
+    let mut runner = Runner::<f64>::new(&setup).unwrap();
+    let error = runner.advance(|| true).expect_err("nothing survives that").to_string();
+    assert!(error.contains("volume ratio det F is -") && error.contains("particle"), "{error}");
+    assert!(error.contains("more substeps"), "{error}");
+}
+
+#[test]
 fn a_frame_that_breaks_down_is_tried_again_with_shorter_steps() {
     // The plan knows how fast obstacles travel, but not how fast they spin.
     let blade = "[[colliders]]\nshape.box = { centre_m = [0, 0.3, 0], size_m = [1, 0.1, 0.1] }\n\

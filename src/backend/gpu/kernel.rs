@@ -16,7 +16,7 @@ use crate::{DType, Error, ErrorKind, Result};
 /// A compute kernel in WGSL, for [`Gpu::launch`](crate::backend::gpu::Gpu::launch).
 ///
 /// All bindings are in group 0: at most one uniform struct of 32-bit words (the parameters), and storage buffers that
-/// are arrays of `f32` or `u32`.
+/// are arrays of `f32` or `u32`, of vectors of these, or of atomic `u32`.
 ///
 /// ```
 /// use gradreel::backend::gpu::Kernel;
@@ -85,8 +85,9 @@ impl Kernel {
         Self { name, entry, text, program: None, buffers, reflected: OnceLock::new() }
     }
 
-    /// A kernel whose text has a line `#import "program"`, where `program` is put in.
-    pub(crate) fn around(program: String, name: String, text: &'static str, buffers: &'static [&'static str]) -> Self {
+    /// A kernel with the entry point `main` whose text has a line `#import "program"`, where `program` is put in: for text that
+    /// is made at run time, such as [`Program::wgsl`](crate::scalar::Program::wgsl).
+    pub fn around(program: String, name: String, text: &'static str, buffers: &'static [&'static str]) -> Self {
         let name = Cow::Owned(name);
         Self { name, entry: "main", text, program: Some(program), buffers, reflected: OnceLock::new() }
     }
@@ -199,12 +200,16 @@ impl Reflection {
     }
 }
 
-/// The element type of a runtime-sized array of 32-bit numbers.
+/// The element type of a runtime-sized array of 32-bit numbers, of vectors of them, or of atomic ones.
 fn element(module: &Module, array: naga::Handle<naga::Type>) -> Option<DType> {
     let TypeInner::Array { base, .. } = module.types[array].inner else { return None };
-    match module.types[base].inner {
-        TypeInner::Scalar(scalar) if scalar.width == 4 && scalar.kind == ScalarKind::Float => Some(DType::F32),
-        TypeInner::Scalar(scalar) if scalar.width == 4 && scalar.kind == ScalarKind::Uint => Some(DType::U32),
+    let scalar = match module.types[base].inner {
+        TypeInner::Scalar(scalar) | TypeInner::Atomic(scalar) | TypeInner::Vector { scalar, .. } => scalar,
+        _ => return None,
+    };
+    match (scalar.kind, scalar.width) {
+        (ScalarKind::Float, 4) => Some(DType::F32),
+        (ScalarKind::Uint, 4) => Some(DType::U32),
         _ => None,
     }
 }

@@ -1,6 +1,6 @@
 //! A rollout in forward mode.
 
-use gradreel::{DType, Error, ErrorKind, Op, Result, Spec, Tensor};
+use gradreel::{DType, Device, Error, ErrorKind, Op, Result, Spec, Tensor};
 
 use super::{Rollout, finite, start, triples};
 use crate::physics::forward::Tangent;
@@ -52,10 +52,16 @@ impl Rollout {
     /// # Errors
     ///
     /// As a [`rollout`](super::rollout()); [`ErrorKind::Shape`] for tangents that do not fit, [`ErrorKind::NonFinite`] for tangents that are or
-    /// become infinite.
+    /// become infinite; [`ErrorKind::Unsupported`] for tensors on a GPU.
     pub fn jvp(&self, inputs: &[Tensor], directions: &[Vec<Option<Tensor>>]) -> Result<(Tensor, Vec<Tensor>)> {
         let specs: Vec<Spec> = inputs.iter().map(|input| Spec::new(input.dims(), input.dtype())).collect();
         self.infer(&specs)?;
+        let tangents = directions.iter().flatten().flatten();
+        if let Some(stray) = inputs.iter().chain(tangents).find(|tensor| tensor.device() != Device::Cpu) {
+            return Err(Error::new(ErrorKind::Unsupported, "forward mode of a rollout runs on the CPU only")
+                .found(format!("a tensor on {}", stray.device()))
+                .fix("move inputs and tangents there with to_device(&Device::Cpu), or use reverse mode"));
+        }
         for (index, direction) in directions.iter().enumerate() {
             let fault = |what: &str| Error::new(ErrorKind::Shape, what).at(format!("direction {index} of a rollout"));
             if direction.len() != inputs.len() {

@@ -1,0 +1,79 @@
+//! `gradreel simulate --from RUN`: what was reconstructed, under other conditions.
+
+use std::path::{Path, PathBuf};
+
+use gradreel::{Error, ErrorKind, Result};
+
+use crate::identify::{Changes, Reconstruction, Run};
+use crate::report::interrupt;
+use crate::report::progress::Progress;
+use crate::report::reconstruction::publish;
+use crate::report::run_folder::RunFolder;
+
+/// What to simulate again, and what to change.
+#[derive(clap::Args)]
+#[command(next_help_heading = "What was reconstructed, again")]
+pub(super) struct Arguments {
+    /// Simulate what the run in this folder has found, instead of a scene; filmed beside its clip
+    #[arg(long, value_name = "RUN", conflicts_with_all = ["scene", "resume", "plan", "duration", "precision", "film", "no_gif"])]
+    pub from: Option<PathBuf>,
+    /// Other parameters of the material, in SI units, for example young=1e6,poisson=0.4
+    #[arg(long, value_delimiter = ',', value_name = "NAME=VALUE", value_parser = super::reconstruct::named_value, requires = "from")]
+    set: Vec<(String, f64)>,
+    /// Another initial velocity [m/s]
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, requires = "from")]
+    velocity: Option<[f64; 3]>,
+    /// Another gravity [m/s²], for example 0,-1.62,0 for the moon
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, requires = "from")]
+    gravity: Option<[f64; 3]>,
+    /// Another height of the ground [m]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, requires = "from")]
+    ground: Option<f64>,
+    /// Where the run's clip is now, if it was moved
+    #[arg(long, value_name = "FOLDER", requires = "from")]
+    clip: Option<PathBuf>,
+}
+
+/// Simulates and films it into a new folder, which is a run itself.
+pub(super) fn run(arguments: &Arguments, from: &Path, out: Option<&Path>, quiet: bool) -> Result<()> {
+    interrupt::install()?;
+    let progress = Progress::new(quiet);
+    let before = Run::open(RunFolder::open(from)?)?;
+    let path = arguments.clip.clone().or_else(|| before.state.clip_path.clone()).ok_or_else(|| {
+        Error::new(ErrorKind::Input, "the run does not say where its clip is")
+            .at(from.display())
+            .fix("give its folder with --clip")
+    })?;
+    let clip = super::reconstruct::open(&path, &before.config)
+        .map_err(|e| e.fix(format!("if the clip of {} was moved, give its folder with --clip", from.display())))?;
+    before.belongs_to(&clip)?;
+    let mut found = Reconstruction::of(&before, &clip)?;
+    let changes = Changes {
+        parameters: arguments.set.iter().cloned().collect(),
+        velocity: arguments.velocity,
+        gravity: arguments.gravity,
+        ground: arguments.ground,
+    };
+    let mut again = before.copied();
+    let words = changes.apply(&mut found, &mut again)?;
+    // what cannot be simulated leaves no folder
+    found.motion(&again)?;
+    again.folder = match out {
+        Some(folder) => RunFolder::create(folder)?,
+        None => RunFolder::create_free(Path::new("runs"), &format!("{}-again", clip.name))?,
+    };
+    again.begin_from(&before)?;
+    publish(&found, &again, &clip, &progress)?;
+    if !quiet {
+        words.iter().for_each(|change| println!("  {change}"));
+        println!("\n  open {}", again.folder.path("index.html").display());
+    }
+    Ok(())
+}
+
+/// Three numbers.
+fn vector(text: &str) -> std::result::Result<[f64; 3], String> {
+    let numbers: std::result::Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
+    let numbers = numbers.map_err(|e| format!("{text:?}: {e}; three numbers are wanted, such as 0,-9.8,0"))?;
+    <[f64; 3]>::try_from(numbers).map_err(|_| format!("{text:?}: three numbers are wanted, such as 0,-9.8,0"))
+}

@@ -1,0 +1,197 @@
+//! The static stage: a radiance field fitted to the first frame of a clip, on grids that become finer.
+
+use gradreel::optim::{Adam, Params};
+use gradreel::{DType, Error, ErrorKind, Key, Result, Tape};
+use serde::{Deserialize, Serialize};
+
+use super::temporal::ClipRays;
+use super::{DenseGrid, Occupancy, RadianceField, RadianceSizes, StaticSettings, static_step};
+use crate::particles::Jitter;
+
+/// How a radiance field is fitted to the first frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct StaticFitSettings {
+    /// Updates; each sees one camera.
+    pub iterations: usize,
+    /// Rays of an update; all pixels of the camera if there are no more.
+    pub rays: usize,
+    /// Updates after which the spacing is halved.
+    pub refine_after: Vec<usize>,
+    /// Rate of density and features.
+    pub grid_rate: f64,
+    /// Rate of the colour network.
+    pub network_rate: f64,
+    /// Opacity of an empty node over one unit of length.
+    pub opacity: f64,
+    /// The weight of the entropy doubles after so many updates, each time, …
+    pub entropy_doubles: usize,
+    /// … up to this.
+    pub most_entropy: f64,
+    /// Seed of everything drawn.
+    pub seed: u64,
+    /// The loss and how it is rendered.
+    pub step: StaticSettings,
+}
+
+impl Default for StaticFitSettings {
+    fn default() -> Self {
+        Self {
+            iterations: 6001,
+            rays: 1 << 17,
+            refine_after: vec![1000, 2000, 4000],
+            grid_rate: 0.1,
+            network_rate: 1e-3,
+            opacity: 1e-4,
+            entropy_doubles: 1000,
+            most_entropy: 0.1,
+            seed: 1,
+            step: StaticSettings::default(),
+        }
+    }
+}
+
+/// What one update reached.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StaticProgress {
+    /// The update, from 1.
+    pub iteration: usize,
+    /// Its loss.
+    pub loss: f64,
+    /// The peak signal-to-noise ratio of its rays \[dB\].
+    pub psnr: f64,
+    /// Particles that were rendered.
+    pub particles: usize,
+}
+
+/// A fit under way.
+///
+/// ```no_run
+/// use gradreel::DType;
+/// use gradreel_models::field::temporal::ClipRays;
+/// use gradreel_models::field::{RadianceSizes, StaticFit, StaticFitSettings};
+/// use gradreel_models::render::ViewWeights;
+/// use gradreel_models::video::{Clip, OpenOptions};
+///
+/// let clip = Clip::open("examples/clips/bird".as_ref(), &OpenOptions::default())?;
+/// // all views are real
+/// let views = ViewWeights { alpha: 0.0, ..ViewWeights::default() };
+/// let rays = ClipRays::new(&clip, &views, [0.0, 0.6, 0.0], 0, &[], 0.0);
+/// let (low, high) = ([-0.6, 0.2, -0.4], [0.6, 1.0, 0.4]);
+/// let settings = StaticFitSettings::default();
+/// let mut fit = StaticFit::new(low, high, 0.16, &RadianceSizes::default(), &settings, DType::F32)?;
+/// fit.run(&rays, |_, progress| {
+///     println!("{}: {:.1} dB, {} particles", progress.iteration, progress.psnr, progress.particles);
+///     Ok(())
+/// })?;
+/// assert_eq!(fit.field.grid.spacing, 0.02);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
+pub struct StaticFit {
+    /// The field on its present grid.
+    pub field: RadianceField,
+    /// Its numbers.
+    pub params: Params,
+    /// What of it may be opaque.
+    pub occupancy: Occupancy,
+    /// Updates made.
+    pub iteration: usize,
+    settings: StaticFitSettings,
+    adam: Adam,
+}
+
+impl StaticFit {
+    /// A fit from nothing over a box \[m\], from this spacing \[m\] on.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] when the spacing does not fit the box.
+    pub fn new(
+        low: [f64; 3],
+        high: [f64; 3],
+        spacing: f64,
+        sizes: &RadianceSizes,
+        settings: &StaticFitSettings,
+        dtype: DType,
+    ) -> Result<Self> {
+        let grid = DenseGrid::of_spacing(low, high, spacing)?;
+        let field = RadianceField::new(grid, settings.opacity, sizes.clone());
+        let params = field.initialise(Key::new(settings.seed).fold(0), dtype)?;
+        Ok(Self::of_field(field, params, settings))
+    }
+
+    /// A fit that goes on from a field (a baked one, say).
+    pub fn of_field(field: RadianceField, params: Params, settings: &StaticFitSettings) -> Self {
+        let occupancy = Occupancy::full(field.grid.clone());
+        Self { field, params, occupancy, iteration: 0, settings: settings.clone(), adam: adam(settings) }
+    }
+
+    /// Whether all updates were made.
+    pub fn is_done(&self) -> bool {
+        self.iteration >= self.settings.iterations
+    }
+
+    /// One update.
+    ///
+    /// # Errors
+    /// What rendering and the optimiser return; [`ErrorKind::Input`] when a refinement finds the field empty.
+    pub fn step(&mut self, rays: &ClipRays<'_>) -> Result<StaticProgress> {
+        let [camera, pixels, jitter] = Key::new(self.settings.seed).fold(1).fold(self.iteration as u64).split();
+        let dtype = self.params.get("radiance.density")?.dtype();
+        let batch = rays.draw_from(rays.draw_camera(camera), 0, pixels, self.settings.rays, dtype)?;
+        let mut settings = self.settings.step.clone();
+        let doublings = (self.iteration / self.settings.entropy_doubles.max(1)).min(60) as i32;
+        if settings.entropy > 0.0 {
+            let most = self.settings.most_entropy.max(settings.entropy);
+            settings.entropy = (settings.entropy * 2f64.powi(doublings)).min(most);
+        }
+        let (gradients, progress) = {
+            let tape = Tape::new();
+            let bound = self.params.bind(&tape);
+            let (colours, weight) = (&batch.targets.colours, &batch.targets.weight);
+            let jitter = Jitter::Drawn(jitter);
+            let step =
+                static_step(&self.field, &bound, &self.occupancy, &jitter, &batch.rays, colours, weight, &settings)?;
+            let progress = StaticProgress {
+                iteration: self.iteration + 1,
+                loss: step.loss.item()?,
+                psnr: -10.0 * step.colour.item()?.max(1e-12).log10(),
+                particles: step.particles.positions.dims()[0],
+            };
+            (step.gradients(&bound, &self.params, &settings)?, progress)
+        };
+        self.adam.step(&mut self.params, &gradients)?;
+        self.iteration += 1;
+        if self.settings.refine_after.contains(&self.iteration) {
+            let threshold = settings.radiance.threshold;
+            let Some((params, occupancy)) = self.field.refined(&self.params, threshold)? else {
+                return Err(Error::new(ErrorKind::Input, "the field is empty")
+                    .at(format!("update {}", self.iteration))
+                    .fix("check the masks and cameras of the first frame with `gradreel check`"));
+            };
+            (self.params, self.occupancy, self.adam) = (params, occupancy, adam(&self.settings));
+        }
+        Ok(progress)
+    }
+
+    /// Makes the updates that are left, calling `each` after every one.
+    ///
+    /// # Errors
+    /// What updates return, and what `each` returns (an interruption, say).
+    pub fn run(
+        &mut self,
+        rays: &ClipRays<'_>,
+        mut each: impl FnMut(&Self, StaticProgress) -> Result<()>,
+    ) -> Result<()> {
+        while !self.is_done() {
+            let progress = self.step(rays)?;
+            each(self, progress)?;
+        }
+        Ok(())
+    }
+}
+
+fn adam(settings: &StaticFitSettings) -> Adam {
+    Adam::new(settings.network_rate)
+        .with_rate("radiance.density", settings.grid_rate)
+        .with_rate("radiance.features", settings.grid_rate)
+}

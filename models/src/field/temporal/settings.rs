@@ -1,0 +1,103 @@
+//! Sizes and switches of a temporal field.
+
+use serde::{Deserialize, Serialize};
+
+/// At which time coordinates are those of the grid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Canonical {
+    /// The first frame: `x' = x + t Δ(x, t)` is the identity at `t = 0`, so that particles are made there.
+    #[default]
+    FirstFrame,
+    /// None in particular: `x' = x + Δ(x, t)`, as published.
+    Free,
+}
+
+/// Sizes and switches of a temporal field. The default is for one CPU; [`TemporalSettings::published`] is TiNeuVox-S.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TemporalSettings {
+    /// Whether there is time at all. Without it nothing is bent and no network knows the time: one still field for all frames,
+    /// the ablation of the temporal encoding.
+    pub time: bool,
+    /// At which time coordinates are those of the grid.
+    pub canonical: Canonical,
+    /// Whether density is an explicit grid to which the network adds (nothing at first), or the network's alone.
+    pub explicit_density: bool,
+    /// Whether coordinates are brought to −1…1 over the box before they are encoded, and offsets are in halves of the box.
+    pub normalised: bool,
+    /// Width of the networks.
+    pub width: usize,
+    /// Channels of the feature grid.
+    pub channels: usize,
+    /// Length of the time feature.
+    pub time_features: usize,
+    /// Frequencies of positions.
+    pub position_levels: usize,
+    /// Frequencies of times.
+    pub time_levels: usize,
+    /// Frequencies of interpolated features; 0 gives them as they are.
+    pub feature_levels: usize,
+    /// Frequencies of viewing directions.
+    pub view_levels: usize,
+    /// Opacity of an empty node over one unit of length, before anything was fitted.
+    pub opacity: f64,
+    /// Distance between samples in grid spacings.
+    pub step: f64,
+    /// Nearest sample, in lengths of a ray's direction.
+    pub near: f64,
+    /// Farthest sample.
+    pub far: f64,
+    /// Opacities and weights up to this are dropped.
+    pub threshold: f64,
+    /// A ray ends behind the sample that leaves less than this.
+    pub stop: f64,
+    /// Grey value of the background; 1 is white.
+    pub background: f64,
+}
+
+impl Default for TemporalSettings {
+    fn default() -> Self {
+        Self {
+            time: true,
+            canonical: Canonical::FirstFrame,
+            explicit_density: true,
+            normalised: true,
+            width: 64,
+            channels: 12,
+            time_features: 20,
+            position_levels: 6,
+            time_levels: 8,
+            feature_levels: 0,
+            view_levels: 4,
+            opacity: 1e-2,
+            step: 0.5,
+            near: 0.1,
+            far: 1e9,
+            threshold: 1e-4,
+            stop: 1e-3,
+            background: 1.0,
+        }
+    }
+}
+
+impl TemporalSettings {
+    /// The small setting of J. Fang and others, "Fast Dynamic Radiance Fields with Time-Aware Neural Voxels", SIGGRAPH Asia
+    /// 2022, with 64 wide networks and 4 channels.
+    pub fn published() -> Self {
+        Self {
+            canonical: Canonical::Free,
+            explicit_density: false,
+            normalised: false,
+            channels: 4,
+            position_levels: 10,
+            feature_levels: 2,
+            ..Self::default()
+        }
+    }
+
+    /// Length of an encoded vector of `n` numbers.
+    pub(super) fn encoded(n: usize, levels: usize) -> usize {
+        n * (1 + 2 * levels)
+    }
+}

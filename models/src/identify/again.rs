@@ -1,0 +1,83 @@
+//! A reconstructed object simulated again under other conditions.
+
+use std::collections::BTreeMap;
+
+use gradreel::{Error, ErrorKind, Result};
+
+use crate::identify::{Reconstruction, Run};
+use crate::nearest::nearest;
+
+/// What is to be different from what a run has found; what is left out stays.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Changes {
+    /// Parameters of the material by name, in SI units.
+    pub parameters: BTreeMap<String, f64>,
+    /// Initial velocity \[m/s\].
+    pub velocity: Option<[f64; 3]>,
+    /// Gravity \[m/s²\].
+    pub gravity: Option<[f64; 3]>,
+    /// Height of the ground \[m\].
+    pub ground: Option<f64>,
+}
+
+impl Changes {
+    /// Makes the changes to what a run has found and to the world in its configuration; says each in words.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] for a parameter that the material does not have, or a value that it or the world cannot take.
+    /// Nothing is changed then.
+    pub fn apply(&self, found: &mut Reconstruction, run: &mut Run) -> Result<Vec<String>> {
+        let parameters = found.law.parameters();
+        let mut unknowns = found.unknowns.clone();
+        let mut config = run.config.clone();
+        let mut words = Vec::new();
+        for (name, &value) in &self.parameters {
+            let Some(at) = parameters.iter().position(|p| p.name == name) else {
+                let known: Vec<&str> = parameters.iter().map(|p| p.name).collect();
+                let error =
+                    Error::new(ErrorKind::Input, format!("the material {} has no such parameter", found.law.name()))
+                        .at("--set")
+                        .found(name)
+                        .wanted(format!("one of {known:?}"));
+                return Err(match nearest(name, known.iter().copied()) {
+                    Some(near) => error.fix(format!("did you mean `{near}`?")),
+                    None => error,
+                });
+            };
+            let p = &parameters[at];
+            if !p.map.raw(value).is_finite() {
+                return Err(Error::new(ErrorKind::Input, format!("the parameter {name} cannot have this value"))
+                    .at("--set")
+                    .found(format!("{value} {}", p.unit))
+                    .fix(format!("give for example {} {}", p.start, p.unit)));
+            }
+            words.push(format!("{} {:.4e} {} instead of {:.4e}", p.symbol, value, p.unit, unknowns.parameters[at]));
+            unknowns.parameters[at] = value;
+        }
+        if let Some(velocity) = self.velocity {
+            if velocity.iter().any(|v| !v.is_finite()) {
+                return Err(Error::new(ErrorKind::Input, "the velocity is not finite").at("--velocity"));
+            }
+            words.push(format!("v {velocity:?} m/s instead of {:.3?}", unknowns.velocity));
+            unknowns.velocity = velocity;
+        }
+        if let Some(gravity) = self.gravity {
+            words.push(format!("g {gravity:?} m/s² instead of {:?}", config.world.gravity));
+            config.world.gravity = gravity;
+        }
+        if let Some(ground) = self.ground {
+            words.push(format!("ground at {ground} m instead of {}", config.world.ground));
+            config.world.ground = ground;
+        }
+        config.check()?;
+        run.config = config;
+        run.state.unknowns = Some(unknowns.clone());
+        found.unknowns = unknowns;
+        found.given = self.parameters.keys().cloned().collect();
+        if self.velocity.is_some() {
+            found.given.extend(["velocity_x", "velocity_y", "velocity_z"].map(str::to_owned));
+        }
+        found.changes.clone_from(&words);
+        Ok(words)
+    }
+}

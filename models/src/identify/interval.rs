@@ -1,0 +1,182 @@
+//! How sure an estimate is: intervals from the curvature of the loss and from how the pictures disagree about it.
+
+use faer::{Mat, Side};
+use gradreel::{Error, ErrorKind, Result};
+use serde::{Deserialize, Serialize};
+
+use crate::identify::plausible::Plausible;
+use crate::identify::unknowns::Unknown;
+use crate::identify::{Free, Linearised, Unknowns};
+use crate::physics::Law;
+
+/// What is known of one unknown.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Interval {
+    /// Name of the parameter, or `velocity_x`, `velocity_y`, `velocity_z`, `contact`.
+    pub name: String,
+    /// Ends of the interval that holds the truth in nine of ten cases, in the unknown's unit.
+    pub interval_90: [f64; 2],
+    /// Whether the clip says clearly more than what is plausible of any such material: whether the interval is at most a
+    /// third as wide as the plausible range (in decades for magnitudes).
+    pub determined: bool,
+}
+
+/// Intervals of 90 % for the free unknowns at a minimum of the loss.
+///
+/// Residuals of neighbouring pixels are not independent: what is left is the error of shape, grid and light, alike over a
+/// whole picture, and in all pictures of a camera or of a moment. So the covariance is the *cluster-robust sandwich*
+/// `C⁻¹ M C⁻¹` with the curvature `C` and the scatter `M` of the parts that cameras, and that frames, have in the gradient:
+/// `M = Σ_cameras s sᵀ n/(n−1) + Σ_frames s sᵀ m/(m−1)` (Cameron, Gelbach and Miller 2011, without the term for their overlap,
+/// on the safe side). `bias` is a further deviation of each coordinate that is the same in all pictures, that of the grid for
+/// instance. What is plausible beforehand is added as a weak prior, `Σ = ((C⁻¹ M C⁻¹ + diag bias²)⁻¹ + diag prior⁻²)⁻¹`, so that a
+/// direction that no picture shows keeps the width of what is plausible. Student's t for as many degrees of freedom as there are
+/// clusters of the rarer kind, less one.
+///
+/// # Errors
+/// [`ErrorKind::NonFinite`] when the derivatives are not finite.
+pub fn intervals(at: &Unknowns, law: &Law, free: Free, linearised: &Linearised, bias: &[f64]) -> Result<Vec<Interval>> {
+    let list = free.list(law);
+    let n = list.len();
+    let plausible = Plausible { law, free };
+    let prior = plausible.deviations(at);
+    let deviations = deviations(linearised, &prior, bias)?;
+    let student = student(clusters(linearised));
+    let x = at.coordinates(law, free);
+    let end = |k: usize, sign: f64| {
+        let mut x = x.clone();
+        x[k] += sign * student * deviations[k];
+        let moved = at.moved(law, free, &x);
+        match list[k] {
+            Unknown::Velocity(axis) => moved.velocity[axis],
+            Unknown::Parameter(p) => moved.parameters[p],
+            Unknown::Contact => moved.contact,
+        }
+    };
+    let interval = |k: usize| Interval {
+        name: match list[k] {
+            Unknown::Velocity(axis) => ["velocity_x", "velocity_y", "velocity_z"][axis].to_owned(),
+            Unknown::Parameter(p) => law.parameters()[p].name.to_owned(),
+            Unknown::Contact => "contact".to_owned(),
+        },
+        interval_90: [end(k, -1.0), end(k, 1.0)],
+        determined: student * deviations[k] <= 1.645 * prior[k] / 3.0,
+    };
+    Ok((0..n).map(interval).collect())
+}
+
+/// The standard deviation of each coordinate.
+fn deviations(at: &Linearised, prior: &[f64], bias: &[f64]) -> Result<Vec<f64>> {
+    let n = prior.len();
+    // in units of the prior's deviations, so that everything is of one kind
+    let curvature = Mat::from_fn(n, n, |i, j| at.curvature[i][j] * prior[i] * prior[j]);
+    let scatter = scatter(at);
+    let scatter = Mat::from_fn(n, n, |i, j| scatter[i][j] * prior[i] * prior[j]);
+    let failed = |_| Error::new(ErrorKind::NonFinite, "no eigenvalues of the curvature of the loss").at("intervals");
+    let eigen = curvature.self_adjoint_eigen(Side::Lower).map_err(failed)?;
+    let (u, s) = (eigen.U(), eigen.S().column_vector());
+    let most = (0..n).fold(0.0f64, |m, k| m.max(s[k]));
+    if !(most.is_finite()) {
+        return Err(Error::new(ErrorKind::NonFinite, "the curvature of the loss is not finite").at("intervals"));
+    }
+    // C⁻¹ with directions that no picture shows at all at a floor: they come out far wider than the prior
+    let floor = (1e-12 * most).max(f64::MIN_POSITIVE);
+    let inverse = Mat::from_fn(n, n, |i, j| (0..n).map(|k| u[(i, k)] * u[(j, k)] / s[k].max(floor)).sum::<f64>());
+    let mut sandwich = &inverse * &scatter * &inverse;
+    for k in 0..n {
+        sandwich[(k, k)] += (bias[k] / prior[k]).powi(2);
+    }
+    // (Σ⁻¹ + I)⁻¹ = U diag(σ/(σ+1)) Uᵀ; directions without any score are not known, not known exactly
+    let eigen = sandwich.self_adjoint_eigen(Side::Lower).map_err(failed)?;
+    let (v, sigma) = (eigen.U(), eigen.S().column_vector());
+    let unseen: Vec<bool> = (0..n).map(|k| s[k] <= floor).collect();
+    let variance = |i: usize| {
+        let known: f64 = (0..n).map(|k| v[(i, k)].powi(2) * share(sigma[k])).sum();
+        let hidden: f64 = (0..n).filter(|&k| unseen[k]).map(|k| u[(i, k)].powi(2)).sum();
+        known.max(hidden)
+    };
+    Ok((0..n).map(|i| variance(i).max(0.0).sqrt() * prior[i]).collect())
+}
+
+/// `σ/(σ + 1)` for `σ` from 0 to ∞.
+fn share(sigma: f64) -> f64 {
+    let sigma = sigma.max(0.0);
+    if sigma.is_finite() { sigma / (sigma + 1.0) } else { 1.0 }
+}
+
+/// How the parts of cameras and frames in the gradient scatter.
+fn scatter(at: &Linearised) -> Vec<Vec<f64>> {
+    let n = at.gradient.len();
+    let mut total = vec![vec![0.0; n]; n];
+    let kinds: [&dyn Fn(&crate::identify::Score) -> usize; 2] = [&|s| s.camera, &|s| s.frame];
+    for kind in kinds {
+        let mut sums = std::collections::BTreeMap::<usize, Vec<f64>>::new();
+        for score in &at.scores {
+            let sum = sums.entry(kind(score)).or_insert_with(|| vec![0.0; n]);
+            sum.iter_mut().zip(&score.gradient).for_each(|(sum, g)| *sum += g);
+        }
+        let count = sums.len() as f64;
+        if count < 2.0 {
+            continue;
+        }
+        for part in sums.values() {
+            for i in 0..n {
+                for j in 0..n {
+                    total[i][j] += part[i] * part[j] * count / (count - 1.0);
+                }
+            }
+        }
+    }
+    total
+}
+
+/// Clusters of the rarer kind of which there are several.
+fn clusters(at: &Linearised) -> usize {
+    let of = |values: Vec<usize>| values.into_iter().collect::<std::collections::BTreeSet<_>>().len();
+    let (cameras, frames) =
+        (of(at.scores.iter().map(|s| s.camera).collect()), of(at.scores.iter().map(|s| s.frame).collect()));
+    if cameras.min(frames) > 1 { cameras.min(frames) } else { cameras.max(frames) }
+}
+
+/// The 95 % quantile of Student's t for `clusters − 1` degrees of freedom (Cornish and Fisher's expansion).
+fn student(clusters: usize) -> f64 {
+    let (z, nu) = (1.644_854_f64, clusters.saturating_sub(1).max(1) as f64);
+    let second = (5.0 * z.powi(5) + 16.0 * z.powi(3) + 3.0 * z) / 96.0;
+    z + (z.powi(3) + z) / 4.0 / nu + second / (nu * nu)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::Score;
+
+    #[test]
+    fn students_quantiles() {
+        for (clusters, wanted) in [(7, 1.943), (14, 1.771), (1000, 1.646)] {
+            approx::assert_relative_eq!(student(clusters), wanted, max_relative = 3e-3);
+        }
+    }
+
+    /// Pictures that each measure `x` with an independent error, and `y` not at all.
+    #[test]
+    fn a_mean_has_the_deviation_of_a_mean_and_what_is_not_seen_keeps_its_prior() {
+        let (cameras, frames) = (6, 12);
+        let error = |camera: usize| (camera as f64 * 2.4).sin();
+        let mean = (0..cameras).map(error).sum::<f64>() / cameras as f64;
+        // loss = Σ (x + e_camera)²/2: gradient Σ (x + e), at its minimum x = −mean; each camera's error is alike in all frames
+        let scores = (0..cameras * frames).map(|i| Score {
+            frame: i / cameras,
+            camera: i % cameras,
+            gradient: vec![error(i % cameras) - mean, 0.0],
+        });
+        let curvature = vec![vec![(cameras * frames) as f64, 0.0], vec![0.0, 0.0]];
+        let at = Linearised { loss: 1.0, gradient: vec![0.0, 0.0], curvature, scores: scores.collect() };
+        let found = deviations(&at, &[100.0, 3.0], &[0.0, 0.0]).unwrap();
+        let spread = (0..cameras).map(|c| (error(c) - mean).powi(2)).sum::<f64>() / (cameras as f64 - 1.0);
+        let wanted = (spread / cameras as f64).sqrt();
+        approx::assert_relative_eq!(found[0], wanted, max_relative = 1e-3);
+        approx::assert_relative_eq!(found[1], 3.0, max_relative = 1e-6);
+        // an error that all pictures share adds its square
+        let biased = deviations(&at, &[100.0, 3.0], &[0.5, 0.0]).unwrap();
+        approx::assert_relative_eq!(biased[0], wanted.hypot(0.5), max_relative = 1e-3);
+    }
+}

@@ -1,0 +1,251 @@
+//! The image loss as least squares: residuals of all pixels, and how they change with the unknowns.
+
+use gradreel::{DType, Result, Tensor};
+use rayon::prelude::*;
+
+use crate::identify::problem::is_stress;
+use crate::identify::unknowns::Unknown;
+use crate::identify::{Free, Problem, Unknowns};
+use crate::physics::{Rollout, Schedule};
+use crate::render::{Splat, render_jvp};
+
+/// The loss around a point, to second order in the sense of Gauss and Newton.
+///
+/// With the residuals `r = rendered − filmed` of all pixels and channels, their weights `w` and their Jacobian `J` in the
+/// coordinates of the free unknowns, over `m` frames: loss `Σ w r²/m`, gradient `2 Jᵀ w r/m`, curvature `2 Jᵀ w J/m`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Linearised {
+    /// The loss.
+    pub loss: f64,
+    /// Its gradient.
+    pub gradient: Vec<f64>,
+    /// Its curvature as Gauss and Newton see it, row by row.
+    pub curvature: Vec<Vec<f64>>,
+    /// The share of each frame and camera in the gradient.
+    pub scores: Vec<Score>,
+}
+
+/// What one picture adds to the gradient of the loss.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Score {
+    /// Number of the frame.
+    pub frame: usize,
+    /// Number of the camera, in the order of the rays.
+    pub camera: usize,
+    /// The picture's part of the gradient.
+    pub gradient: Vec<f64>,
+}
+
+impl Linearised {
+    fn zero(unknowns: usize) -> Self {
+        let (gradient, curvature) = (vec![0.0; unknowns], vec![vec![0.0; unknowns]; unknowns]);
+        Self { loss: 0.0, gradient, curvature, scores: Vec::new() }
+    }
+
+    /// Adds one picture: rendered and filmed values and weights of its pixels `[rays, 4]`, and the changes of the rendered
+    /// ones `[rays, unknowns, 4]`.
+    fn add_picture<T: gradreel::scalar::Real>(&mut self, [pixels, filmed, weight, changes]: [&[T]; 4], share: f64) {
+        let unknowns = self.gradient.len();
+        let mut row = vec![0.0; unknowns];
+        for r in 0..pixels.len() / 4 {
+            let changes = &changes[r * 4 * unknowns..][..4 * unknowns];
+            let moves = changes.iter().any(|&c| c != T::ZERO);
+            for c in 0..4 {
+                let w = weight[4 * r + c].to_f64() * share;
+                let residual = pixels[4 * r + c].to_f64() - filmed[4 * r + c].to_f64();
+                self.loss += w * residual * residual;
+                if !moves || w == 0.0 {
+                    continue;
+                }
+                for k in 0..unknowns {
+                    row[k] = changes[4 * k + c].to_f64();
+                }
+                for k in 0..unknowns {
+                    self.gradient[k] += 2.0 * w * residual * row[k];
+                    for l in 0..=k {
+                        self.curvature[k][l] += 2.0 * w * row[k] * row[l];
+                    }
+                }
+            }
+        }
+    }
+
+    /// Adds the sums of a picture; only the lower triangle of the curvature is summed.
+    fn add(&mut self, part: &Self) {
+        self.loss += part.loss;
+        let matrices = self.curvature.iter_mut().zip(&part.curvature);
+        matrices.for_each(|(sum, part)| sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += part));
+        self.gradient.iter_mut().zip(&part.gradient).for_each(|(sum, part)| *sum += part);
+    }
+}
+
+impl Problem<'_> {
+    /// The loss of the first `frames` frames, averaged over them, without derivatives.
+    ///
+    /// # Errors
+    /// As [`Problem::evaluate`].
+    pub fn misfit(
+        &self,
+        unknowns: &Unknowns,
+        frames: usize,
+        substeps: &mut usize,
+        notes: &mut dyn FnMut(String),
+    ) -> Result<f64> {
+        let nothing = Free::Chosen { velocity: false, parameters: 0, contact: false };
+        self.linearise(unknowns, nothing, frames, substeps, notes).map(|at| at.loss)
+    }
+
+    /// The loss of the first `frames` frames, averaged over them, with its derivatives along the free unknowns.
+    ///
+    /// All tangents are carried through one rollout and one rendering of each frame; normal equations are summed picture by
+    /// picture, so that the Jacobian is never in memory as a whole. `substeps` and `notes` as in [`Problem::with_step`].
+    ///
+    /// # Errors
+    /// As [`Problem::evaluate`]; [`gradreel::ErrorKind::NonFinite`] when a tangent becomes infinite.
+    pub fn linearise(
+        &self,
+        unknowns: &Unknowns,
+        free: Free,
+        frames: usize,
+        substeps: &mut usize,
+        notes: &mut dyn FnMut(String),
+    ) -> Result<Linearised> {
+        let frames = frames.min(self.observed.targets.len());
+        let (motion, tangents) =
+            self.with_step(unknowns, frames, substeps, notes, &mut |schedule| self.tangents(unknowns, free, schedule))?;
+        let (opacity, colour) = (self.particles.opacity(self.dtype)?, self.particles.colour(self.dtype)?);
+        let settings = Splat { spacing: 2.0 * self.particles.spacing, particle_spacing: self.particles.spacing };
+        let mut total = Linearised::zero(tangents.len());
+        let share = 1.0 / frames.max(1) as f64;
+        for frame in 0..frames {
+            let directions: Vec<Tensor> = tangents.iter().map(|tangent| row(tangent, frame)).collect();
+            let (rays, surface) = (&self.observed.rays, &self.surface);
+            let drawn = render_jvp(&row(&motion, frame), &directions, &opacity, &colour, rays, &settings, surface)?;
+            let parts = match self.dtype {
+                DType::F64 => self.pictures::<f64>(frame, &drawn, tangents.len(), share),
+                _ => self.pictures::<f32>(frame, &drawn, tangents.len(), share),
+            };
+            for (camera, part) in parts.into_iter().enumerate() {
+                total.add(&part);
+                total.scores.push(Score { frame, camera, gradient: part.gradient });
+            }
+        }
+        for k in 0..tangents.len() {
+            for l in 0..k {
+                total.curvature[l][k] = total.curvature[k][l];
+            }
+        }
+        Ok(total)
+    }
+
+    /// The sums of every camera's picture of one frame.
+    fn pictures<T: gradreel::scalar::Real>(
+        &self,
+        frame: usize,
+        (pixels, changes): &(Tensor, Tensor),
+        unknowns: usize,
+        share: f64,
+    ) -> Vec<Linearised> {
+        let target = &self.observed.targets[frame];
+        let values: [&[T]; 3] = [pixels.slice(), target.rgba.slice(), target.weight.slice()];
+        let changes = changes.slice::<T>();
+        let mut first = 0;
+        let ranges = self.observed.views.iter().map(|rays| {
+            first += rays;
+            first - rays..first
+        });
+        let ranges: Vec<std::ops::Range<usize>> = ranges.collect();
+        let picture = |rays: &std::ops::Range<usize>| {
+            let mut sums = Linearised::zero(unknowns);
+            let [pixels, filmed, weight] = values.map(|values| &values[4 * rays.start..4 * rays.end]);
+            let changes = &changes[4 * unknowns * rays.start..4 * unknowns * rays.end];
+            sums.add_picture([pixels, filmed, weight, changes], share);
+            sums
+        };
+        ranges.par_iter().map(picture).collect()
+    }
+
+    /// Positions at every frame `[frames, particles, 3]` \[m\], and their tangents along the free unknowns' coordinates.
+    ///
+    /// The same motion as [`Problem::motion`].
+    ///
+    /// # Errors
+    /// As [`Rollout::jvp`].
+    pub fn tangents(&self, unknowns: &Unknowns, free: Free, schedule: Schedule) -> Result<(Tensor, Vec<Tensor>)> {
+        let opacity = &self.particles.opacity;
+        let tensor = |values: Vec<f64>| {
+            let len = values.len();
+            Tensor::from_vec(values, [len]).cast(self.dtype)
+        };
+        let parameters = self.law.parameters();
+        let spread = |k: usize, value: f64| {
+            tensor(if is_stress(&parameters[k]) { opacity.iter().map(|o| o * value).collect() } else { vec![value] })
+        };
+        let early: Vec<f64> =
+            (0..3).map(|axis| unknowns.velocity[axis] - 0.5 * self.world.gravity[axis] * schedule.dt()).collect();
+        let density = tensor(opacity.iter().map(|o| o * self.density).collect())?;
+        let mut inputs = vec![self.lowered(unknowns.contact)?, tensor(early)?, density];
+        for (k, &value) in unknowns.parameters.iter().enumerate() {
+            inputs.push(spread(k, value)?);
+        }
+        let mut directions = Vec::new();
+        for unknown in free.list(&self.law) {
+            let slope = unknowns.slope(&self.law, unknown);
+            let mut direction = vec![None; inputs.len()];
+            match unknown {
+                Unknown::Velocity(axis) => {
+                    let mut along = vec![0.0; 3];
+                    along[axis] = slope;
+                    direction[1] = Some(tensor(along)?);
+                }
+                Unknown::Parameter(k) => direction[3 + k] = Some(spread(k, slope)?),
+                Unknown::Contact => {
+                    let lower = [0.0, -slope * self.world.dx, 0.0].repeat(opacity.len());
+                    direction[0] = Some(Tensor::from_vec(lower, [opacity.len(), 3]).cast(self.dtype)?);
+                }
+            }
+            directions.push(direction);
+        }
+        let rollout = Rollout {
+            world: self.world.clone(),
+            laws: vec![self.law.clone()],
+            material_of: None,
+            gravity: false,
+            friction: false,
+            schedule,
+            remat: None,
+        };
+        let (motion, mut tangents) = rollout.jvp(&inputs, &directions)?;
+        // back up by as much as the simulation has the body lower
+        let motion = raised(motion, unknowns.contact * self.world.dx);
+        for (tangent, unknown) in tangents.iter_mut().zip(free.list(&self.law)) {
+            if unknown == Unknown::Contact {
+                *tangent = raised(tangent.clone(), unknowns.slope(&self.law, unknown) * self.world.dx);
+            }
+        }
+        Ok((motion, tangents))
+    }
+}
+
+/// Positions with `height` added to every y.
+fn raised(positions: Tensor, height: f64) -> Tensor {
+    fn raise<T: gradreel::scalar::Real>(positions: &Tensor, height: f64) -> Tensor {
+        let mut values = positions.slice::<T>().to_vec();
+        values.chunks_exact_mut(3).for_each(|x| x[1] += T::from_f64(height));
+        Tensor::from_vec(values, positions.shape())
+    }
+    match positions.dtype() {
+        _ if height == 0.0 => positions,
+        DType::F64 => raise::<f64>(&positions, height),
+        _ => raise::<f32>(&positions, height),
+    }
+}
+
+/// One frame of `[frames, particles, 3]`.
+fn row(motion: &Tensor, frame: usize) -> Tensor {
+    let count = motion.dims()[1];
+    match motion.dtype() {
+        DType::F64 => Tensor::from_vec(motion.slice::<f64>()[3 * count * frame..][..3 * count].to_vec(), [count, 3]),
+        _ => Tensor::from_vec(motion.slice::<f32>()[3 * count * frame..][..3 * count].to_vec(), [count, 3]),
+    }
+}

@@ -1,0 +1,133 @@
+//! Evaluations that a search asked for, kept so that an interrupted search can be gone through again without computing them.
+
+use gradreel::{Error, ErrorKind, Result};
+use serde::{Deserialize, Serialize};
+
+use crate::identify::plausible::Plausible;
+use crate::identify::{Evaluation, Free, Linearised, Problem, Unknowns};
+
+/// What one evaluation gave.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Answer {
+    /// The loss; nothing when the physics broke down.
+    pub loss: Option<f64>,
+    /// Its gradient, where it was asked for.
+    pub gradient: Vec<f64>,
+    /// Its curvature, where it was asked for and could be had.
+    pub curvature: Vec<Vec<f64>>,
+    /// The number of substeps a frame from here on.
+    pub substeps: usize,
+}
+
+/// Hears of every evaluation; of those that were computed now, not before an interruption, also what they gave. An error
+/// from it (an interruption, say) ends a search and is returned.
+pub type Listener<'a> = dyn FnMut(&Evaluation, Option<&Answer>) -> Result<()> + 'a;
+
+/// Evaluates a problem, or remembers what it gave: a search is a function of the answers, so that going through the known
+/// ones leads exactly to where it stopped.
+pub(crate) struct Oracle<'a, 'b> {
+    problem: &'a Problem<'a>,
+    frames: usize,
+    known: &'a [Answer],
+    /// The least number of substeps a frame.
+    pub substeps: usize,
+    each: &'a mut Listener<'b>,
+    notes: &'a mut dyn FnMut(String),
+    /// What leaving the plausible range costs; counted as part of the loss.
+    pub plausible: Option<Plausible<'a>>,
+    /// Whether the physics may break down at the first point, too.
+    pub lenient: bool,
+    /// The evaluation of least loss.
+    pub best: Option<Evaluation>,
+}
+
+impl<'a, 'b> Oracle<'a, 'b> {
+    pub fn new(
+        problem: &'a Problem<'a>,
+        frames: usize,
+        known: &'a [Answer],
+        each: &'a mut Listener<'b>,
+        notes: &'a mut dyn FnMut(String),
+    ) -> Self {
+        Self { problem, frames, known, substeps: 0, each, notes, plausible: None, lenient: false, best: None }
+    }
+
+    /// Loss and gradient by the tape.
+    pub fn gradient(&mut self, at: &Unknowns, free: Free) -> Result<Answer> {
+        self.ask(at, &mut |problem, frames, substeps, notes| {
+            let (loss, gradient) = problem.evaluate(at, free, frames, substeps, notes)?;
+            Ok((loss, gradient, Vec::new()))
+        })
+    }
+
+    /// The loss alone.
+    pub fn loss(&mut self, at: &Unknowns) -> Result<Option<f64>> {
+        let answer = self.ask(at, &mut |problem, frames, substeps, notes| {
+            Ok((problem.misfit(at, frames, substeps, notes)?, Vec::new(), Vec::new()))
+        });
+        Ok(answer?.loss)
+    }
+
+    /// Loss, gradient and curvature by forward mode; without the latter two where tangents grow beyond all numbers.
+    pub fn linearised(&mut self, at: &Unknowns, free: Free) -> Result<Answer> {
+        self.ask(at, &mut |problem, frames, substeps, notes| match problem.linearise(at, free, frames, substeps, notes)
+        {
+            Ok(Linearised { loss, gradient, curvature, .. }) => Ok((loss, gradient, curvature)),
+            Err(error) if error.kind() == ErrorKind::NonFinite => {
+                notes(format!("no derivatives there: {error}"));
+                Ok((problem.misfit(at, frames, substeps, notes)?, Vec::new(), Vec::new()))
+            }
+            Err(error) => Err(error),
+        })
+    }
+
+    #[expect(clippy::type_complexity, reason = "the three kinds of evaluation, used here only")]
+    fn ask(
+        &mut self,
+        at: &Unknowns,
+        compute: &mut dyn FnMut(
+            &Problem<'_>,
+            usize,
+            &mut usize,
+            &mut dyn FnMut(String),
+        ) -> Result<(f64, Vec<f64>, Vec<Vec<f64>>)>,
+    ) -> Result<Answer> {
+        let optional = self.lenient || self.best.is_some();
+        let (answer, new) = match self.known.split_first() {
+            Some((answer, rest)) => {
+                self.known = rest;
+                self.substeps = answer.substeps;
+                (answer.clone(), false)
+            }
+            None => {
+                let mut computed = compute(self.problem, self.frames, &mut self.substeps, self.notes);
+                if let (Ok((loss, gradient, curvature)), Some(plausible)) = (&mut computed, &self.plausible) {
+                    let (penalty, slopes, bends) = plausible.penalty(at);
+                    *loss += penalty;
+                    gradient.iter_mut().zip(slopes).for_each(|(g, slope)| *g += slope);
+                    curvature.iter_mut().zip(bends).enumerate().for_each(|(k, (row, bend))| row[k] += bend);
+                }
+                let (loss, gradient, curvature) = match computed {
+                    Ok((loss, gradient, curvature)) if loss.is_finite() => (Some(loss), gradient, curvature),
+                    Ok((loss, ..)) if !optional => {
+                        return Err(Error::new(ErrorKind::NonFinite, "the loss is not finite where the search starts")
+                            .found(loss));
+                    }
+                    Ok(_) => (None, Vec::new(), Vec::new()),
+                    Err(error) if error.kind() == ErrorKind::Physics && optional => {
+                        (self.notes)(format!("a trial was given up: {error}"));
+                        (None, Vec::new(), Vec::new())
+                    }
+                    Err(error) => return Err(error),
+                };
+                (Answer { loss, gradient, curvature, substeps: self.substeps }, true)
+            }
+        };
+        let evaluation = Evaluation { unknowns: at.clone(), loss: answer.loss.unwrap_or(f64::INFINITY) };
+        if answer.loss.is_some() && self.best.as_ref().is_none_or(|best| evaluation.loss < best.loss) {
+            self.best = Some(evaluation.clone());
+        }
+        (self.each)(&evaluation, new.then_some(&answer))?;
+        Ok(answer)
+    }
+}

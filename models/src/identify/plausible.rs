@@ -1,0 +1,181 @@
+//! What is plausible before anything was seen: where to look for a material, and a penalty on leaving that range.
+
+use crate::identify::unknowns::{Unknown, unit};
+use crate::identify::{Free, Unknowns};
+use crate::physics::{Law, Map, Parameter};
+
+/// What a quarter of the plausible range beyond its end costs, as a loss.
+const PENALTY: f64 = 0.01;
+
+/// A penalty that is nothing within the plausible range of every free parameter and grows with the square of the distance
+/// from it: `0.01 (4 e/range)²`, with the excess `e` in decades for magnitudes and in the parameter's unit for others.
+///
+/// It decides only where the clip does not: bare of it, a parameter that the motion hardly shows could wander off.
+pub(crate) struct Plausible<'a> {
+    pub law: &'a Law,
+    pub free: Free,
+}
+
+/// Where the ground may be felt, in grid spacings above it.
+const CONTACT: [f64; 2] = [-0.6, 0.6];
+
+/// The parameter on the scale on which its range is even, the ends of the range there, and `d scale/d value`.
+fn even(parameter: &Parameter, value: f64) -> (f64, [f64; 2], f64) {
+    match parameter.map {
+        Map::Log10 => (value.log10(), parameter.prior.map(f64::log10), 1.0 / (value * std::f64::consts::LN_10)),
+        _ => (value, parameter.prior, 1.0),
+    }
+}
+
+impl Plausible<'_> {
+    /// The penalty, its gradient and the diagonal of its curvature in the coordinates of the free unknowns.
+    pub fn penalty(&self, at: &Unknowns) -> (f64, Vec<f64>, Vec<f64>) {
+        let (mut total, mut gradient, mut curvature) = (0.0, Vec::new(), Vec::new());
+        for unknown in self.free.list(self.law) {
+            let (value, [low, high], slope) = match unknown {
+                Unknown::Parameter(k) => even(&self.law.parameters()[k], at.parameters[k]),
+                Unknown::Contact => (at.contact, CONTACT, 1.0),
+                Unknown::Velocity(_) => {
+                    gradient.push(0.0);
+                    curvature.push(0.0);
+                    continue;
+                }
+            };
+            let quarter = 0.25 * (high - low);
+            let excess = ((value - high).max(0.0) + (value - low).min(0.0)) / quarter;
+            let rate = slope * at.slope(self.law, unknown) / quarter;
+            total += PENALTY * excess * excess;
+            gradient.push(2.0 * PENALTY * excess * rate);
+            curvature.push(if excess == 0.0 { 0.0 } else { 2.0 * PENALTY * rate * rate });
+        }
+        (total, gradient, curvature)
+    }
+
+    /// The standard deviation of each free unknown's coordinate before the clip was seen: the plausible range is taken as an
+    /// interval of 90 %, and a velocity may be 5 m/s.
+    pub fn deviations(&self, at: &Unknowns) -> Vec<f64> {
+        let deviation = |unknown| match unknown {
+            Unknown::Velocity(_) => 5.0 / at.slope(self.law, unknown),
+            Unknown::Contact => (CONTACT[1] - CONTACT[0]) / (2.0 * 1.645),
+            Unknown::Parameter(k) => {
+                let (_, [low, high], slope) = even(&self.law.parameters()[k], at.parameters[k]);
+                (high - low) / (2.0 * 1.645) / (slope * at.slope(self.law, unknown)).abs().max(f64::MIN_POSITIVE)
+            }
+        };
+        self.free.list(self.law).into_iter().map(deviation).collect()
+    }
+
+    /// How far a step may move each free unknown's coordinate: half the deviation of a parameter, 0.06 m/s.
+    pub fn longest_step(&self, at: &Unknowns) -> Vec<f64> {
+        let longest = |(unknown, deviation): (Unknown, f64)| match unknown {
+            Unknown::Velocity(_) => 0.06 / at.slope(self.law, unknown),
+            Unknown::Parameter(_) | Unknown::Contact => 0.5 * deviation,
+        };
+        self.free.list(self.law).into_iter().zip(self.deviations(at)).map(longest).collect()
+    }
+
+    /// Where a search may go at most, in the coordinates of the free unknowns: two decades beyond what is plausible, and not so
+    /// near to the limits of a bounded parameter that it could not be seen to come back (a tenth of the slope it has half-way).
+    pub fn limits(&self) -> Vec<[f64; 2]> {
+        let limit = |unknown| match unknown {
+            Unknown::Velocity(_) => [f64::NEG_INFINITY, f64::INFINITY],
+            Unknown::Contact => [-1.0, 1.0],
+            Unknown::Parameter(k) => {
+                let p = &self.law.parameters()[k];
+                match p.map {
+                    Map::Log10 => [p.prior[0].log10() - 2.0, p.prior[1].log10() + 2.0],
+                    Map::Linear => {
+                        let range = p.prior[1] - p.prior[0];
+                        [p.prior[0] - range, p.prior[1] + range].map(|value| value / unit(p))
+                    }
+                    Map::Bounded { low, high } => [-0.9, 0.9].map(|far: f64| far * (high - low) / unit(p)),
+                }
+            }
+        };
+        self.free.list(self.law).into_iter().map(limit).collect()
+    }
+
+    /// `count` points spread evenly over the inner nine tenths of the plausible range of the free parameters (Halton 1960);
+    /// other unknowns are as in `start`.
+    pub fn points(&self, start: &Unknowns, count: usize) -> Vec<Unknowns> {
+        let point = |index: usize| {
+            let mut point = start.clone();
+            let parameters = self.free.list(self.law).into_iter().filter_map(|unknown| match unknown {
+                Unknown::Parameter(k) => Some(k),
+                Unknown::Velocity(_) | Unknown::Contact => None,
+            });
+            for (k, base) in parameters.zip(PRIMES) {
+                let parameter = &self.law.parameters()[k];
+                let (_, [low, high], _) = even(parameter, at_least_tiny(parameter.start));
+                let value = low + (high - low) * (0.05 + 0.9 * radical_inverse(index + 1, base));
+                point.parameters[k] = if parameter.map == Map::Log10 { 10f64.powf(value) } else { value };
+            }
+            point
+        };
+        (0..count).map(point).collect()
+    }
+}
+
+fn at_least_tiny(value: f64) -> f64 {
+    value.max(f64::MIN_POSITIVE)
+}
+
+const PRIMES: [usize; 12] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37];
+
+/// The digits of `index` in `base`, mirrored at the point: 1, 2, 3, 4 → ½, ¼, ¾, ⅛ in base 2.
+fn radical_inverse(mut index: usize, base: usize) -> f64 {
+    let (mut value, mut digit) = (0.0, 1.0);
+    while index > 0 {
+        digit /= base as f64;
+        value += digit * (index % base) as f64;
+        index /= base;
+    }
+    value
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::physics::materials;
+
+    #[test]
+    fn penalty_and_its_derivatives() {
+        let law = materials::find("von_mises").unwrap();
+        let plausible = Plausible { law: &law, free: Free::Material };
+        let at = |parameters: [f64; 3]| Unknowns { parameters: parameters.to_vec(), ..Unknowns::default() };
+        assert_eq!(plausible.penalty(&at([1e5, 0.2, 1e4])).0, 0.0);
+        // a decade beyond a range of four: a quarter
+        approx::assert_relative_eq!(plausible.penalty(&at([1e8, 0.2, 1e4])).0, 0.01, max_relative = 1e-9);
+        let far = at([3e8, -0.2, 20.0]);
+        let x = far.coordinates(&law, Free::Material);
+        let (_, gradient, curvature) = plausible.penalty(&far);
+        for k in 0..3 {
+            let moved = |step: f64| {
+                let mut x = x.clone();
+                x[k] += step;
+                plausible.penalty(&far.moved(&law, Free::Material, &x)).0
+            };
+            let slope = (moved(1e-5) - moved(-1e-5)) / 2e-5;
+            approx::assert_relative_eq!(gradient[k], slope, max_relative = 1e-6);
+            assert!(curvature[k] > 0.0);
+        }
+    }
+
+    #[test]
+    fn points_fill_the_range() {
+        let law = materials::find("newtonian").unwrap();
+        let plausible = Plausible { law: &law, free: Free::Material };
+        let start = Unknowns { velocity: [1.0; 3], parameters: vec![10.0, 1e5], contact: 0.0 };
+        let points = plausible.points(&start, 16);
+        for (k, parameter) in law.parameters().iter().enumerate() {
+            let [low, high] = parameter.prior;
+            assert!(points.iter().all(|p| (low..high).contains(&p.parameters[k])));
+            // every quarter of the range has its share
+            for quarter in 0..4 {
+                let place = |value: f64| (value / low).log10() / (high / low).log10() * 4.0;
+                let inside = points.iter().filter(|p| place(p.parameters[k]) as usize == quarter).count();
+                assert!((2..=6).contains(&inside), "{inside} in quarter {quarter} of {}", parameter.name);
+            }
+        }
+    }
+}

@@ -1,0 +1,103 @@
+//! Particles sown from a radiance field, differentiable in density and features.
+
+use gradreel::{Error, ErrorKind, Key, Result, Var};
+
+use crate::constant;
+use crate::field::{Occupancy, channel, opacity};
+
+/// Which places of a field become particles.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Sowing {
+    /// Whether places are exactly half a spacing apart. The published lattice has `2 (N − 1)` places between the first node and
+    /// half a spacing beyond the last, which are 1–2 % farther apart.
+    pub exact: bool,
+    /// Places less opaque than this share of the most opaque one become no particle.
+    pub least_opacity: f64,
+}
+
+impl Default for Sowing {
+    fn default() -> Self {
+        Self { exact: false, least_opacity: 1e-3 }
+    }
+}
+
+/// Where in its cube each particle lies.
+#[derive(Debug, Clone)]
+pub enum Jitter {
+    /// Drawn from a key, for each place by itself.
+    Drawn(Key),
+    /// Given in 0…1 per axis, for each occupied place in the order of [`Sowing::places`].
+    Given(Vec<[f64; 3]>),
+}
+
+/// Material points with what the field says of each.
+#[derive(Debug, Clone)]
+pub struct Sown {
+    /// Positions \[m\], `[n, 3]`, constant.
+    pub positions: Var,
+    /// Opacity over one unit of length, `[n]` in 0…1.
+    pub opacity: Var,
+    /// Raw density and features, `[n, 1 + features]`.
+    pub features: Var,
+}
+
+impl Sowing {
+    /// The occupied places that particles may come from \[m\], z fastest.
+    pub fn places(&self, occupancy: &Occupancy) -> Vec<[f64; 3]> {
+        let grid = &occupancy.grid;
+        let along = |axis: usize| -> Vec<f64> {
+            let nodes = grid.dims[axis];
+            let count = 2 * (nodes - 1);
+            let apart = if self.exact { 0.5 } else { (nodes as f64 - 0.5) / (count as f64 - 1.0) };
+            (0..count).map(|i| grid.low[axis] + i as f64 * apart * grid.spacing).collect()
+        };
+        let [xs, ys, zs] = [0, 1, 2].map(along);
+        let mut places = Vec::new();
+        for &x in &xs {
+            for &y in &ys {
+                places.extend(zs.iter().map(|&z| [x, y, z]).filter(|place| occupancy.contains(*place)));
+            }
+        }
+        places
+    }
+
+    /// Sows particles in the occupied places of a field: each is moved by up to half a spacing along each axis, and stays if
+    /// it is opaque enough there. Which ones stay is not differentiated; opacity and features are.
+    ///
+    /// `values` holds raw density and features, `[x, y, z, 1 + features]`; `shift` is added to the densities.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] when the field is empty, or jitter was given for another number of places.
+    pub fn sow(&self, occupancy: &Occupancy, values: &Var, shift: f64, jitter: &Jitter) -> Result<Sown> {
+        let grid = &occupancy.grid;
+        let mut places = self.places(occupancy);
+        let half = grid.spacing / 2.0;
+        match jitter {
+            Jitter::Drawn(key) => {
+                let mut u = key.uniform(3 * places.len());
+                places.as_flattened_mut().iter_mut().for_each(|x| *x += half * u.next().unwrap_or(0.0));
+            }
+            Jitter::Given(units) if units.len() == places.len() => {
+                places.iter_mut().zip(units).for_each(|(x, u)| (0..3).for_each(|axis| x[axis] += half * u[axis]));
+            }
+            Jitter::Given(units) => {
+                return Err(Error::new(ErrorKind::Input, "the jitter is not that of the occupied places")
+                    .found(format!("{} rows for {} places", units.len(), places.len()))
+                    .fix("give one row for each place of Sowing::places"));
+            }
+        }
+        let (density, scale) = (channel(values.value()?, 0)?, grid.scale());
+        let alpha: Vec<f64> = places.iter().map(|&x| opacity(grid.at(&density, &scale, x), shift, 1.0)).collect();
+        let least = self.least_opacity * alpha.iter().fold(0.0, |most: f64, a| most.max(*a));
+        let kept: Vec<_> = places.iter().zip(&alpha).filter(|(_, alpha)| **alpha >= least).map(|(x, _)| *x).collect();
+        if kept.is_empty() {
+            return Err(Error::new(ErrorKind::Input, "no particle can be sown: no node of the field is occupied")
+                .fix("check the masks and cameras of the first frame with `gradreel check`"));
+        }
+        let positions = constant::points(values, &kept)?;
+        let features = grid.lookup(values, &positions)?;
+        let opacity = features.slice(1, 0..1).reshape([kept.len()]).density_to_alpha(shift, 1.0);
+        Ok(Sown { positions, opacity, features })
+    }
+}

@@ -1,0 +1,75 @@
+//! The numbers that every kernel takes. Twin of `models/kernels/shared/substep.wgsl`.
+
+use crate::physics::world::World;
+
+/// Words of the struct.
+pub(super) const COUNT: usize = 24;
+
+/// What is the same for all substeps of a rollout, and what each dispatch adds to it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Words([u32; COUNT]);
+
+impl Words {
+    /// Those of a world; `capacity` nodes have room.
+    pub fn of(world: &World, dt: f64, particles: usize, capacity: usize, tracked: bool) -> Self {
+        let mut words = [0; COUNT];
+        words[0] = word(particles);
+        words[2] = word(capacity);
+        words[3] = word(world.colliders.len());
+        let dx = world.dx as f32;
+        let numbers = [dx, (1.0 / world.dx) as f32, dt as f32, stress_scale(world, dt)];
+        words[8..12].copy_from_slice(&numbers.map(f32::to_bits));
+        let [low, high] = world.bounds.unwrap_or([[f64::MIN; 3], [f64::MAX; 3]]);
+        let most = |x: f64| (x as f32).clamp(f32::MIN, f32::MAX).to_bits();
+        for axis in 0..3 {
+            words[12 + axis] = ((world.gravity[axis] * dt) as f32).to_bits();
+            words[16 + axis] = most(low[axis]);
+            words[20 + axis] = most(high[axis]);
+        }
+        words[15] = (world.least_mass() as f32).to_bits();
+        words[19] = ((world.dx / dt) as f32).to_bits();
+        words[23] = u32::from(tracked);
+        Self(words)
+    }
+
+    /// Those of a substep.
+    pub fn at(mut self, step: usize, first_obstacle: usize) -> Self {
+        self.0[1] = word(step);
+        self.0[4] = word(first_obstacle);
+        self
+    }
+
+    /// Those for the particles of one material.
+    pub fn portion(mut self, first: usize, count: usize) -> Self {
+        self.0[5] = word(first);
+        self.0[6] = word(count);
+        self
+    }
+
+    /// Those for a frame.
+    pub fn frame(mut self, frame: usize) -> Self {
+        self.0[7] = word(frame);
+        self
+    }
+
+    /// Those for a scan of so many numbers.
+    pub fn scan(mut self, numbers: usize) -> Self {
+        self.0[2] = word(numbers);
+        self
+    }
+
+    /// As the kernels take them.
+    pub fn as_slice(&self) -> &[u32] {
+        &self.0
+    }
+}
+
+fn stress_scale(world: &World, dt: f64) -> f32 {
+    (dt * world.particle_volume * 4.0 / (world.dx * world.dx)) as f32
+}
+
+/// Counts fit: buffers of more than 2³² entries are refused when they are made.
+#[allow(clippy::cast_possible_truncation)]
+fn word(count: usize) -> u32 {
+    count as u32
+}

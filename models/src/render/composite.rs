@@ -1,0 +1,55 @@
+//! Compositing: what samples along rays add up to.
+
+use gradreel::{Result, Var};
+
+use super::samples::{Absorption, Visible};
+use crate::constant;
+
+/// What rays see of a radiance field.
+#[derive(Debug, Clone)]
+pub struct Pixels {
+    /// Colour on the background, `[rays, 3]`.
+    pub rgb: Var,
+    /// `Σ w k`, the depth in steps from where the ray enters the box, `[rays]`; for display.
+    pub depth: Var,
+    /// What of the background is seen, `[rays]`.
+    pub left: Var,
+    /// Weights of the samples that are seen, `[seen]`.
+    pub weights: Var,
+    /// Their colours, `[seen, 3]`.
+    pub colours: Var,
+}
+
+impl Visible {
+    /// A row for each seen sample from one for each sample.
+    ///
+    /// # Errors
+    /// What the ops return.
+    pub fn rows_seen(&self, rows: &Var) -> Result<Var> {
+        if self.seen.len() == self.samples.len() {
+            return Ok(rows.clone());
+        }
+        rows.index_select(&constant::indices(rows, self.seen.clone())?)
+    }
+
+    /// Composites front to back: of raw densities `[samples]` and the colours `[seen, 3]` of the seen samples,
+    /// `w_k = α_k Π_{j<k} (1 − α_j)`, colour `Σ w c + left · background`.
+    ///
+    /// # Errors
+    /// What the ops return.
+    pub fn composite(&self, density: &Var, colours: &Var, absorption: &Absorption, background: f64) -> Result<Pixels> {
+        let samples = &self.samples;
+        let rays = samples.offsets.len() - 1;
+        let offsets = constant::indices(density, samples.offsets.clone())?;
+        let alpha = density.density_to_alpha(absorption.shift, absorption.interval);
+        let left = alpha.ray_transmittance(&offsets, None)?;
+        let weights = self.rows_seen(&alpha.ray_weights(&offsets, None)?)?;
+        let seen = constant::indices(density, self.seen_offsets())?;
+        let column = weights.reshape([weights.len(), 1]);
+        let number = |i: &u32| f64::from(samples.numbers[*i as usize]);
+        let numbers = constant::numbers(density, self.seen.iter().map(number).collect(), [self.seen.len()])?;
+        let depth = (&weights.detach() * &numbers).segment_sum(&seen)?;
+        let rgb = (&column * colours).segment_sum(&seen)? + left.reshape([rays, 1]) * background;
+        Ok(Pixels { rgb, depth, left, weights, colours: colours.clone() })
+    }
+}

@@ -1,0 +1,124 @@
+//! The view-adaptive loss: how much each view counts, by its angle to the one view that is real.
+
+use gradreel::{Key, Result, Var};
+
+use crate::constant;
+use crate::vector::{cross, dot, minus};
+use crate::video::Camera;
+
+/// How much each view counts: `w_i = exp(−α Δθ_i)` with the angle `Δθ_i` \[rad\] between the directions from the object to
+/// view `i` and to the primary view.
+///
+/// ```
+/// use gradreel_models::render::ViewWeights;
+///
+/// let settings = ViewWeights { alpha: 1.0, ..ViewWeights::default() };
+/// let weights = settings.of_directions(&[[0.0, 0.0, 2.0], [1.0, 0.0, 0.0]], 0);
+/// assert!((weights[1] / weights[0] - (-std::f64::consts::FRAC_PI_2).exp()).abs() < 1e-12);
+/// // switched off, every view counts alike
+/// let off = ViewWeights { alpha: 0.0, ..settings };
+/// assert_eq!(off.of_directions(&[[0.0, 0.0, 2.0], [1.0, 0.0, 0.0]], 0), [0.5, 0.5]);
+/// ```
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ViewWeights {
+    /// Decay per radian. 1 leaves the opposite view an eighth; 0 switches the weighting off, as real views of every side want
+    /// it.
+    pub alpha: f64,
+    /// Whether the weights are divided by their sum, so that what else is in a loss keeps its share whatever `alpha`; without
+    /// it the primary view has weight 1.
+    pub normalised: bool,
+    /// The least probability with which the primary view is drawn where one view is drawn at a time.
+    pub least_primary: f64,
+}
+
+impl Default for ViewWeights {
+    fn default() -> Self {
+        Self { alpha: 1.0, normalised: true, least_primary: 0.25 }
+    }
+}
+
+/// Angles \[rad\] between each direction and that of the primary view.
+///
+/// # Panics
+/// When there is no such view.
+#[track_caller]
+pub fn view_angles(directions: &[[f64; 3]], primary: usize) -> Vec<f64> {
+    let first = directions[primary];
+    // unlike the arc cosine this is accurate for small angles, too
+    let angle = |d: &[f64; 3]| {
+        let across = cross(*d, first);
+        dot(across, across).sqrt().atan2(dot(*d, first))
+    };
+    directions.iter().map(angle).collect()
+}
+
+/// The angles of cameras as seen from a point \[m\].
+///
+/// # Panics
+/// When there is no such camera.
+#[track_caller]
+pub fn camera_angles(cameras: &[Camera], centre: [f64; 3], primary: usize) -> Vec<f64> {
+    let directions: Vec<_> = cameras.iter().map(|camera| minus(camera.centre(), centre)).collect();
+    view_angles(&directions, primary)
+}
+
+impl ViewWeights {
+    /// The weights of views at these angles \[rad\].
+    pub fn of_angles(&self, angles: &[f64]) -> Vec<f64> {
+        let weights: Vec<f64> = angles.iter().map(|angle| (-self.alpha * angle).exp()).collect();
+        let sum: f64 = if self.normalised { weights.iter().sum() } else { 1.0 };
+        weights.iter().map(|weight| weight / sum).collect()
+    }
+
+    /// The weights of views in these directions from the object.
+    ///
+    /// # Panics
+    /// When there is no such primary view.
+    #[track_caller]
+    pub fn of_directions(&self, directions: &[[f64; 3]], primary: usize) -> Vec<f64> {
+        self.of_angles(&view_angles(directions, primary))
+    }
+
+    /// The weights of cameras as seen from a point \[m\].
+    ///
+    /// # Panics
+    /// When there is no such primary camera.
+    #[track_caller]
+    pub fn of_cameras(&self, cameras: &[Camera], centre: [f64; 3], primary: usize) -> Vec<f64> {
+        self.of_angles(&camera_angles(cameras, centre, primary))
+    }
+
+    /// `Σ w_i L_i` over the losses `[views]` of all views.
+    ///
+    /// # Errors
+    /// What the ops return.
+    pub fn total(&self, losses: &Var, angles: &[f64]) -> Result<Var> {
+        let weights = constant::numbers(losses, self.of_angles(angles), [angles.len()])?;
+        Ok((losses * &weights).sum_all())
+    }
+
+    /// Draws views with probabilities in proportion to their weights, the primary one with at least
+    /// [`ViewWeights::least_primary`]; unweighted losses of views drawn like this have the expectation of the weighted sum
+    /// (where that bound does not act).
+    ///
+    /// # Panics
+    /// When there is no such primary view.
+    pub fn draw(&self, angles: &[f64], primary: usize, key: Key, count: usize) -> Vec<usize> {
+        let mut chances = Self { normalised: true, ..self.clone() }.of_angles(angles);
+        if self.alpha > 0.0 && chances[primary] < self.least_primary {
+            let rest = (1.0 - self.least_primary) / (1.0 - chances[primary]);
+            chances.iter_mut().for_each(|chance| *chance *= rest);
+            chances[primary] = self.least_primary;
+        }
+        let pick = |u: f64| {
+            let mut below = 0.0;
+            let beyond = |chance: &f64| {
+                below += chance;
+                u < below
+            };
+            chances.iter().position(beyond).unwrap_or(primary)
+        };
+        key.uniform(count).map(pick).collect()
+    }
+}

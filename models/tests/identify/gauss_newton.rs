@@ -1,0 +1,197 @@
+//! Least squares over the pixels: derivatives against the tape and against differences, and five materials recovered.
+
+use gradreel::DType;
+use gradreel_models::identify::{Free, Problem, Unknowns, apart, gauss_newton, scan};
+use gradreel_models::physics::Map;
+
+use crate::scene::{block, film, film_of, problem, problem_of, quick};
+
+#[test]
+fn forward_mode_agrees_with_the_tape_and_with_differences_of_pictures() {
+    const FRAMES: usize = 5;
+    let config = quick();
+    let particles = block(5, 0.04);
+    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], contact: 0.0 };
+    let observed = film(&particles, &truth, &config, FRAMES, 20, DType::F64);
+    let problem = problem(&particles, &observed, &config, DType::F64);
+    contact_height(&problem, &truth, FRAMES);
+    let unknowns = Unknowns { velocity: [0.25, -1.1, 0.15], parameters: vec![4e4, 0.22], contact: 0.0 };
+    let mut substeps = 128;
+    let (loss, gradient) = problem.evaluate(&unknowns, Free::Both, FRAMES, &mut substeps, &mut |_| ()).unwrap();
+    let at = problem.linearise(&unknowns, Free::Both, FRAMES, &mut substeps, &mut |_| ()).unwrap();
+    assert!((at.loss - loss).abs() < 1e-12 * loss, "{} by forward mode, {loss} on the tape", at.loss);
+    assert_eq!(at.scores.len(), FRAMES * 3, "a score for each picture");
+    for k in 0..5 {
+        let relative = (at.gradient[k] - gradient[k]).abs() / gradient[k].abs().max(1e-3);
+        assert!(relative < 1e-7, "unknown {k}: {} by forward mode, {} on the tape", at.gradient[k], gradient[k]);
+        let sum: f64 = at.scores.iter().map(|score| score.gradient[k]).sum();
+        assert!((sum - at.gradient[k]).abs() < 1e-12, "scores sum to the gradient");
+    }
+    // At the truth residuals vanish, and the curvature is that of the loss itself.
+    let best = problem.linearise(&truth, Free::Both, FRAMES, &mut 0, &mut |_| ()).unwrap();
+    assert!(best.loss < 1e-20, "{}", best.loss);
+    let x = truth.coordinates(&problem.law, Free::Both);
+    let slope = |x: &[f64]| {
+        let at = truth.moved(&problem.law, Free::Both, x);
+        problem.linearise(&at, Free::Both, FRAMES, &mut 0, &mut |_| ()).unwrap().gradient
+    };
+    for (k, step) in [(3, 1e-5), (4, 1e-5), (1, 1e-5)] {
+        let moved = |sign: f64| {
+            let mut x = x.clone();
+            x[k] += sign * step;
+            slope(&x)
+        };
+        let (plus, minus) = (moved(1.0), moved(-1.0));
+        for l in 0..5 {
+            let difference = (plus[l] - minus[l]) / (2.0 * step);
+            let scale = (best.curvature[k][k] * best.curvature[l][l]).sqrt();
+            assert!(
+                (difference - best.curvature[k][l]).abs() < 2e-2 * scale,
+                "curvature {k},{l}: {} by Gauss and Newton, {difference} by differences",
+                best.curvature[k][l]
+            );
+            assert_eq!(best.curvature[k][l], best.curvature[l][k]);
+        }
+    }
+}
+
+/// The derivative along the height at which the ground is felt, against differences, and forward mode against the tape there.
+fn contact_height(problem: &Problem<'_>, truth: &Unknowns, frames: usize) {
+    let at = |contact: f64| Unknowns { contact, ..truth.clone() };
+    let free = Free::Chosen { velocity: false, parameters: 0, contact: true };
+    let loss = |contact| problem.linearise(&at(contact), free, frames, &mut 0, &mut |_| ()).unwrap();
+    let (here, plus, minus) = (loss(-0.1), loss(-0.1 + 1e-6), loss(-0.1 - 1e-6));
+    let difference = (plus.loss - minus.loss) / 2e-6;
+    assert!((here.gradient[0] - difference).abs() < 1e-5 * difference.abs(), "{} {difference}", here.gradient[0]);
+    let taped = problem.evaluate(&at(-0.1), Free::Velocity, frames, &mut 0, &mut |_| ()).unwrap().0;
+    assert!((here.loss - taped).abs() < 1e-12 * taped && here.loss > 1e-4, "{} {taped}", here.loss);
+}
+
+/// Films a block and finds its material again: a scan, then Gauss–Newton from the best of it.
+fn recover(name: &str, truth: &[f64], allowed: &[(usize, f64)], frames: usize) {
+    let config = quick();
+    let particles = block(6, 0.04);
+    let velocity = [0.3, -1.2, 0.1];
+    let truth = Unknowns { velocity, parameters: truth.to_vec(), contact: 0.0 };
+    let observed = film_of(name, &particles, &truth, &config, frames, 24, DType::F32);
+    let problem = problem_of(name, &particles, &observed, &config, DType::F32);
+    let held: Vec<&str> = problem
+        .law
+        .parameters()
+        .iter()
+        .enumerate()
+        .filter(|(k, _)| allowed.iter().all(|(a, _)| a != k))
+        .map(|(_, p)| p.name)
+        .collect();
+    let Free::Chosen { velocity, parameters, .. } = Free::all_but(&problem.law, &held, false) else { unreachable!() };
+    let free = Free::Chosen { velocity, parameters, contact: false };
+    let mut start = truth.clone();
+    let mut points = Vec::new();
+    for index in 0..12 {
+        for &(k, _) in allowed {
+            let p = &problem.law.parameters()[k];
+            let place = ((index * [1, 5, 7, 11][k] + 3 * k) % 12) as f64 / 12.0 + 0.04;
+            start.parameters[k] = match p.map {
+                Map::Log10 => p.prior[0] * (p.prior[1] / p.prior[0]).powf(place),
+                _ => p.prior[0] + place * (p.prior[1] - p.prior[0]),
+            };
+        }
+        points.push(start.clone());
+    }
+    let all = scan(&problem, &points, free, frames, &[], &mut |_, _| Ok(()), &mut |_| ()).unwrap();
+    let mut evaluations = all.len();
+    let starts = apart(all, &problem.law, free, 3);
+    assert!(!starts.is_empty());
+    let found = starts.iter().map(|start| {
+        gauss_newton(
+            &problem,
+            start,
+            free,
+            frames,
+            12,
+            &[],
+            &mut |_, _| {
+                evaluations += 1;
+                Ok(())
+            },
+            &mut |_| (),
+        )
+        .unwrap()
+    });
+    let found = found.min_by(|a, b| a.loss.total_cmp(&b.loss)).unwrap();
+    println!(
+        "{name}: {:?} (true {:?}), loss {:.2e}, {evaluations} evaluations",
+        found.unknowns.parameters, truth.parameters, found.loss
+    );
+    for &(k, allowed) in allowed {
+        let parameter = problem.law.parameters()[k];
+        let (a, b) = (found.unknowns.parameters[k], truth.parameters[k]);
+        let off = if parameter.map == Map::Log10 { (a / b).log10() } else { a - b };
+        assert!(off.abs() < allowed, "{name}: {} is {a}, not {b}", parameter.name);
+    }
+}
+
+#[test]
+fn rubber() {
+    recover("neo_hookean", &[6e4, 0.3], &[(0, 0.02), (1, 0.02)], 8);
+}
+
+#[test]
+fn plasticine() {
+    recover("von_mises", &[4e5, 0.3, 3e3], &[(0, 0.1), (1, 0.05), (2, 0.02)], 8);
+}
+
+#[test]
+fn honey() {
+    recover("newtonian", &[60.0, 5e4], &[(0, 0.02), (1, 0.1)], 8);
+}
+
+#[test]
+fn cream() {
+    recover("viscoplastic", &[2e4, 1e5, 500.0, 20.0], &[(0, 0.2), (1, 0.2), (2, 0.1), (3, 0.2)], 8);
+}
+
+#[test]
+fn sand() {
+    recover("drucker_prager", &[2e5, 0.3, 30.0, 0.0], &[(2, 1.0)], 8);
+}
+
+/// An interrupted search ends as an uninterrupted one, without computing again what was known.
+#[test]
+fn a_search_goes_on_where_it_was_interrupted() {
+    let config = quick();
+    let particles = block(4, 0.05);
+    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], contact: 0.0 };
+    let observed = film(&particles, &truth, &config, 6, 16, DType::F32);
+    let problem: Problem<'_> = problem(&particles, &observed, &config, DType::F32);
+    let start = Unknowns { parameters: vec![2e4, 0.1], ..truth };
+    let (mut whole, mut kept) = (Vec::new(), Vec::new());
+    let search = |known: &[_], each: &mut gradreel_models::identify::Listener<'_>| {
+        gauss_newton(&problem, &start, Free::Material, 6, 4, known, each, &mut |_| ())
+    };
+    let uninterrupted = search(&[], &mut |evaluation, answer| {
+        whole.push(evaluation.clone());
+        kept.extend(answer.cloned());
+        Ok(())
+    })
+    .unwrap();
+    assert!(whole.len() > 4, "{} evaluations", whole.len());
+    for stop in [1, 3, whole.len() - 1] {
+        // what a run's file gives back
+        let known: Vec<_> = kept[..stop]
+            .iter()
+            .map(|answer| serde_json::from_str(&serde_json::to_string(answer).unwrap()).unwrap())
+            .collect();
+        assert_eq!(known, kept[..stop]);
+        let (mut again, mut new) = (Vec::new(), 0);
+        let resumed = search(&known, &mut |evaluation, answer| {
+            again.push(evaluation.clone());
+            new += usize::from(answer.is_some());
+            Ok(())
+        })
+        .unwrap();
+        assert_eq!(resumed, uninterrupted);
+        assert_eq!(again, whole);
+        assert_eq!(new, whole.len() - stop);
+    }
+}
