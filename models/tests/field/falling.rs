@@ -81,6 +81,7 @@ fn clip_of(cameras: Vec<Camera>) -> Clip {
         frames: cameras.iter().map(|c| (0..FRAMES).map(|f| picture(c, f)).collect()).collect(),
         foreground: vec![Foreground::ImageAlpha; cameras.len()],
         cameras,
+        assumptions: Vec::new(),
     }
 }
 

@@ -77,4 +77,5 @@ fn shipped_settings() {
         assert_eq!((config.clip.frames, config.geometry.dx), (frames, dx), "{scene}");
         assert_eq!(config.material.start[key], value, "{scene}");
     }
+    assert_eq!(find("trophy").material.held.as_deref().unwrap(), ["young", "poisson", "cohesion"]);
 }
