@@ -8,7 +8,7 @@ use crate::scene::{Scene, bundled, text};
 fn the_bundled_clip_is_complete() {
     let scene = Scene::new();
     let printed = scene.succeeds(&format!("check {}", bundled().display()));
-    for part in ["7 cameras", "14 frames", "192 × 192", "ready to open"] {
+    for part in ["7 cameras", "14 frames", "192 × 192", "layout: PAC-NeRF", "up is y", "ready to open"] {
         assert!(printed.contains(part), "no {part:?} in: {printed}");
     }
 }
@@ -25,6 +25,14 @@ fn an_incomplete_clip_is_listed() {
         assert!(printed.contains(part), "no {part:?} in: {printed}");
     }
     scene.refuses("check nowhere", &["nowhere"]);
+}
+
+#[test]
+fn the_help_lists_the_layouts() {
+    let printed = Scene::new().succeeds("check --help");
+    for part in ["all_data.json", "transforms.json", "COLMAP", "Spring-Gaus", "clip.toml"] {
+        assert!(printed.contains(part), "no {part:?} in: {printed}");
+    }
 }
 
 #[test]
