@@ -205,3 +205,44 @@ fn side_files() {
         has(&message(open(&builder.root).unwrap_err()), &["clip.toml", part]);
     }
 }
+
+/// Lists with a few characters changed, dropped or doubled are read or refused, and nothing else.
+#[test]
+fn damaged_lists() {
+    let builder = folder();
+    let root = &builder.root;
+    transforms_images(root, true);
+    camera_folders(root, "frames", 0, 1, true);
+    colmap(root, "sparse/0", &places());
+    save(root, "transforms.json", transforms(seconds).to_string());
+    let (mut read, mut refused) = (0, 0);
+    for (list, layout) in
+        [("transforms.json", "transforms"), ("sparse/0/images.txt", "colmap"), ("sparse/0/cameras.txt", "colmap")]
+    {
+        let whole = fs::read(root.join(list)).unwrap();
+        let mut state = 17u64;
+        let mut draw = |bound: usize| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as usize % bound
+        };
+        save(root, "clip.toml", format!("layout = \"{layout}\"\nup = \"y\""));
+        for _ in 0..60 {
+            let mut bytes = whole.clone();
+            for _ in 0..=draw(3) {
+                let at = draw(bytes.len());
+                match draw(3) {
+                    0 => bytes[at] = b"0123456789-.,[]{}\"e x\n"[draw(22)],
+                    1 => drop(bytes.drain(at..(at + 1 + draw(20)).min(bytes.len()))),
+                    _ => bytes.insert(at, bytes[at]),
+                }
+            }
+            save(root, list, bytes);
+            match open(root) {
+                Ok(clip) => read += usize::from(clip.cameras.iter().all(|camera| camera.fx > 0.0)),
+                Err(error) => refused += usize::from(message(error).contains("fix")),
+            }
+        }
+        save(root, list, whole);
+    }
+    assert!(read > 0 && refused > 0 && read + refused == 180, "{read} read, {refused} refused");
+}
