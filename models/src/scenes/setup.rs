@@ -6,7 +6,7 @@ use gradreel::{Error, ErrorKind, Result};
 
 use super::file::{Barrier, Ground, Obstacle, Precision, SceneFile, Substance, Touch};
 use super::fill::fill;
-use super::nearest::nearest;
+use crate::nearest::nearest;
 use crate::physics::{Collider, Contact, Law, Map, Region, Schedule, Values, World, materials};
 use crate::vector::{bounds, cross, minus, plus, rotation, times};
 
