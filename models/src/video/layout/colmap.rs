@@ -34,11 +34,14 @@ pub(super) fn has_binary(root: &Path) -> bool {
 /// Focal lengths and principal point of a camera, and the size of its images.
 type Lens = (Intrinsic, (usize, usize));
 
+/// A folder of frames behind the last number of its name, by which the cameras are sorted.
+type FrameFolder = (Option<i64>, PathBuf);
+
 /// Reads the model and lists the folders of frames.
 pub(super) fn read(root: &Path) -> Result<Reading> {
     let list = model(root).unwrap_or_else(|| root.join(MODELS[0]).join("images.txt"));
     let lenses = lenses(&list.with_file_name("cameras.txt"))?;
-    let mut cameras: BTreeMap<(Option<i64>, PathBuf), (Pose, BTreeMap<i64, PathBuf>)> = BTreeMap::new();
+    let mut cameras: BTreeMap<FrameFolder, (Pose, BTreeMap<i64, PathBuf>)> = BTreeMap::new();
     let (mut without_folder, mut without_number) = (Vec::new(), 0);
     let content = text(&list)?;
     for (number, line) in lines(&content) {
