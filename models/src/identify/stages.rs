@@ -39,11 +39,10 @@ impl Stages<'_> {
         let config = run.config.clone();
         self.coarse_of(run, &config, "", frames, unknowns)?;
         let free = Free::all_but(self.law, &config.held(self.law)?, false);
-        // the full grid tells which; it stops a body closer to the ground
+        // the full grid tells which
         let ends = (1..=config.estimate.starts.max(1)).filter_map(|k| run.best_of(&format!("{COARSE} {k}")));
         let tried = apart(self.tried(run, SCAN), self.law, free, TRIED_AGAIN);
-        let ends = ends.map(|(end, _)| end).chain(tried);
-        let ends: Vec<Unknowns> = ends.map(|end| Unknowns { contact: 0.0, ..end }).collect();
+        let ends: Vec<Unknowns> = ends.map(|(end, _)| end).chain(tried).collect();
         let particles = self.particles(run)?;
         let effort = Effort { stage: CHOICE, budget: ends.len() };
         self.search(run, &effort, &particles, unknowns, &mut |problem, search, each, notes| {
@@ -116,7 +115,7 @@ impl Stages<'_> {
         })
     }
 
-    /// How sure the estimates are.
+    /// How sure the estimates are. The height at which the ground is felt was held; that it may be another counts here.
     pub fn intervals(&self, run: &mut Run, frames: usize, unknowns: &Unknowns) -> Result<()> {
         if run.has_finished(INTERVALS) {
             return Ok(());

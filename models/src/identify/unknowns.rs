@@ -80,10 +80,10 @@ impl Free {
         }
     }
 
-    /// All parameters of a law but those held and the height at which the ground is felt, with or without the velocity.
-    pub fn all_but(law: &Law, held: &[&str], velocity: bool) -> Self {
+    /// All parameters of a law but those held; with `world` also the velocity and the height at which the ground is felt.
+    pub fn all_but(law: &Law, held: &[&str], world: bool) -> Self {
         let free = law.parameters().iter().enumerate().take(64).filter(|(_, p)| !held.contains(&p.name));
-        Self::Chosen { velocity, parameters: free.map(|(k, _)| 1 << k).sum(), contact: true }
+        Self::Chosen { velocity: world, parameters: free.map(|(k, _)| 1 << k).sum(), contact: world }
     }
 
     /// The free unknowns in the order of their coordinates.

@@ -204,19 +204,7 @@ pub fn quantities(found: &Reconstruction, run: &Run) -> Vec<Quantity> {
         interval_90: interval(&format!("velocity_{axis}")).map(|known| known.interval_90),
         determined: interval(&format!("velocity_{axis}")).map(|known| known.determined),
     });
-    let dx = run.config.geometry.dx;
-    let contact = interval("contact").map(|known| Quantity {
-        name: "contact_height".into(),
-        label: "Felt height of ground".into(),
-        symbol: "h".into(),
-        unit: "m".into(),
-        value: run.config.world.ground + found.unknowns.contact * dx,
-        start: Some(run.config.world.ground),
-        source: "fitted".into(),
-        interval_90: Some(known.interval_90.map(|cells| run.config.world.ground + cells * dx)),
-        determined: Some(known.determined),
-    });
-    material.chain(velocity).chain(contact).collect()
+    material.chain(velocity).collect()
 }
 
 fn assumed(run: &Run) -> Vec<Quantity> {

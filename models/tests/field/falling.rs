@@ -167,7 +167,7 @@ fn a_ball_is_seen_falling_from_a_side_that_nobody_filmed() {
 
     // the ablation: one still field cannot be in five places
     let still = TemporalSettings { time: false, ..sizes() };
-    let without = fit_of(&still, &TemporalFitSettings { iterations: 30, ..settings() });
+    let without = fit_of(&still, &TemporalFitSettings { iterations: 20, ..settings() });
     let mut without = without.within_silhouettes(&rays).unwrap();
     without.run(&rays, |_, _| Ok(())).unwrap();
     let blurred = psnr(&without.field, &without.params, &unseen, 0, 0);
