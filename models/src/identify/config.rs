@@ -82,7 +82,7 @@ pub struct WorldConfig {
 
 impl Default for WorldConfig {
     fn default() -> Self {
-        Self { gravity: [0.0, -9.8, 0.0], ground: 0.0, density: 1000.0, cfl: 0.45, least_speed: 43.0, memory_mib: 1024 }
+        Self { gravity: [0.0, -9.8, 0.0], ground: 0.0, density: 1000.0, cfl: 0.45, least_speed: 0.0, memory_mib: 1024 }
     }
 }
 
@@ -114,19 +114,33 @@ pub const FAMILIES: [(&str, &str); 5] = [
     ("sand", "drucker_prager"),
 ];
 
+/// How a material is searched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Method {
+    /// L-BFGS in reverse mode: on a grid of twice the spacing what is known to an order of magnitude only, then everything on
+    /// the full grid.
+    Descent,
+    /// Gauss–Newton in forward mode: on a grid of twice the spacing from the best of a scan of what is plausible, then on the
+    /// full grid.
+    GaussNewton,
+}
+
 /// Effort of the estimates.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct EstimateConfig {
+    /// How the material is searched; if not given, elastic ones by descent and all others by Gauss–Newton.
+    pub method: Option<Method>,
     /// Evaluations with their gradient at most for the velocity before contact, each time.
     pub velocity: usize,
     /// Materials tried on a grid of twice the spacing, spread over what is plausible, besides the one to start from.
     pub scan: usize,
     /// The best of these from which a search goes out on that grid.
     pub starts: usize,
-    /// Gauss–Newton steps at most of each of these searches.
+    /// Gauss–Newton steps at most of each of these searches; half the evaluations of a descent there.
     pub coarse: usize,
-    /// Gauss–Newton steps at most on the full grid, and again in each round.
+    /// Gauss–Newton steps at most on the full grid, and again in each round; half the evaluations of a descent there.
     pub fine: usize,
     /// Rounds at most of fitting the shape to the whole motion and the material to the new shape.
     pub rounds: usize,
@@ -134,7 +148,7 @@ pub struct EstimateConfig {
 
 impl Default for EstimateConfig {
     fn default() -> Self {
-        Self { velocity: 30, scan: 24, starts: 3, coarse: 8, fine: 5, rounds: 2 }
+        Self { method: None, velocity: 30, scan: 24, starts: 3, coarse: 8, fine: 5, rounds: 2 }
     }
 }
 
@@ -160,6 +174,13 @@ impl Config {
     pub fn to_toml(&self) -> Result<String> {
         toml::to_string_pretty(self)
             .map_err(|e| Error::new(ErrorKind::Io, "the configuration cannot be written").found(e))
+    }
+
+    /// How the material is searched: as configured, or as is best known to work for the law. On the grid of twice the spacing a
+    /// scan misjudges elastic materials, whose Poisson's ratio it cannot tell.
+    pub fn method(&self, law: &Law) -> Method {
+        let elastic = law.name() == "neo_hookean";
+        self.estimate.method.unwrap_or(if elastic { Method::Descent } else { Method::GaussNewton })
     }
 
     /// Whether the values make sense.

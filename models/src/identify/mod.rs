@@ -7,8 +7,9 @@
 //! 1. **geometry**: visual hull, then voxels fitted to the first frame, then particles;
 //! 2. **velocity**: frames before contact, where the motion does not depend on the material, by L-BFGS;
 //! 3. **family**: if it was not said, which of them foretells the frames that it was not fitted to;
-//! 4. **coarse**: on a grid of twice the spacing, a scan of what is plausible, then Gauss–Newton from the best of it;
-//! 5. **fine**: the material by Gauss–Newton on the full grid and all frames;
+//! 4. **coarse**: on a grid of twice the spacing, a scan of what is plausible, then Gauss–Newton from the best of it; or, for
+//!    elastic materials, their magnitudes by L-BFGS;
+//! 5. **fine**: the material on the full grid and all frames, by the same [`Method`];
 //! 6. **intervals**: how sure all that is.
 //!
 //! [`dynamic_step`] is the published forward model on the particles of a radiance field; [`RangePenalty`] keeps parameters
@@ -35,7 +36,7 @@ mod tracks;
 mod unknowns;
 
 pub use again::Changes;
-pub use config::{ClipConfig, Config, EstimateConfig, FAMILIES, GeometryConfig, MaterialConfig, WorldConfig};
+pub use config::{ClipConfig, Config, EstimateConfig, FAMILIES, GeometryConfig, MaterialConfig, Method, WorldConfig};
 pub use contact::first_contact;
 pub use estimate::{Evaluation, estimate};
 pub use family::{Candidate, choose};

@@ -8,7 +8,7 @@ use gradreel::{DType, Error, ErrorKind, Result, Tensor};
 
 use crate::field::{Field, Pose, bounding_sphere, fit, hull};
 use crate::identify::run::Run;
-use crate::identify::{Observed, Problem, Unknowns, first_contact};
+use crate::identify::{Method, Observed, Problem, Unknowns, first_contact};
 use crate::particles::Particles;
 use crate::physics::Law;
 use crate::render::Splat;
@@ -67,7 +67,10 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     let law = run.config.law()?;
     let stages = Stages { law: &law, ..stages };
     unknowns.parameters = run.config.starting_values(&law)?;
-    stages.coarse(run, frames, &mut unknowns)?;
+    match run.config.method(&law) {
+        Method::Descent => stages.magnitudes(run, flight, frames, &mut unknowns)?,
+        Method::GaussNewton => stages.coarse(run, frames, &mut unknowns)?,
+    }
     stages.fine(run, MATERIAL, frames, &mut unknowns)?;
     stages.refine(run, frames, &mut unknowns)?;
     stages.intervals(run, frames, &unknowns)?;

@@ -9,9 +9,11 @@ use crate::identify::reconstruct::{DTYPE, Stages, describe};
 use crate::identify::run::{HistoryRow, Run, Search};
 use crate::identify::unknowns::Unknown;
 use crate::identify::{
-    Answer, Config, Evaluation, Free, Listener, Problem, Unknowns, apart, estimate, gauss_newton, intervals, scan,
+    Answer, Config, Evaluation, Free, Listener, Method, Problem, Unknowns, apart, estimate, gauss_newton, intervals,
+    scan,
 };
 use crate::particles::Particles;
+use crate::physics::Map;
 use crate::report::interrupt;
 
 /// A stage that moves unknowns: its name, and how much it may do.
@@ -105,13 +107,35 @@ impl Stages<'_> {
         run.rows(stage).map(point).collect()
     }
 
+    /// The magnitudes of the material by descent on a grid of twice the spacing: first from the frames around contact, where a
+    /// wrong material has not led far away yet, then from all.
+    pub fn magnitudes(&self, run: &mut Run, contact: usize, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
+        let particles = self.particles(run)?.coarsened();
+        let budget = 2 * run.config.estimate.coarse;
+        for (stage, frames) in [(AROUND, (contact + WARM_UP).min(frames)), (MAGNITUDES, frames)] {
+            self.search(run, &Effort { stage, budget }, &particles, unknowns, &mut |problem, search, each, notes| {
+                let Search { start, answers, .. } = search;
+                estimate(problem, start, Free::Magnitudes, frames, budget, answers, each, notes)
+            })?;
+        }
+        Ok(())
+    }
+
     /// The material on the full grid; the velocity stays what the flight has shown.
     pub fn fine(&self, run: &mut Run, stage: &str, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
-        let budget = run.config.estimate.fine;
+        let method = run.config.method(self.law);
+        let budget = match method {
+            Method::Descent => 2 * run.config.estimate.fine,
+            Method::GaussNewton => run.config.estimate.fine,
+        };
         let free = Free::all_but(self.law, &run.config.held(self.law)?, false);
         let particles = self.particles(run)?;
         self.search(run, &Effort { stage, budget }, &particles, unknowns, &mut |problem, search, each, notes| {
-            gauss_newton(problem, &search.start, free, frames, budget, &search.answers, each, notes)
+            let Search { start, answers, .. } = search;
+            match method {
+                Method::Descent => estimate(problem, start, free, frames, budget, answers, each, notes),
+                Method::GaussNewton => gauss_newton(problem, start, free, frames, budget, answers, each, notes),
+            }
         })
     }
 
@@ -127,7 +151,13 @@ impl Stages<'_> {
         let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
         let mut notes = Vec::new();
         let linearised = problem.linearise(unknowns, free, frames, &mut 0, &mut |note| notes.push(note))?;
-        let coarse = run.best_of(CHOICE).map(|(coarse, _)| coarse.coordinates(self.law, free));
+        // what a descent leaves alone on the coarse grid says nothing of the grid's error
+        let magnitudes = run.best_of(MAGNITUDES).map(|(mut coarse, loss)| {
+            let parameters = self.law.parameters().iter().zip(&mut coarse.parameters).zip(&unknowns.parameters);
+            parameters.filter(|((p, _), _)| p.map != Map::Log10).for_each(|((_, coarse), fine)| *coarse = *fine);
+            (coarse, loss)
+        });
+        let coarse = run.best_of(CHOICE).or(magnitudes).map(|(coarse, _)| coarse.coordinates(self.law, free));
         let fine = unknowns.coordinates(self.law, free);
         let coarse = coarse.unwrap_or_else(|| fine.clone());
         // the grid's error, estimated from that of one of twice the spacing; the coarse grid holds the velocity
@@ -198,6 +228,10 @@ impl Stages<'_> {
 /// How the stages of the choice among families begin.
 pub(super) const AUTO: &str = "auto";
 
+const AROUND: &str = "magnitudes around contact, coarse";
+const MAGNITUDES: &str = "magnitudes, coarse";
+/// Frames after first contact that the first estimate of magnitudes sees.
+const WARM_UP: usize = 3;
 const SCAN: &str = "what is plausible, coarse";
 const CHOICE: &str = "which of them";
 const COARSE: &str = "material, coarse, start";
