@@ -114,6 +114,9 @@ pub const FAMILIES: [(&str, &str); 5] = [
     ("sand", "drucker_prager"),
 ];
 
+/// Where a descent starts unless told: soft materials need few substeps, and it climbs from there.
+const SOFT: [(&str, f64); 2] = [("young", 1e4), ("poisson", 0.1)];
+
 /// How a material is searched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -283,8 +286,12 @@ impl Config {
                 .wanted(format!("one of {known:?}"))
                 .fix("correct the name in the file of --config"));
         }
+        let descent = self.method(law) == Method::Descent;
+        let soft =
+            |p: &crate::physics::Parameter| SOFT.iter().find(|(name, _)| *name == p.name).map(|(_, value)| *value);
+        let own = |p: &crate::physics::Parameter| soft(p).filter(|_| descent).unwrap_or(p.start);
         let value = |p: &crate::physics::Parameter| {
-            let value = start.get(p.name).copied().unwrap_or(p.start);
+            let value = start.get(p.name).copied().unwrap_or_else(|| own(p));
             let (low, high) = match p.map {
                 Map::Log10 => (p.prior[0] / 100.0, p.prior[1] * 100.0),
                 Map::Linear => (100.0 * p.prior[0], 100.0 * p.prior[1]),

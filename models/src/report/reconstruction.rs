@@ -182,7 +182,10 @@ pub fn quantities(found: &Reconstruction, run: &Run) -> Vec<Quantity> {
         (_, true) => "assumed".into(),
         _ => "fitted".into(),
     };
-    let material = found.law.parameters().iter().zip(&found.unknowns.parameters).map(|(p, &value)| Quantity {
+    let own = || found.law.parameters().iter().map(|p| p.start).collect();
+    let starts = run.config.starting_values(&found.law).unwrap_or_else(|_| own());
+    let parameters = found.law.parameters().iter().zip(&found.unknowns.parameters).zip(starts);
+    let material = parameters.map(|((p, &value), start)| Quantity {
         interval_90: interval(p.name).map(|known| known.interval_90),
         determined: interval(p.name).map(|known| known.determined),
         name: p.name.into(),
@@ -190,7 +193,7 @@ pub fn quantities(found: &Reconstruction, run: &Run) -> Vec<Quantity> {
         symbol: p.symbol.into(),
         unit: p.unit.into(),
         value,
-        start: Some(run.config.material.start.get(p.name).copied().unwrap_or(p.start)),
+        start: Some(start),
         source: source(p.name, held.contains(&p.name)),
     });
     let velocity = ["x", "y", "z"].into_iter().zip(found.unknowns.velocity).map(|(axis, value)| Quantity {
