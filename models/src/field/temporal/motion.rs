@@ -127,7 +127,7 @@ mod tests {
         let motion = FieldMotion { times, centroids, lowest };
         let (start, velocity) = motion.ballistic(g, 4).unwrap();
         assert!((0..3).all(|a| (start[a] - x[a]).abs() < 1e-12 && (velocity[a] - v[a]).abs() < 1e-10));
-        assert_eq!(motion.first_contact(0.65, 0.06), Some(4));
+        assert_eq!(motion.first_contact(0.6, 0.06), Some(4));
         assert_eq!(motion.first_contact(0.0, 0.06), None);
         assert!(motion.ballistic(g, 1).is_err());
     }
