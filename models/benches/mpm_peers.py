@@ -98,16 +98,9 @@ def with_warp():
         keep = wp.min(1.0, wp.sqrt(2.0 / 3.0) * YIELD / norm)
         return d * keep + wp.vec3(mean, mean, mean)
 
-    @wp.kernel
-    def p2g_elastic(
-        x: wp.array(dtype=wp.vec3), v: wp.array(dtype=wp.vec3), C: wp.array(dtype=wp.mat33),
-        F: wp.array(dtype=wp.mat33), F_new: wp.array(dtype=wp.mat33), gv: wp.array3d(dtype=wp.vec3), gm: wp.array3d(dtype=float),
-    ):  # fmt: skip
-        p = wp.tid()
-        trial = F[p] + DT * (C[p] * F[p])
-        F_new[p] = trial
-        A = elastic(trial) * (-DT * VOLUME * 4.0 * INVERSE * INVERSE) + MASS * C[p]
-        at = x[p] * INVERSE
+    @wp.func
+    def scatter(x: wp.vec3, v: wp.vec3, A: wp.mat33, gv: wp.array3d(dtype=wp.vec3), gm: wp.array3d(dtype=float)):
+        at = x * INVERSE
         i = int(at[0] - 0.5)
         j = int(at[1] - 0.5)
         k = int(at[2] - 0.5)
@@ -118,8 +111,19 @@ def with_warp():
                 for c in range(3):
                     d = (wp.vec3(float(a), float(b), float(c)) - fx) * DX
                     weight = w[a, 0] * w[b, 1] * w[c, 2]
-                    wp.atomic_add(gv, i + a, j + b, k + c, (MASS * v[p] + A * d) * weight)
+                    wp.atomic_add(gv, i + a, j + b, k + c, (MASS * v + A * d) * weight)
                     wp.atomic_add(gm, i + a, j + b, k + c, weight * MASS)
+
+    @wp.kernel
+    def p2g_elastic(
+        x: wp.array(dtype=wp.vec3), v: wp.array(dtype=wp.vec3), C: wp.array(dtype=wp.mat33),
+        F: wp.array(dtype=wp.mat33), F_new: wp.array(dtype=wp.mat33), gv: wp.array3d(dtype=wp.vec3), gm: wp.array3d(dtype=float),
+    ):  # fmt: skip
+        p = wp.tid()
+        trial = F[p] + DT * (C[p] * F[p])
+        F_new[p] = trial
+        A = elastic(trial) * (-DT * VOLUME * 4.0 * INVERSE * INVERSE) + MASS * C[p]
+        scatter(x[p], v[p], A, gv, gm)
 
     @wp.kernel
     def p2g_von_mises(
@@ -137,19 +141,7 @@ def with_warp():
         trace = LAMBDA * (e[0] + e[1] + e[2])
         tau = U * wp.diag(2.0 * MU * e + wp.vec3(trace, trace, trace)) * wp.transpose(U)
         A = tau * (-DT * VOLUME * 4.0 * INVERSE * INVERSE) + MASS * C[p]
-        at = x[p] * INVERSE
-        i = int(at[0] - 0.5)
-        j = int(at[1] - 0.5)
-        k = int(at[2] - 0.5)
-        fx = at - wp.vec3(float(i), float(j), float(k))
-        w = weights(fx)
-        for a in range(3):
-            for b in range(3):
-                for c in range(3):
-                    d = (wp.vec3(float(a), float(b), float(c)) - fx) * DX
-                    weight = w[a, 0] * w[b, 1] * w[c, 2]
-                    wp.atomic_add(gv, i + a, j + b, k + c, (MASS * v[p] + A * d) * weight)
-                    wp.atomic_add(gm, i + a, j + b, k + c, weight * MASS)
+        scatter(x[p], v[p], A, gv, gm)
 
     @wp.kernel
     def grid(gv: wp.array3d(dtype=wp.vec3), gm: wp.array3d(dtype=float), out: wp.array3d(dtype=wp.vec3)):

@@ -195,12 +195,11 @@ fn simulate<T: Number>(
         stage.set(frame.index as u64, &format!("fastest {:.2} m/s", frame.totals.fastest_m_s));
     }
     stage.finish("");
-    let filmed = record.film.is_some();
     record.publish(begun.elapsed().as_secs_f64())?;
     record.forget_state()?;
     if !arguments.quiet {
         println!("\n  open {}", record.root().join("index.html").display());
-        if filmed {
+        if record.film.is_some() {
             println!("  clip {}", record.root().join("clip").display());
         }
     }

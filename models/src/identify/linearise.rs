@@ -206,15 +206,7 @@ impl Problem<'_> {
             }
             directions.push(direction);
         }
-        let rollout = Rollout {
-            world: self.world.clone(),
-            laws: vec![self.law.clone()],
-            material_of: None,
-            gravity: false,
-            friction: false,
-            schedule,
-            remat: None,
-        };
+        let rollout = Rollout::of_one(&self.world, &self.law, schedule);
         let (motion, mut tangents) = rollout.jvp(&inputs, &directions)?;
         // back up by as much as the simulation has the body lower
         let motion = raised(motion, unknowns.contact * self.world.dx);
@@ -242,7 +234,7 @@ fn raised(positions: Tensor, height: f64) -> Tensor {
 }
 
 /// One frame of `[frames, particles, 3]`.
-fn row(motion: &Tensor, frame: usize) -> Tensor {
+pub(super) fn row(motion: &Tensor, frame: usize) -> Tensor {
     let count = motion.dims()[1];
     match motion.dtype() {
         DType::F64 => Tensor::from_vec(motion.slice::<f64>()[3 * count * frame..][..3 * count].to_vec(), [count, 3]),

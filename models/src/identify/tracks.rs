@@ -9,6 +9,7 @@ use std::ops::Range;
 use gradreel::optim::{Fit, LevenbergMarquardt, Residuals};
 use gradreel::{DType, Error, ErrorKind, Result, Tensor};
 
+use crate::identify::linearise::row;
 use crate::physics::{Law, Rollout, Schedule, World};
 
 /// Where the particles of a body were.
@@ -113,21 +114,11 @@ impl Tracks {
 
     /// The simulation of the first `frames` frames, and its inputs.
     fn rollout(&self, velocity: [f64; 3], parameters: &[f64], frames: usize) -> Result<(Rollout, Vec<Tensor>)> {
-        let (dtype, n) = (self.positions.dtype(), self.positions.dims()[1]);
-        let rollout = Rollout {
-            world: self.world.clone(),
-            laws: vec![self.law.clone()],
-            material_of: None,
-            gravity: false,
-            friction: false,
-            schedule: Schedule { frames, frame_dt: self.frame_dt, substeps: self.substeps },
-            remat: None,
-        };
-        let first = match dtype {
-            DType::F64 => Tensor::from_vec(self.positions.slice::<f64>()[..3 * n].to_vec(), [n, 3]),
-            _ => Tensor::from_vec(self.positions.slice::<f32>()[..3 * n].to_vec(), [n, 3]),
-        };
-        let mut inputs = vec![first, numbers(velocity.to_vec(), dtype)?, numbers(vec![self.density], dtype)?];
+        let dtype = self.positions.dtype();
+        let schedule = Schedule { frames, frame_dt: self.frame_dt, substeps: self.substeps };
+        let rollout = Rollout::of_one(&self.world, &self.law, schedule);
+        let mut inputs =
+            vec![row(&self.positions, 0), numbers(velocity.to_vec(), dtype)?, numbers(vec![self.density], dtype)?];
         for &value in parameters {
             inputs.push(numbers(vec![value], dtype)?);
         }

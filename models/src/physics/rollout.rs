@@ -188,6 +188,12 @@ impl Op for Rollout {
 }
 
 impl Rollout {
+    /// A rollout of one material in a world as it is, that is not differentiated in reverse.
+    pub fn of_one(world: &World, law: &Law, schedule: Schedule) -> Self {
+        let (world, laws) = (world.clone(), vec![law.clone()]);
+        Self { world, laws, material_of: None, gravity: false, friction: false, schedule, remat: None }
+    }
+
     fn forward<T: Number>(&self, inputs: &[Tensor]) -> Result<Forward> {
         let n = inputs[0].dims()[0];
         let world = self.world_of::<T>(inputs)?;
