@@ -8,7 +8,7 @@ use gradreel::{DType, Error, ErrorKind, Result, Tensor};
 
 use crate::field::{Field, Pose, bounding_sphere, fit, hull};
 use crate::identify::run::Run;
-use crate::identify::{Method, Observed, Problem, Unknowns, first_contact, velocity_of_silhouettes};
+use crate::identify::{Observed, Problem, Unknowns, first_contact, velocity_of_silhouettes};
 use crate::particles::Particles;
 use crate::physics::Law;
 use crate::render::Splat;
@@ -67,13 +67,17 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     }
     let law = run.config.law()?;
     let stages = Stages { law: &law, ..stages };
-    unknowns.parameters = run.config.starting_values(&law)?;
-    match run.config.method(&law) {
-        Method::Descent => stages.magnitudes(run, flight, frames, &mut unknowns)?,
-        Method::GaussNewton => stages.coarse(run, frames, &mut unknowns)?,
+    match run.state.candidates.iter().find(|candidate| candidate.family == run.config.material.name) {
+        Some(candidate) => unknowns = candidate.unknowns.clone(),
+        None => {
+            unknowns.parameters = run.config.starting_values(&law)?;
+            let config = run.config.clone();
+            stages.explore(run, &config, "", frames, &mut unknowns)?;
+        }
     }
     stages.fine(run, MATERIAL, frames, &mut unknowns)?;
     stages.refine(run, frames, &mut unknowns)?;
+    stages.coarse(run, frames, &unknowns)?;
     stages.intervals(run, frames, &unknowns)?;
     if flight >= frames {
         run.note("the object never touched the ground: the material is not determined by this clip".into());
