@@ -139,7 +139,7 @@ pub struct EstimateConfig {
     pub starts: usize,
     /// Gauss–Newton steps at most of each of these searches; only the best goes on.
     pub first: usize,
-    /// Gauss–Newton steps at most from there, and again in each round; half the evaluations of a descent.
+    /// Gauss–Newton steps at most from there, and half as many in each round; half the evaluations of a descent.
     pub fine: usize,
     /// Rounds at most of fitting the shape to the whole motion and the material to the new shape.
     pub rounds: usize,

@@ -8,6 +8,7 @@ use gradreel::{DType, Error, ErrorKind, Result, Tensor};
 
 use crate::field::{Field, Pose, bounding_sphere, fit, hull};
 use crate::identify::run::Run;
+use crate::identify::stages::Effort;
 use crate::identify::{Observed, Problem, Unknowns, first_contact, velocity_of_silhouettes};
 use crate::particles::Particles;
 use crate::physics::Law;
@@ -75,7 +76,8 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
             stages.explore(run, &config, "", frames, &mut unknowns)?;
         }
     }
-    stages.fine(run, MATERIAL, frames, &mut unknowns)?;
+    let effort = Effort { stage: MATERIAL, budget: run.config.estimate.fine };
+    stages.fine(run, &effort, frames, &mut unknowns)?;
     stages.refine(run, frames, &mut unknowns)?;
     stages.coarse(run, frames, &unknowns)?;
     stages.intervals(run, frames, &unknowns)?;
@@ -119,7 +121,9 @@ impl Stages<'_> {
                 run.keep_field()?;
             }
             self.shape(run, &shape, run.config.geometry.fit.in_motion, Moved::Simulated(&before))?;
-            self.fine(run, &material, frames, unknowns)?;
+            // the new shape changes little
+            let effort = Effort { stage: &material, budget: run.config.estimate.fine.div_ceil(2) };
+            self.fine(run, &effort, frames, unknowns)?;
             let (_, loss_after) = run.best_of(&material).unwrap_or((before.clone(), f64::INFINITY));
             if loss_after >= loss_before {
                 run.restore_field()?;
@@ -280,7 +284,7 @@ pub(crate) fn describe(law: &Law, unknowns: &Unknowns) -> String {
 }
 
 /// The stage that first estimates the whole material.
-const MATERIAL: &str = "material";
+pub(super) const MATERIAL: &str = "material";
 
 /// Iterations of a fit between two savings.
 const SAVE_EVERY: usize = 20;

@@ -5,7 +5,7 @@ use std::time::Instant;
 use gradreel::{Error, ErrorKind, Result};
 
 use crate::identify::plausible::Plausible;
-use crate::identify::reconstruct::{DTYPE, Stages, describe};
+use crate::identify::reconstruct::{DTYPE, MATERIAL, Stages, describe};
 use crate::identify::run::{HistoryRow, Run, Search};
 use crate::identify::unknowns::Unknown;
 use crate::identify::{
@@ -96,19 +96,16 @@ impl Stages<'_> {
         Ok(if unsure { all.with_velocity(self.law) } else { all })
     }
 
-    /// The material from near it.
-    pub fn fine(&self, run: &mut Run, stage: &str, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
+    /// The material from near it, in so many Gauss–Newton steps or twice as many evaluations of a descent.
+    pub fn fine(&self, run: &mut Run, effort: &Effort<'_>, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
         let method = run.config.estimate.method;
-        let budget = match method {
-            Method::Descent => 2 * run.config.estimate.fine,
-            Method::GaussNewton => run.config.estimate.fine,
-        };
+        let Effort { stage, budget } = *effort;
         let free = self.free(run, &run.config)?;
         let particles = self.particles(run)?;
         self.search(run, &Effort { stage, budget }, &particles, unknowns, &mut |problem, search, each, notes| {
             let Search { start, answers, .. } = search;
             match method {
-                Method::Descent => estimate(problem, start, free, frames, budget, answers, each, notes),
+                Method::Descent => estimate(problem, start, free, frames, 2 * budget, answers, each, notes),
                 Method::GaussNewton => gauss_newton(problem, start, free, frames, budget, answers, each, notes),
             }
         })
@@ -139,17 +136,21 @@ impl Stages<'_> {
         let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
         let mut notes = Vec::new();
         let linearised = problem.linearise(unknowns, free, frames, &mut 0, &mut |note| notes.push(note))?;
-        let coarse = run.best_of(COARSE).map(|(coarse, _)| coarse.coordinates(self.law, free));
         let fine = unknowns.coordinates(self.law, free);
-        let coarse = coarse.unwrap_or_else(|| fine.clone());
-        // the grid's error, estimated from that of one of twice the spacing; the coarse grid holds the velocity
+        let from = |stage: &str| {
+            let other = run.best_of(stage).map(|(other, _)| other.coordinates(self.law, free));
+            let apart = |other: Vec<f64>| fine.iter().zip(other).map(|(a, b)| (a - b).abs()).collect::<Vec<_>>();
+            other.map_or_else(|| vec![0.0; fine.len()], apart)
+        };
+        // what all pictures have in common: the grid's error, estimated from that of one of twice the spacing, and the shape's,
+        // estimated from what it was before the whole motion was known; both held the height of contact
         let bias: Vec<f64> = free
             .list(self.law)
             .iter()
-            .zip(fine.iter().zip(&coarse))
-            .map(|(unknown, (fine, coarse))| match unknown {
+            .zip(from(COARSE).iter().zip(from(MATERIAL)))
+            .map(|(unknown, (grid, shape))| match unknown {
                 Unknown::Velocity(_) | Unknown::Contact => 0.0,
-                Unknown::Parameter(_) => GRID_ERROR * (fine - coarse).abs(),
+                Unknown::Parameter(_) => (GRID_ERROR * grid).hypot(SHAPE_ERROR * shape),
             })
             .collect();
         run.state.intervals = intervals(unknowns, self.law, free, &linearised, &bias)?;
@@ -221,3 +222,6 @@ const SURE: usize = 3;
 /// The error of the full grid as a share of its difference to that of twice the spacing: a third if it falls with the square
 /// of the spacing, all of it if it falls with the spacing.
 const GRID_ERROR: f64 = 0.5;
+
+/// The error of the shape as a share of what its last improvement did.
+const SHAPE_ERROR: f64 = 0.5;
