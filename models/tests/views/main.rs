@@ -11,6 +11,7 @@ mod procedural;
 mod sampler;
 mod sampling;
 mod sizes;
+mod spatial_aware;
 mod tiny;
 mod training;
 mod volumes;

@@ -74,6 +74,7 @@ pub fn sizes(case: &Case<'_>) -> DenoiserSizes {
             voxels: case.size("V"),
             depth: case.size("D"),
         },
+        spatial_aware: None,
     }
 }
 
@@ -89,6 +90,7 @@ fn a_denoising_step_of_all_views() {
             // the input image's latent is given scaled, and the model wants it as the encoder made it
             latent: &case.given("in.x_input") / gradreel_models::views::Autoencoder::SCALE,
             elevations: case.numbers("elevation"),
+            boxes: vec![],
         };
         let x = case.given("in.x");
         let ddim = Ddim::new(&Schedule::published(), case.size("ddim_steps")).unwrap();
@@ -124,10 +126,13 @@ fn a_training_step() {
             embedding: case.given("in.clip_embed"),
             latent: &case.given("in.x_input") / gradreel_models::views::Autoencoder::SCALE,
             elevations: case.numbers("elevation"),
+            boxes: vec![],
         };
         let pair = [&case.given("in.x0"), &case.given("in.noise")];
-        let (times, views) = (counts("t"), counts("target_index"));
-        let [loss, predicted] = net.loss(&Schedule::published(), pair, &times, &views, &condition, &[]).unwrap();
+        let times = counts("t");
+        let views = counts("target_index").into_iter().enumerate();
+        let targets: Vec<Target> = views.map(|(sample, view)| Target { sample, view }).collect();
+        let [loss, predicted] = net.loss(&Schedule::published(), pair, &times, &targets, &condition, &[]).unwrap();
         close("out.pred", predicted.value().unwrap(), file.get("out.pred").unwrap(), 5e-5);
         let expected = file.get("out.loss").unwrap().item().unwrap();
         assert!((loss.item().unwrap() - expected).abs() < 1e-4 * expected, "{}", loss.item().unwrap());

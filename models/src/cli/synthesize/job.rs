@@ -236,7 +236,7 @@ impl Job {
         if run.is_finished() {
             return Ok(());
         }
-        let colours = LatentColours::fit(&self.picture, &run.subject().latent)?;
+        let colours = LatentColours::fit(&self.picture, &run.subject().latent, self.sizes.autoencoder.scale())?;
         let ensemble = Ensemble::new(&self.weights, &self.sizes.denoiser, self.weights.device(), self.at_once)?;
         let (views, steps) = (run.views(), run.steps());
         let before = run.done() * views + run.known();
@@ -270,10 +270,10 @@ impl Job {
         let damaged = |e: Error| e.within(place.display()).fix("begin again with another --out");
         let file = TensorFile::from_bytes(&self.folder.read(STATE)?).map_err(damaged)?;
         let run = Sampling::from_file(&file).map_err(damaged)?;
-        let ModelSizes { denoiser, clip, autoencoder, .. } = &self.sizes;
+        let ModelSizes { denoiser, autoencoder, .. } = &self.sizes;
         let width = self.sizes.latent_width();
-        let latents = [1, denoiser.ring.views, autoencoder.latent, width, width];
-        let fits = run.latents().dims() == latents && run.subject().embedding.dims() == [1, 1, clip.outputs];
+        let latents = [1, denoiser.ring.views, autoencoder.channels(), width, width];
+        let fits = run.latents().dims() == latents && run.subject().embedding.dims() == [1, 1, denoiser.unet.context];
         if !fits || *run.settings() != self.settings.sampler() {
             return Err(Error::new(ErrorKind::Input, "the state of the run does not belong to its settings")
                 .at(place.display())
