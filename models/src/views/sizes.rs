@@ -49,39 +49,31 @@ impl ModelSizes {
     /// A model of 64² pixels that a processor can train and run: patches of pixels in place of an autoencoder, no CLIP tower,
     /// and a spatial-aware module. The cameras are the published ones.
     pub fn small() -> Self {
-        let volumes = [32, 32, 64, 64];
-        let channels = 48;
+        let (volumes, channels) = ([32, 32, 64, 64], 48);
+        let volume = VolumeSizes {
+            latent: channels,
+            features: 8,
+            time: 64,
+            spatial: volumes,
+            frustum: volumes,
+            voxels: 16,
+            depth: 16,
+        };
+        let unet = UnetSizes {
+            inputs: 2 * channels,
+            outputs: channels,
+            base: 32,
+            multipliers: [2, 3, 4, 4],
+            heads: 4,
+            context: 32,
+            volumes,
+        };
+        let spatial_aware = Some(SpatialAwareSizes::suiting(&volume));
         Self {
             image: 64,
             autoencoder: Coding::Patches(Patches { patch: 4 }),
             clip: None,
-            denoiser: DenoiserSizes {
-                ring: Ring::published(16),
-                unet: UnetSizes {
-                    inputs: 2 * channels,
-                    outputs: channels,
-                    base: 32,
-                    multipliers: [2, 3, 4, 4],
-                    heads: 4,
-                    context: 32,
-                    volumes,
-                },
-                volume: VolumeSizes {
-                    latent: channels,
-                    features: 8,
-                    time: 64,
-                    spatial: volumes,
-                    frustum: volumes,
-                    voxels: 16,
-                    depth: 16,
-                },
-                spatial_aware: Some(SpatialAwareSizes {
-                    features: 32,
-                    samples: 16,
-                    widths: [32, 32, 64, 64],
-                    ..SpatialAwareSizes::published()
-                }),
-            },
+            denoiser: DenoiserSizes { ring: Ring::published(16), unet, volume, spatial_aware },
         }
     }
 

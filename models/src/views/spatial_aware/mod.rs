@@ -60,6 +60,12 @@ impl SpatialAwareSizes {
         }
     }
 
+    /// For a model with these volumes, in proportion to that for the published one.
+    pub fn suiting(volume: &VolumeSizes) -> Self {
+        let (features, samples) = (volume.spatial[0], volume.voxels);
+        Self { features, samples, widths: [features, features, 2 * features, 2 * features], ..Self::published() }
+    }
+
     /// Whether a module for a model with these volumes can be made.
     ///
     /// # Errors

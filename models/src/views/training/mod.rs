@@ -2,6 +2,7 @@
 //! (Liu et al. 2023).
 
 mod draw;
+mod encoding;
 mod plan;
 mod sources;
 
@@ -14,6 +15,7 @@ use gradreel::optim::{Adam, Ema, Load, Params, Update};
 use gradreel::{DType, Device, Error, ErrorKind, Key, Memory, Result, Tape, Tensor, Var};
 
 pub use draw::{Batch, Draw};
+pub use encoding::{Detector, encode, subject_of};
 pub use plan::Plan;
 
 use self::sources::{Fixed, Picked, Source};
