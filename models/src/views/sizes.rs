@@ -49,7 +49,7 @@ impl ModelSizes {
     /// A model of 64² pixels that a processor can train and run: patches of pixels in place of an autoencoder, no CLIP tower,
     /// and a spatial-aware module. The cameras are the published ones.
     pub fn small() -> Self {
-        let (volumes, channels) = ([32, 32, 64, 64], 48);
+        let (volumes, channels) = ([32, 32, 48, 48], 48);
         let volume = VolumeSizes {
             latent: channels,
             features: 8,
@@ -63,7 +63,7 @@ impl ModelSizes {
             inputs: 2 * channels,
             outputs: channels,
             base: 32,
-            multipliers: [2, 3, 4, 4],
+            multipliers: [2, 2, 3, 3],
             heads: 4,
             context: 32,
             volumes,

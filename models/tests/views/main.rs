@@ -7,6 +7,7 @@ mod harness;
 mod keys;
 mod layers;
 mod networks;
+mod objects;
 mod procedural;
 mod sampler;
 mod sampling;

@@ -234,7 +234,7 @@ fn recomputing_and_groups_change_nothing() {
         training.gradients(&batch(Some(RIGHT))).unwrap()
     };
     let (kept, recomputed, apart) = (gradients(false, 2), gradients(true, 2), gradients(false, 1));
-    assert!(recomputed.memory.held < kept.memory.held);
+    assert!(recomputed.memory.peak < kept.memory.peak);
     assert_eq!(kept.loss, recomputed.loss);
     assert!((kept.loss - apart.loss).abs() < 1e-5 * kept.loss);
     for (path, gradient) in &kept.by_path {
@@ -281,7 +281,8 @@ fn sizes_that_make_no_module_are_refused() {
 fn the_small_model_fits_where_it_is_to_go() {
     let sizes = ModelSizes::small();
     let count: usize = sizes.weights().unwrap().iter().map(|(_, shape)| shape.len()).sum();
-    assert!(2 * count <= 20_000_000, "{count} weights do not fit into 20 MB as f16");
+    // 16 bits each, beside their names
+    assert!(2 * count <= 19_800_000, "{count} weights do not fit into 20 MB as f16");
     assert!(count > 5_000_000, "{count}");
     let again = ModelSizes::from_json(&sizes.to_json()).unwrap();
     assert_eq!(again, sizes);

@@ -19,7 +19,15 @@ use crate::views::{DenoiserSizes, Ensemble, FileWeights, ModelSizes, SamplerSett
 /// Objects of which the pictures are kept.
 const SHOWN: usize = 8;
 
+/// Measures the model and prints a table.
 pub(super) fn run(arguments: &NovelView, count: usize, progress: &Progress) -> Result<()> {
+    if count == 0 {
+        return Err(Error::new(ErrorKind::Input, "there is nothing to show")
+            .at("--evaluate")
+            .found(0)
+            .wanted("a number of objects")
+            .fix("100 objects give the mean to a few percent"));
+    }
     let (mut settings, weights) = Settings::resolve_from(arguments, Stage::SpatialAware)?;
     let path = weights.as_ref().map(|weights| weights.path().to_owned()).unwrap_or_default();
     let weights = FileWeights::open(path, &settings.device.device()?)?;
@@ -36,9 +44,6 @@ pub(super) fn run(arguments: &NovelView, count: usize, progress: &Progress) -> R
         Place::Cpu => rayon::current_num_threads(),
         Place::Gpu => sizes.denoiser.ring.views,
     };
-    if count == 0 {
-        return Err(Error::new(ErrorKind::Input, "there is nothing to show").at("--evaluate").wanted("at least 1"));
-    }
     let folder = match &arguments.out {
         Some(folder) => RunFolder::create(folder)?,
         None => RunFolder::create_free(Path::new("runs"), "novel-view-evaluation")?,

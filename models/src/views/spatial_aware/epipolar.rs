@@ -191,14 +191,15 @@ impl EpipolarAttention {
         if offsets.is_empty() { vec![0] } else { offsets }
     }
 
-    /// Where on the line each sample is: `[samples, 2 octaves]`, sines and cosines of growing frequency.
+    /// Where on the line each sample is: `[samples, 2 octaves]`, pairs of sine and cosine of growing
+    /// frequency.
     fn encoding(&self, like: &Var) -> Result<Var> {
         let (samples, octaves) = (self.sizes.samples, self.sizes.octaves);
         let last = (samples - 1).max(1) as f64;
-        let values = (0..samples).flat_map(|sample| {
-            let phase = move |octave: usize| 2f64.powi(octave as i32) * std::f64::consts::PI * sample as f64 / last;
-            let sines = (0..octaves).map(move |octave| phase(octave).sin());
-            sines.chain((0..octaves).map(move |octave| phase(octave).cos()))
+        let values = (0..samples * octaves).flat_map(|i| {
+            let frequency = 2f64.powi((i % octaves) as i32) * std::f64::consts::PI;
+            let (sine, cosine) = (frequency * (i / octaves) as f64 / last).sin_cos();
+            [sine, cosine]
         });
         constant(like, Tensor::from_vec(values.collect::<Vec<f64>>(), [samples, 2 * octaves]))
     }
