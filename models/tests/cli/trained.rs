@@ -26,7 +26,7 @@ samples = 3
 shapes = 1
 steps = 2
 [model]
-image = 16
+image = 32
 autoencoder.patch = 2
 [model.denoiser.ring]
 views = 4
@@ -67,9 +67,11 @@ fn both_stages_and_what_they_leave() {
     for row in looks.lines().chain(log.lines()).filter(|row| row.starts_with(char::is_numeric)) {
         assert!(row.split(',').all(|number| number.parse::<f64>().is_ok_and(f64::is_finite)), "{row}");
     }
+    let page = fs::read_to_string(scene.path("base/index.html")).unwrap();
+    assert!(page.contains("3 of 3 steps") && page.matches("<svg").count() >= 3);
     let png = fs::read(scene.path("base/previews/step_0000003.png")).unwrap();
     let info = png::Decoder::new(std::io::Cursor::new(png)).read_info().unwrap().info().clone();
-    assert_eq!((info.width, info.height), (2 * 5 * 16, 2 * 2 * 16));
+    assert_eq!((info.width, info.height), (2 * 5 * 32, 2 * 2 * 32));
     let printed = scene.succeeds("weights check base/model.safetensors");
     assert!(printed.contains("fit"), "{printed}");
 

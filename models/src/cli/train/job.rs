@@ -10,6 +10,7 @@ use gradreel::{DType, Device, Error, ErrorKind, Key, Result};
 use super::NovelView;
 use super::feed::{Feed, chance, unseen};
 use super::log::Log;
+use super::page::page;
 use super::sampled::{rows, sampled, score};
 use super::settings::Settings;
 use crate::cli::source::Place;
@@ -132,6 +133,7 @@ impl Job {
                 let (loss, score) = self.look(&unseen)?;
                 self.log.look(made, loss, &score);
                 self.save()?;
+                self.folder.write("index.html", page(&self.settings, &self.log).as_bytes())?;
                 resting += before.elapsed().as_secs_f64();
                 if told {
                     progress.stage(&format!("after {made} steps"), 1).finish(&described(loss, &score));

@@ -49,10 +49,24 @@ impl Log {
         self.looks.lines().any(|row| step_of(row) == Some(step))
     }
 
+    /// The rows of the steps as numbers.
+    pub fn steps(&self) -> Vec<Vec<f64>> {
+        numbers(&self.steps)
+    }
+
+    /// The rows of the looks as numbers.
+    pub fn looks(&self) -> Vec<Vec<f64>> {
+        numbers(&self.looks)
+    }
+
     pub fn write(&self, folder: &RunFolder) -> Result<()> {
         folder.write(STEPS, self.steps.as_bytes())?;
         folder.write(LOOKS, self.looks.as_bytes())
     }
+}
+
+fn numbers(table: &str) -> Vec<Vec<f64>> {
+    table.lines().skip(1).map(|row| row.split(',').filter_map(|cell| cell.parse().ok()).collect()).collect()
 }
 
 fn step_of(row: &str) -> Option<u64> {

@@ -4,6 +4,7 @@ mod evaluate;
 mod feed;
 mod job;
 mod log;
+mod page;
 mod sampled;
 mod settings;
 
@@ -82,6 +83,7 @@ put them where the input image shows them, everything else frozen. The module ca
 SyncDreamer weights.
 
 Results, all in the folder of --out:
+  index.html            the curves, renewed at every look at unseen objects
   settings.toml         everything that decided the result
   log.csv               loss, rate and gradient of every step
   validation.csv        on objects that are never trained on: loss, and of sampled views the distance between the middles of
@@ -124,5 +126,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         _ => error,
     })?;
     println!("\n  model {}", job.folder().path("model.safetensors").display());
+    println!("  open  {}", job.folder().path("index.html").display());
     Ok(())
 }

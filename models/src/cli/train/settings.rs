@@ -145,6 +145,7 @@ impl Settings {
             (None, None) => stage,
             (None, Some(named)) => named.clone().try_into().map_err(|e| refused("stage", &e))?,
         };
+        let source = arguments.weights.as_deref().map(|path| Source::of(path, "the weights")).transpose()?;
         let weights = arguments.weights.as_deref().map(|path| FileWeights::open(path, &Device::Cpu)).transpose()?;
         let mut model = match (&weights, stage) {
             (Some(weights), _) => weights.sizes()?,
@@ -165,7 +166,7 @@ impl Settings {
         settings.optimiser.batch = arguments.batch.unwrap_or(settings.optimiser.batch);
         settings.seed = arguments.seed.unwrap_or(settings.seed);
         settings.device = arguments.device.unwrap_or(settings.device);
-        settings.weights = arguments.weights.as_deref().map(|path| Source::of(path, "the weights")).transpose()?;
+        settings.weights = source;
         settings.check()?;
         Ok((settings, weights))
     }

@@ -109,7 +109,8 @@ impl Solid {
                         flat = flat.min(boxed(&at, &[0.55 * CELL; 2], 0.0));
                     }
                 }
-                boxed(&[flat, x[1]], &[0.0, *depth], 0.0).max(flat)
+                let ends = x[1].abs() - depth;
+                flat.max(0.0).hypot(ends.max(0.0)) + flat.max(ends).min(0.0)
             }
             Self::Blob { balls } => {
                 let each = balls.iter().map(|(centre, radius)| {
