@@ -1,6 +1,6 @@
 //! Between images and latents: a learned autoencoder, or patches of pixels as they are.
 
-use gradreel::{Result, Var};
+use gradreel::{Key, Result, Tensor, Var};
 use serde::{Deserialize, Serialize};
 
 use super::{Autoencoder, AutoencoderSizes};
@@ -97,21 +97,26 @@ pub enum Coder {
 
 impl Coder {
     /// Images `[b, 3, h, w]` in −1..1 to latents, not scaled by [`Coding::scale`]. Those of an autoencoder are samples of its
-    /// distribution with standard normal numbers that `noise` makes for the means; without, the means.
+    /// distribution with standard normal numbers of a key; without a key, the means.
     ///
     /// # Errors
-    /// What `noise` returns.
+    /// When the numbers cannot be moved where the images are.
     ///
     /// # Panics
     /// When the sizes are not those of the coding.
     #[track_caller]
-    pub fn encode(&self, images: &Var, noise: Option<&dyn Fn(&Var) -> Result<Var>>) -> Result<Var> {
+    pub fn encode(&self, images: &Var, noise: Option<Key>) -> Result<Var> {
         match self {
             Self::Patches(patches) => Ok(patches.encode(images)),
             Self::Learned(autoencoder) => {
                 let posterior = autoencoder.encode(images);
                 match noise {
-                    Some(noise) => Ok(posterior.sample(&noise(&posterior.mean)?)),
+                    Some(key) => {
+                        let mean = &posterior.mean;
+                        let noise =
+                            Tensor::normal(key, mean.shape().clone(), mean.dtype()).to_device(&mean.device())?;
+                        Ok(posterior.sample(&mean.tape().constant(noise)))
+                    }
                     None => Ok(posterior.mean),
                 }
             }

@@ -20,13 +20,34 @@ pub struct DenoiserSizes {
     /// The module that puts the object where the input image shows it; the published model has none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub spatial_aware: Option<SpatialAwareSizes>,
+    /// What the UNet's result is; the noise itself in the published model.
+    #[serde(default, skip_serializing_if = "Output::is_noise")]
+    pub output: Output,
+}
+
+/// What the UNet's result is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Output {
+    /// The noise ε.
+    #[default]
+    Noise,
+    /// `v = √ᾱ ε − √(1 − ᾱ) x₀` (Salimans and Ho 2022); the noise is `√(1 − ᾱ) x_t + √ᾱ v`. A network of few channels then need not
+    /// hand on the noise of its input.
+    Velocity,
+}
+
+impl Output {
+    fn is_noise(&self) -> bool {
+        *self == Self::Noise
+    }
 }
 
 impl DenoiserSizes {
     /// The published model: 16 views.
     pub fn published() -> Self {
         let (unet, volume) = (UnetSizes::PUBLISHED, VolumeSizes::PUBLISHED);
-        Self { ring: Ring::published(16), unet, volume, spatial_aware: None }
+        Self { ring: Ring::published(16), unet, volume, spatial_aware: None, output: Output::Noise }
     }
 }
 
@@ -49,6 +70,7 @@ pub struct Denoiser {
     projection: Linear,
     unet: Unet,
     spatial_aware: Option<SpatialAware>,
+    output: Output,
 }
 
 impl Denoiser {
@@ -66,6 +88,7 @@ impl Denoiser {
             projection: Linear::new(&scope.at("cc_projection"), context + 4, context)?,
             unet: Unet::new(&scope.at("model.diffusion_model"), &sizes.unet)?,
             spatial_aware: sizes.spatial_aware.as_ref().map(aware).transpose()?,
+            output: sizes.output,
         })
     }
 
@@ -163,10 +186,23 @@ impl Denoiser {
         let image = where_told(&of_sample(&condition.latent), told, Told::image)?;
         let conditional = self.unet.forward(&x.concat(&[&image], 1), &times, &token, Some(&pyramid))?;
         if guidance == 1.0 {
-            return Ok(conditional);
+            return self.as_noise(conditional, &x, &times);
         }
         let nothing = self.unet.forward(&x.concat(&[&(&image * 0.0)], 1), &times, &(&token * 0.0), None)?;
-        Ok(&nothing + &(&(&conditional - &nothing) * guidance))
+        self.as_noise(&nothing + &(&(&conditional - &nothing) * guidance), &x, &times)
+    }
+
+    /// The noise that a result of the UNet means for noised latents `x [n, latent, w, w]` at these times.
+    fn as_noise(&self, predicted: Var, x: &Var, times: &[f64]) -> Result<Var> {
+        if self.output.is_noise() {
+            return Ok(predicted);
+        }
+        let schedule = Schedule::published();
+        let weight = |which: usize| {
+            let values: Vec<f64> = times.iter().map(|time| schedule.weights(*time as usize)[which]).collect();
+            super::constant(x, Tensor::from_vec(values, [times.len(), 1, 1, 1]))
+        };
+        Ok(&(x * &weight(1)?) + &(&predicted * &weight(0)?))
     }
 
     /// The training loss of the published model: all views of each sample noised at one time, some views predicted (the

@@ -47,7 +47,7 @@ pub use cameras::Ring;
 pub use clip::{ClipSizes, ClipTower};
 pub use coding::{Coder, Coding, Patches};
 pub use decoding::decode;
-pub use denoiser::{Condition, Denoiser, DenoiserSizes, Look, Target, Told};
+pub use denoiser::{Condition, Denoiser, DenoiserSizes, Look, Output, Target, Told};
 pub use ensemble::Ensemble;
 pub use footprint::Footprint;
 pub(crate) use footprint::megabytes;

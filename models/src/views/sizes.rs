@@ -2,7 +2,7 @@
 
 use gradreel::{Error, ErrorKind, Result};
 
-use super::{AutoencoderSizes, ClipSizes, Coding, DenoiserSizes, ModelSizes, Patches, Ring, SpatialAwareSizes};
+use super::{AutoencoderSizes, ClipSizes, Coding, DenoiserSizes, ModelSizes, Output, Patches, Ring, SpatialAwareSizes};
 use super::{UnetSizes, VolumeSizes};
 
 /// Greatest size that is believed.
@@ -73,7 +73,13 @@ impl ModelSizes {
             image: 64,
             autoencoder: Coding::Patches(Patches { patch: 4 }),
             clip: None,
-            denoiser: DenoiserSizes { ring: Ring::published(16), unet, volume, spatial_aware },
+            denoiser: DenoiserSizes {
+                ring: Ring::published(16),
+                unet,
+                volume,
+                spatial_aware,
+                output: Output::Velocity,
+            },
         }
     }
 

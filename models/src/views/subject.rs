@@ -44,11 +44,7 @@ impl Subject {
         let tape = Tape::new();
         let picture = tape.constant(picture.to_device(device)?);
         let embedding = embed(&scope, sizes, &picture)?;
-        let noise = |mean: &Var| {
-            let noise = Tensor::normal(key, mean.shape().clone(), picture.dtype()).to_device(device)?;
-            Ok(tape.constant(noise))
-        };
-        let latent = Model::coder(&scope, sizes)?.encode(&picture, Some(&noise))?;
+        let latent = Model::coder(&scope, sizes)?.encode(&picture, Some(key))?;
         let seen = match sizes.denoiser.spatial_aware {
             Some(_) => ImageBox::of_picture(&on_cpu(&picture)?)?,
             None => None,

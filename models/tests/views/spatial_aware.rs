@@ -130,7 +130,13 @@ fn tiny(module: bool) -> DenoiserSizes {
         widths: [16; 4],
         ..SpatialAwareSizes::published()
     };
-    DenoiserSizes { ring: Ring::published(4), unet, volume, spatial_aware: module.then_some(sizes) }
+    DenoiserSizes {
+        ring: Ring::published(4),
+        unet,
+        volume,
+        spatial_aware: module.then_some(sizes),
+        output: Default::default(),
+    }
 }
 
 fn base(name: &str) -> PathBuf {

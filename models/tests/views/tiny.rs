@@ -25,6 +25,7 @@ pub fn sizes() -> ModelSizes {
                 depth: 8,
             },
             spatial_aware: None,
+            output: Default::default(),
         },
         autoencoder: AutoencoderSizes { base: 32, multipliers: vec![1, 1], blocks: 1, latent: 4 }.into(),
         clip: Some(ClipSizes { resolution: 14, patch: 7, width: 16, layers: 1, heads: 2, outputs: 8 }),

@@ -22,7 +22,7 @@ fn tiny() -> DenoiserSizes {
     let unet = UnetSizes { inputs: 8, outputs: 4, base: 32, multipliers: [1; 4], heads: 2, context: 8, volumes };
     let (spatial, frustum) = (volumes, volumes);
     let volume = VolumeSizes { latent: 4, features: 4, time: 16, spatial, frustum, voxels: 8, depth: 8 };
-    DenoiserSizes { ring: Ring::published(2), unet, volume, spatial_aware: None }
+    DenoiserSizes { ring: Ring::published(2), unet, volume, spatial_aware: None, output: Default::default() }
 }
 
 fn batch(samples: usize) -> Batch {

@@ -90,7 +90,7 @@ impl Field {
         }
         let sides = [0, 1, 2].map(|axis| high[axis] - low[axis]);
         let longest = sides.into_iter().fold(0.0, f64::max);
-        if !(longest > 0.0) || sides.iter().any(|side| *side < THICK * longest) {
+        if longest.is_nan() || longest <= 0.0 || sides.iter().any(|side| *side < THICK * longest) {
             return None;
         }
         let middle = [0, 1, 2].map(|axis| 0.5 * (low[axis] + high[axis]));

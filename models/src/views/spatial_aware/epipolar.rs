@@ -15,7 +15,7 @@ pub(super) const ALIGNED: GridSampling =
 /// What is added to the score of a sample that must not count.
 const NEVER: f64 = -3e4;
 
-/// Bytes of keys and values that are made at once.
+/// Bytes of samples that are made at once.
 const AT_ONCE: usize = 64 << 20;
 
 /// The epipolar lines of all cells of one view in another: samples of the ray behind each cell, projected into the other
@@ -60,6 +60,22 @@ struct Maps {
     depth: Var,
 }
 
+impl Maps {
+    /// The maps of features and of places on a line to keys, as matrices of each head: `[heads, c, features + 2 octaves]`, for
+    /// products with `x`.
+    #[track_caller]
+    fn keys(&self, heads: usize, x: &Var) -> Var {
+        let both = self.key.to_dtype(x.dtype()).concat(&[&self.depth.to_dtype(x.dtype())], 1);
+        let [features, inputs] = both.dims()[..] else { unreachable!("two matrices side by side") };
+        let both = both.reshape([heads, features / heads, inputs]);
+        match both.value() {
+            // a constant may come from another tape; what is made of it belongs to that of `x`
+            Ok(value) if !both.is_differentiable() => x.tape().constant(value.clone()),
+            _ => both,
+        }
+    }
+}
+
 /// A square map applied to every cell.
 #[track_caller]
 fn pointwise(x: &Var, weight: &Var) -> Var {
@@ -101,7 +117,8 @@ impl EpipolarAttention {
         let [batch, views, channels, height, width] = features.dims()[..] else {
             panic!("features are [b, views, f, w, w], not {}", features.shape())
         };
-        let bytes = batch * 2 * channels * self.sizes.samples * height * width * size_of::<f32>();
+        let line = channels + 2 * self.sizes.octaves + 1;
+        let bytes = batch * line * self.sizes.samples * height * width * size_of::<f32>();
         let at_once = (AT_ONCE / bytes.max(1)).clamp(1, views);
         let mut groups = Vec::new();
         for first in (0..views).step_by(at_once) {
@@ -129,6 +146,7 @@ impl EpipolarAttention {
         // how many neighbours each cell finds anything in
         let meets = |line: &EpipolarLines, cell: usize| (0..samples).any(|s| line.valid[s * cells + cell]);
         let met = |view: usize, cell: usize| lines.iter().filter(|of| meets(&of[view], cell)).count();
+        let encoding = self.encoding();
         let mut total: Option<Var> = None;
         for (offset, lines) in self.offsets(views).into_iter().zip(&lines) {
             let share = |i: usize| {
@@ -136,44 +154,44 @@ impl EpipolarAttention {
                 if meets(&lines[view], cell) { 1.0 / met(view, cell) as f64 } else { 0.0 }
             };
             let places = lines.iter().flat_map(|of| places_in(of.places.iter().copied(), width)).collect();
-            let never = lines.iter().flat_map(|of| of.valid.iter().map(|valid| if *valid { 0.0 } else { NEVER }));
             let shares: Vec<f64> = (0..count * cells).map(share).collect();
             let operands = [
                 features.clone(),
                 constant(features, Tensor::from_vec(places, [1, count, samples, height, width, 2]))?,
-                constant(
-                    features,
-                    Tensor::from_vec(never.collect::<Vec<f64>>(), [1, count, 1, samples, height, width]),
-                )?,
+                constant(features, self.told(&encoding, lines, [height, width]))?,
                 constant(features, Tensor::from_vec(shares, [1, count, 1, height, width]))?,
-                self.encoding(features)?,
             ];
             let (heads, first) = (self.sizes.heads, group.start);
             let operands: Vec<&Var> = operands.iter().collect();
             let part = self.maps.run(&operands, move |maps, inputs| {
-                let [features, places, never, shares, encoding] = inputs else { unreachable!("five operands") };
-                let all = batch * count;
+                let [features, places, told, shares] = inputs else { unreachable!("four operands") };
+                let (all, each) = (batch * count, channels / heads);
                 let [own, other] = [first, first + offset]
                     .map(|first| ring_slice(features, first % views, count).reshape([all, channels, height, width]));
-                let each = channels / heads;
-                let line = [all, heads, each, samples, height, width];
-                let one = [all, heads, 1, samples, height, width];
-                let query = pointwise(&own, &maps.query).reshape([all, heads, each, height, width]);
-                // a constant channel of the query carries what is added to the scores
-                let query = query.concat(&[&(&(&query.slice(2, 0..1) * 0.0) + 1.0)], 2);
+                // q · (K f + D γ) = (Kᵀ q) · f + (Dᵀ q) · γ: the many samples need no keys, and all heads share them
+                let query = pointwise(&own, &maps.query).reshape([all, heads, each, cells]);
+                let asked = maps.keys(heads, &query).transposed_matmul(&query);
+                // one channel more carries what is added to the scores
+                let one = constant_channel(&asked, 1.0);
+                let asked = asked.concat(&[&one], 2);
+                let line = asked.dims()[2];
                 let places = places
                     .broadcast_to([batch, count, samples, height, width, 2])
                     .reshape([all, samples, height, width, 2]);
-                let sampled = pointwise(&other, &maps.key).concat(&[&other], 1).grid_sample(&places, ALIGNED);
-                let told = encoding.linear(&maps.depth.to_dtype(encoding.dtype()), None).permute(&[1, 0]);
-                let keys = &sampled.slice(1, 0..channels) + &told.reshape([1, channels, samples, 1, 1]);
-                let never = never
-                    .reshape([1, count, 1, 1, samples, height * width])
-                    .broadcast_to([batch, count, heads, 1, samples, height * width])
-                    .reshape(one);
-                let keys = keys.reshape(line).concat(&[&never], 2);
-                let values = sampled.slice(1, channels..2 * channels).reshape(line).concat(&[&(&never * 0.0)], 2);
-                let found = query.depth_attention(&keys, &values, (each as f64).powf(-0.5)).slice(2, 0..each);
+                let told = told.broadcast_to([batch, count, line - channels, samples, height, width]).reshape([
+                    all,
+                    line - channels,
+                    samples,
+                    height,
+                    width,
+                ]);
+                let along = other.grid_sample(&places, ALIGNED).concat(&[&told], 1);
+                let along = along.reshape([all, 1, line, samples, height, width]);
+                let asked = asked.reshape([all, heads, line, height, width]);
+                let found = asked.depth_attention(&along, &along, (each as f64).powf(-0.5));
+                let of = |head: usize| found.select(1, head).slice(1, head * each..(head + 1) * each);
+                let of_heads: Vec<Var> = (0..heads).map(of).collect();
+                let found = of_heads[0].concat(&of_heads[1..].iter().collect::<Vec<_>>(), 1);
                 &found.reshape([batch, count, channels, height, width]) * shares
             })?;
             total = Some(total.map_or(part.clone(), |sum| &sum + &part));
@@ -191,18 +209,36 @@ impl EpipolarAttention {
         if offsets.is_empty() { vec![0] } else { offsets }
     }
 
-    /// Where on the line each sample is: `[samples, 2 octaves]`, pairs of sine and cosine of growing
-    /// frequency.
-    fn encoding(&self, like: &Var) -> Result<Var> {
+    /// Where on the line each sample is: for each sample pairs of sine and cosine of growing frequency.
+    fn encoding(&self) -> Vec<Vec<f64>> {
         let (samples, octaves) = (self.sizes.samples, self.sizes.octaves);
-        let last = (samples - 1).max(1) as f64;
-        let values = (0..samples * octaves).flat_map(|i| {
-            let frequency = 2f64.powi((i % octaves) as i32) * std::f64::consts::PI;
-            let (sine, cosine) = (frequency * (i / octaves) as f64 / last).sin_cos();
+        let pair = |sample: usize, octave: usize| {
+            let frequency = 2f64.powi(octave as i32) * std::f64::consts::PI;
+            let (sine, cosine) = (frequency * sample as f64 / (samples - 1).max(1) as f64).sin_cos();
             [sine, cosine]
-        });
-        constant(like, Tensor::from_vec(values.collect::<Vec<f64>>(), [samples, 2 * octaves]))
+        };
+        (0..samples).map(|sample| (0..octaves).flat_map(|octave| pair(sample, octave)).collect()).collect()
     }
+
+    /// What is told of the samples beside the features: their encoding, and what is added to their scores;
+    /// `[1, lines, 2 octaves + 1, samples, h, w]`.
+    fn told(&self, encoding: &[Vec<f64>], lines: &[EpipolarLines], [height, width]: [usize; 2]) -> Tensor {
+        let (cells, samples, channels) = (height * width, self.sizes.samples, 2 * self.sizes.octaves);
+        let mut values = Vec::with_capacity(lines.len() * (channels + 1) * samples * cells);
+        for line in lines {
+            for channel in 0..channels {
+                encoding.iter().for_each(|of| values.extend(std::iter::repeat_n(of[channel], cells)));
+            }
+            values.extend(line.valid.iter().map(|valid| if *valid { 0.0 } else { NEVER }));
+        }
+        Tensor::from_vec(values, [1, lines.len(), channels + 1, samples, height, width])
+    }
+}
+
+/// A channel of one value for every cell that `x [n, heads, c, cells]` has.
+#[track_caller]
+fn constant_channel(x: &Var, value: f64) -> Var {
+    &(&x.slice(2, 0..1).detach() * 0.0) + value
 }
 
 /// `count` views from `first` on, round the ring.

@@ -1,6 +1,6 @@
 //! From samples of objects to batches of latents.
 
-use gradreel::{Device, Key, Result, Tape, Tensor, Var};
+use gradreel::{Device, Key, Result, Tape, Tensor};
 
 use super::Batch;
 use crate::layers::Scope;
@@ -64,19 +64,12 @@ pub fn encode(
     let device = if sizes.clip.is_none() && sizes.autoencoder.scale() == 1.0 { Device::Cpu } else { device };
     let inputs: Vec<&View> = samples.iter().map(|sample| &sample.input).collect();
     let inputs = tape.constant(images(&inputs).to_device(&device)?);
-    let draw = |number: u64| {
-        let device = device.clone();
-        move |mean: &Var| {
-            let noise = Tensor::normal(noise.fold(number), mean.shape().clone(), mean.dtype());
-            Ok(mean.tape().constant(noise.to_device(&device)?))
-        }
-    };
-    let seen = coder.encode(&inputs, Some(&draw(0)))?;
+    let seen = coder.encode(&inputs, Some(noise.fold(0)))?;
     let mut latents = Vec::with_capacity(count * views * channels * width * width);
     for (number, sample) in samples.iter().enumerate() {
         let all: Vec<&View> = sample.views.iter().collect();
         let all = tape.constant(images(&all).to_device(&device)?);
-        let latent = &coder.encode(&all, Some(&draw(number as u64 + 1)))? * sizes.autoencoder.scale();
+        let latent = &coder.encode(&all, Some(noise.fold(number as u64 + 1)))? * sizes.autoencoder.scale();
         latents.extend_from_slice(on_cpu(&latent)?.slice::<f32>());
     }
     Ok(Batch {
