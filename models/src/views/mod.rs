@@ -10,6 +10,9 @@
 //! A run from a picture to its views: [`FileWeights`] gives the weights, [`Subject`] is what the model knows about the picture,
 //! [`Sampling`] the state of the run, which asks an [`Ensemble`] for the noise in the views, as many at once as [`Footprint`]
 //! allows; [`decode`] makes pictures of the latents.
+//!
+//! [`spatial_aware`] corrects the spatial volume such that the object is where the picture shows it. [`Training`] trains a model,
+//! published or [`ModelSizes::small`], or that module alone, on [`objects`] made here; [`Score`] says how well views agree.
 
 mod resize;
 mod image;
