@@ -24,8 +24,8 @@ fn small() -> Result<ModelSizes> {
     (volume.features, volume.time, volume.voxels, volume.depth) = (4, 32, 8, 8);
     (volume.spatial, volume.frustum) = ([8, 8, 16, 16], [8, 8, 16, 16]);
     sizes.denoiser.ring.views = 6;
-    sizes.autoencoder = AutoencoderSizes { base: 32, multipliers: vec![1, 1, 2], blocks: 1, latent: 4 };
-    sizes.clip = ClipSizes { resolution: 28, patch: 14, width: 32, layers: 2, heads: 2, outputs: 16 };
+    sizes.autoencoder = AutoencoderSizes { base: 32, multipliers: vec![1, 1, 2], blocks: 1, latent: 4 }.into();
+    sizes.clip = Some(ClipSizes { resolution: 28, patch: 14, width: 32, layers: 2, heads: 2, outputs: 16 });
     sizes.image = 32;
     sizes.check().map(|()| sizes)
 }

@@ -8,11 +8,12 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use gradreel::{Result, Shape, Tape, Var};
-use gradreel_models::layers::Scope;
+use gradreel::{Key, Result, Shape, Tape, Var};
+use gradreel_models::layers::{Init, Scope, Weights};
+use gradreel_models::views::objects::{Sample, SampleSettings};
 use gradreel_models::views::{
-    Autoencoder, AutoencoderSizes, ClipSizes, ClipTower, FrustumNet, FrustumSizes, SpatialNet, SpatialSizes, Unet,
-    UnetSizes, VolumeSizes,
+    Autoencoder, AutoencoderSizes, ClipSizes, ClipTower, Condition, Denoiser, FrustumNet, FrustumSizes, ImageBox,
+    ModelSizes, Schedule, SpatialNet, SpatialSizes, Target, Unet, UnetSizes, VolumeSizes,
 };
 
 #[path = "../tests/views/procedural.rs"]
@@ -114,6 +115,69 @@ fn main() {
     println!("{threads} threads\n{:24} {:>9} {:>10} {:>10} {:>10}", "case", "s", "GFLOP/s", "PyTorch s", "ratio");
     for case in CASES.iter().filter(|case| case.name.contains(&filter)) {
         pool.install(|| time(case, &peer, profile));
+    }
+    for (name, trained) in [("small: step of the model", ""), ("small: step of the module", "spatial_aware.")] {
+        if name.contains(&filter) {
+            pool.install(|| step(name, trained, profile));
+        }
+    }
+    if "small: objects of a step".contains(&filter) {
+        pool.install(|| {
+            let sizes = ModelSizes::small();
+            let (settings, begin) = (SampleSettings::default(), Instant::now());
+            for i in 0..4 {
+                Sample::draw(Key::new(1).fold(i), &sizes.denoiser.ring, sizes.image, &settings);
+            }
+            println!("{:24} {:9.3}", "small: objects of a step", begin.elapsed().as_secs_f64());
+        });
+    }
+}
+
+/// Weights of which some are trained.
+struct Leaves<'a> {
+    tape: &'a Tape,
+    trained: &'a str,
+}
+
+impl Weights for Leaves<'_> {
+    fn weight(&self, path: &str, shape: &Shape, _: Init) -> Result<Var> {
+        let value = procedural::weight("bench", path, shape);
+        Ok(if path.starts_with(self.trained) { self.tape.leaf(value) } else { self.tape.constant(value) })
+    }
+}
+
+/// Loss and gradients of the built-in model: four samples of four views each.
+fn step(name: &str, trained: &str, profile: bool) {
+    let mut sizes = ModelSizes::small().denoiser;
+    if trained.is_empty() {
+        sizes.spatial_aware = None;
+    }
+    let run = |tape: &Tape| {
+        let weights = Leaves { tape, trained };
+        let net = Denoiser::new(&Scope::root(&weights), &sizes).expect("the sizes are sound");
+        let given = |name: &str, shape: &[usize]| tape.constant(input("bench", name, Shape::from(shape)));
+        let condition = Condition {
+            embedding: given("embedding", &[4, 1, 32]),
+            latent: given("image", &[4, 48, 16, 16]),
+            elevations: vec![0.5; 4],
+            boxes: vec![Some(ImageBox { low: [0.3; 2], high: [0.6; 2] }); 4],
+        };
+        let [x0, noise] = ["x0", "noise"].map(|name| given(name, &[4, 16, 48, 16, 16]));
+        let targets: Vec<Target> = (0..16).map(|i| Target { sample: i / 4, view: i }).collect();
+        let begin = Instant::now();
+        let times = [100, 300, 500, 900];
+        let [loss, _] =
+            net.loss(&Schedule::published(), [&x0, &noise], &times, &targets, &condition, &[]).expect("a loss");
+        loss.into_gradients().expect("gradients");
+        begin.elapsed().as_secs_f64()
+    };
+    run(&Tape::new());
+    let best = (0..3).map(|_| run(&Tape::new())).fold(f64::INFINITY, f64::min);
+    println!("{name:24} {best:9.3}");
+    if profile {
+        let tape = Tape::with_profile();
+        run(&tape);
+        println!("{}", tape.profile());
     }
 }
 

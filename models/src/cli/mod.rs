@@ -5,7 +5,9 @@ mod gradcheck;
 mod reconstruct;
 mod resimulate;
 mod simulate;
+mod source;
 mod synthesize;
+mod train;
 mod weights;
 
 use clap::{Parser, Subcommand};
@@ -46,6 +48,8 @@ enum Command {
     Synthesize(synthesize::Arguments),
     /// Check derivatives of ops and materials against central differences, and print the tables
     Gradcheck(gradcheck::Arguments),
+    /// Train a model that synthesizes views, or its spatial-aware module, on objects made here
+    Train(train::Arguments),
     /// Check and convert files of the multi-view model's weights
     Weights(weights::Arguments),
 }
@@ -58,6 +62,7 @@ pub fn main() -> u8 {
         Command::Check(arguments) => check::run(&arguments),
         Command::Gradcheck(arguments) => gradcheck::run(&arguments),
         Command::Synthesize(arguments) => synthesize::run(&arguments),
+        Command::Train(arguments) => train::run(&arguments),
         Command::Weights(arguments) => weights::run(&arguments),
     };
     exit_code(outcome)

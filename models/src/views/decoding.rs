@@ -3,7 +3,7 @@
 use gradreel::{Device, Result, Tape, Tensor};
 
 use super::frozen::Frozen;
-use super::{Autoencoder, Model, ModelSizes, on_cpu};
+use super::{Model, ModelSizes, on_cpu};
 use crate::layers::{Scope, Weights};
 
 /// Decodes some views of sampled latents `[1, views, latent, w, w]`, one after the other; `found` gets each view's number
@@ -24,11 +24,11 @@ pub fn decode(
     found: &mut dyn FnMut(usize, Tensor) -> Result<()>,
 ) -> Result<()> {
     let frozen = Frozen(weights);
-    let autoencoder = Model::autoencoder(&Scope::root(&frozen), sizes)?;
+    let coder = Model::coder(&Scope::root(&frozen), sizes)?;
     for &view in views {
         let tape = Tape::new();
         let latent = tape.constant(latents.to_device(device)?).select(0, 0).slice(0, view..view + 1);
-        let picture = on_cpu(&autoencoder.decode(&(&latent / Autoencoder::SCALE)))?;
+        let picture = on_cpu(&coder.decode(&(&latent / sizes.autoencoder.scale())))?;
         let [_, channels, height, width] = picture.dims()[..] else { unreachable!("images are [b, 3, h, w]") };
         found(view, picture.reshape([channels, height, width]))?;
     }

@@ -3,7 +3,8 @@
 use gradreel::{Result, Tape, Tensor, Var};
 use serde::{Deserialize, Serialize};
 
-use super::{Ring, Schedule, Unet, UnetSizes, VolumePath, VolumeSizes};
+use super::spatial_aware::Surroundings;
+use super::{ImageBox, Ring, Schedule, SpatialAware, SpatialAwareSizes, Unet, UnetSizes, VolumePath, VolumeSizes};
 use crate::layers::{Linear, Scope, TimeEmbedding};
 
 /// The sizes of the multi-view model.
@@ -16,12 +17,37 @@ pub struct DenoiserSizes {
     pub unet: UnetSizes,
     /// The volume side.
     pub volume: VolumeSizes,
+    /// The module that puts the object where the input image shows it; the published model has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub spatial_aware: Option<SpatialAwareSizes>,
+    /// What the UNet's result is; the noise itself in the published model.
+    #[serde(default, skip_serializing_if = "Output::is_noise")]
+    pub output: Output,
+}
+
+/// What the UNet's result is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Output {
+    /// The noise ε.
+    #[default]
+    Noise,
+    /// `v = √ᾱ ε − √(1 − ᾱ) x₀` (Salimans and Ho 2022); the noise is `√(1 − ᾱ) x_t + √ᾱ v`. A network of few channels then need not
+    /// hand on the noise of its input.
+    Velocity,
+}
+
+impl Output {
+    fn is_noise(&self) -> bool {
+        *self == Self::Noise
+    }
 }
 
 impl DenoiserSizes {
     /// The published model: 16 views.
     pub fn published() -> Self {
-        Self { ring: Ring::published(16), unet: UnetSizes::PUBLISHED, volume: VolumeSizes::PUBLISHED }
+        let (unet, volume) = (UnetSizes::PUBLISHED, VolumeSizes::PUBLISHED);
+        Self { ring: Ring::published(16), unet, volume, spatial_aware: None, output: Output::Noise }
     }
 }
 
@@ -29,10 +55,12 @@ impl DenoiserSizes {
 pub struct Condition {
     /// CLIP embedding `[b, 1, context]`.
     pub embedding: Var,
-    /// Latent `[b, latent, w, w]`, not scaled by [`super::Autoencoder::SCALE`].
+    /// Latent `[b, latent, w, w]`, not scaled by [`super::Coding::scale`].
     pub latent: Var,
     /// Elevation of its camera in radians, one for each of the batch.
     pub elevations: Vec<f64>,
+    /// Box around the object in it, for the spatial-aware module: one for each of the batch, or none at all.
+    pub boxes: Vec<Option<ImageBox>>,
 }
 
 /// The trained parts of the diffusion: UNet, volume side, time embedding, projection of the context token.
@@ -41,6 +69,8 @@ pub struct Denoiser {
     volumes: VolumePath,
     projection: Linear,
     unet: Unet,
+    spatial_aware: Option<SpatialAware>,
+    output: Output,
 }
 
 impl Denoiser {
@@ -50,11 +80,15 @@ impl Denoiser {
     /// When a weight is missing or mis-shaped.
     pub fn new(scope: &Scope<'_>, sizes: &DenoiserSizes) -> Result<Self> {
         let (time, context) = (sizes.volume.time, sizes.unet.context);
+        let aware =
+            |of: &SpatialAwareSizes| SpatialAware::new(&scope.at("spatial_aware"), of, &sizes.volume, &sizes.ring);
         Ok(Self {
             time: TimeEmbedding::new(&scope.at("time_embed"), time, time)?,
             volumes: VolumePath::new(&scope.at("spatial_volume"), sizes.volume, sizes.ring.clone())?,
             projection: Linear::new(&scope.at("cc_projection"), context + 4, context)?,
             unet: Unet::new(&scope.at("model.diffusion_model"), &sizes.unet)?,
+            spatial_aware: sizes.spatial_aware.as_ref().map(aware).transpose()?,
+            output: sizes.output,
         })
     }
 
@@ -87,7 +121,17 @@ impl Denoiser {
         let time = self.time.forward(noised, &times)?;
         let viewpoints = self.volumes.viewpoints(noised, &condition.elevations)?;
         let unprojected = self.volumes.unproject(noised, &time, &viewpoints)?;
-        let volume = self.volumes.spatial_volume(&unprojected, &time)?;
+        let mut volume = self.volumes.spatial_volume(&unprojected, &time)?;
+        if let Some(module) = &self.spatial_aware {
+            let given = Surroundings {
+                noised,
+                time: &time,
+                viewpoints: &viewpoints,
+                elevations: &condition.elevations,
+                boxes: &condition.boxes,
+            };
+            volume = module.correct(&volume, &given)?;
+        }
         Ok(Look { noised: noised.clone(), times, time, viewpoints, volume })
     }
 
@@ -142,17 +186,30 @@ impl Denoiser {
         let image = where_told(&of_sample(&condition.latent), told, Told::image)?;
         let conditional = self.unet.forward(&x.concat(&[&image], 1), &times, &token, Some(&pyramid))?;
         if guidance == 1.0 {
-            return Ok(conditional);
+            return self.as_noise(conditional, &x, &times);
         }
         let nothing = self.unet.forward(&x.concat(&[&(&image * 0.0)], 1), &times, &(&token * 0.0), None)?;
-        Ok(&nothing + &(&(&conditional - &nothing) * guidance))
+        self.as_noise(&nothing + &(&(&conditional - &nothing) * guidance), &x, &times)
     }
 
-    /// The training loss of the published model: all views of each sample noised at one time, one view predicted, mean
-    /// squared error of its noise. Returns the loss and the prediction.
+    /// The noise that a result of the UNet means for noised latents `x [n, latent, w, w]` at these times.
+    fn as_noise(&self, predicted: Var, x: &Var, times: &[f64]) -> Result<Var> {
+        if self.output.is_noise() {
+            return Ok(predicted);
+        }
+        let schedule = Schedule::published();
+        let weight = |which: usize| {
+            let values: Vec<f64> = times.iter().map(|time| schedule.weights(*time as usize)[which]).collect();
+            super::constant(x, Tensor::from_vec(values, [times.len(), 1, 1, 1]))
+        };
+        Ok(&(x * &weight(1)?) + &(&predicted * &weight(0)?))
+    }
+
+    /// The training loss of the published model: all views of each sample noised at one time, some views predicted (the
+    /// published training: one of each sample), mean squared error of their noise. Returns the loss and the prediction.
     ///
-    /// `x0` and `noise` are `[b, views, latent, w, w]`, with one time and one target view for each sample. `told` says what
-    /// the model is told of each sample; empty: all of all.
+    /// `x0` and `noise` are `[b, views, latent, w, w]`, with one time for each sample; targets of one sample are next to each
+    /// other. `told` says what the model is told of each target; empty: all of all.
     ///
     /// # Errors
     /// As [`Denoiser::look`].
@@ -165,14 +222,13 @@ impl Denoiser {
         schedule: &Schedule,
         [x0, noise]: [&Var; 2],
         times: &[usize],
-        views: &[usize],
+        targets: &[Target],
         condition: &Condition,
         told: &[Told],
     ) -> Result<[Var; 2]> {
         let noised = schedule.add_noise(x0, noise, times)?;
         let look = self.look(&noised, times, condition)?;
-        let targets: Vec<Target> = views.iter().enumerate().map(|(sample, &view)| Target { sample, view }).collect();
-        let predicted = self.predict(&look, condition, &targets, told, 1.0)?;
+        let predicted = self.predict(&look, condition, targets, told, 1.0)?;
         let of_target = |t: &Target| noise.slice(0, t.sample..t.sample + 1).select(1, t.view);
         let wanted = stacked(&targets.iter().map(of_target).collect::<Vec<_>>());
         Ok([(&predicted - &wanted).square().mean_all(), predicted])

@@ -2,7 +2,7 @@
 
 use gradreel::{Error, ErrorKind, Result};
 
-use super::ModelSizes;
+use super::{Coding, ModelSizes};
 
 /// Bytes that sampling holds beside the weights' file, estimated from the sizes of the largest activations and weights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,9 +29,17 @@ impl Footprint {
         // 3×3 taps of a layer that takes in a skip, and 16 of it as a minimal filter
         let deep = unet.base * unet.multipliers.iter().max().expect("four levels");
         let weight = 2 * deep * deep * (9 + 16) * number;
-        let decoder = sizes.autoencoder.base * sizes.autoencoder.multipliers.get(1).unwrap_or(&1);
+        let decoder = match &sizes.autoencoder {
+            Coding::Learned(sizes) => sizes.base * sizes.multipliers.get(1).unwrap_or(&1),
+            Coding::Patches(_) => 3,
+        };
+        // encoded views and what is gathered of them, the volume combined and corrected
+        let aware = sizes.denoiser.spatial_aware.as_ref().map_or(0, |module| {
+            let views = sizes.denoiser.ring.views * module.features * width * width * number;
+            4 * views + (64 << 20) + 6 * module.widths[0].max(module.features) * voxels
+        });
         Self {
-            shared: 3 * unprojected + 4 * volume.spatial[0] * voxels,
+            shared: 3 * unprojected + 4 * volume.spatial[0] * voxels + aware,
             // the pyramid and its normalised copies; skips, gates of the transformers
             view: weight + 6 * frustum + 30 * wide * pixels,
             decoding: 8 * decoder * sizes.image * sizes.image * number,

@@ -10,6 +10,9 @@
 //! A run from a picture to its views: [`FileWeights`] gives the weights, [`Subject`] is what the model knows about the picture,
 //! [`Sampling`] the state of the run, which asks an [`Ensemble`] for the noise in the views, as many at once as [`Footprint`]
 //! allows; [`decode`] makes pictures of the latents.
+//!
+//! [`spatial_aware`] corrects the spatial volume such that the object is where the picture shows it. [`Training`] trains a model,
+//! published or [`ModelSizes::small`], or that module alone, on [`objects`] made here; [`Score`] says how well views agree.
 
 mod resize;
 mod image;
@@ -18,14 +21,19 @@ mod spatial_net;
 mod frustum_net;
 mod unet;
 mod autoencoder;
+mod coding;
 mod clip;
 mod cameras;
 mod volume;
+mod image_box;
+pub mod spatial_aware;
 mod denoiser;
 mod schedule;
 mod model;
 mod sizes;
 mod weights;
+pub mod objects;
+mod score;
 mod training;
 mod frozen;
 mod picture;
@@ -40,23 +48,27 @@ mod decoding;
 pub use autoencoder::{Autoencoder, AutoencoderSizes, Posterior};
 pub use cameras::Ring;
 pub use clip::{ClipSizes, ClipTower};
+pub use coding::{Coder, Coding, Patches};
 pub use decoding::decode;
-pub use denoiser::{Condition, Denoiser, DenoiserSizes, Look, Target, Told};
+pub use denoiser::{Condition, Denoiser, DenoiserSizes, Look, Output, Target, Told};
 pub use ensemble::Ensemble;
 pub use footprint::Footprint;
 pub(crate) use footprint::megabytes;
 pub use frustum_net::{FrustumNet, FrustumSizes};
 pub use image::prepare;
+pub use image_box::ImageBox;
 pub use model::{Model, ModelSizes, UNUSED};
 pub use picture::open_picture;
 pub use preview::LatentColours;
 pub use resize::Bicubic;
 pub use sampler::{Moment, Predictor, SamplerSettings, Sampling};
 pub use schedule::{Ddim, Schedule, TIMES};
+pub use score::Score;
+pub use spatial_aware::{SpatialAware, SpatialAwareSizes};
 pub use spatial_net::{SpatialNet, SpatialSizes};
 pub use subject::Subject;
 pub use target_encoder::{EncoderSizes, TargetEncoder};
-pub use training::{Batch, BatchGradients, Draw, Plan, Step, Training};
+pub use training::{Batch, BatchGradients, Detector, Draw, Plan, Step, Training, encode, subject_of};
 pub use unet::{Unet, UnetSizes};
 pub use volume::{VolumePath, VolumeSizes};
 pub use weights::{FileWeights, Report};

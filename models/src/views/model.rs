@@ -3,7 +3,7 @@
 use gradreel::{Result, Shape};
 use serde::{Deserialize, Serialize};
 
-use super::{Autoencoder, AutoencoderSizes, ClipSizes, ClipTower, Denoiser, DenoiserSizes};
+use super::{Autoencoder, AutoencoderSizes, ClipSizes, ClipTower, Coder, Coding, Denoiser, DenoiserSizes};
 use crate::layers::{Scope, listing};
 
 /// The sizes of the whole model. [`ModelSizes::to_json`] is how a file of weights says that it has others than the
@@ -15,10 +15,11 @@ pub struct ModelSizes {
     pub image: usize,
     /// The diffusion.
     pub denoiser: DenoiserSizes,
-    /// The autoencoder.
-    pub autoencoder: AutoencoderSizes,
-    /// The CLIP tower.
-    pub clip: ClipSizes,
+    /// Between images and latents.
+    pub autoencoder: Coding,
+    /// The CLIP tower; without one the embedding of every image is zero.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clip: Option<ClipSizes>,
 }
 
 impl ModelSizes {
@@ -27,8 +28,8 @@ impl ModelSizes {
         Self {
             image: 256,
             denoiser: DenoiserSizes::published(),
-            autoencoder: AutoencoderSizes::published(),
-            clip: ClipSizes::PUBLISHED,
+            autoencoder: AutoencoderSizes::published().into(),
+            clip: Some(ClipSizes::PUBLISHED),
         }
     }
 
@@ -67,9 +68,9 @@ pub struct Model {
     /// The diffusion.
     pub denoiser: Denoiser,
     /// Between images and latents.
-    pub autoencoder: Autoencoder,
+    pub coder: Coder,
     /// The image's embedding.
-    pub clip: ClipTower,
+    pub clip: Option<ClipTower>,
 }
 
 impl Model {
@@ -80,24 +81,29 @@ impl Model {
     pub fn new(scope: &Scope<'_>, sizes: &ModelSizes) -> Result<Self> {
         Ok(Self {
             denoiser: Denoiser::new(scope, &sizes.denoiser)?,
-            autoencoder: Self::autoencoder(scope, sizes)?,
+            coder: Self::coder(scope, sizes)?,
             clip: Self::clip(scope, sizes)?,
         })
     }
 
-    /// The autoencoder alone, of the whole model's scope.
+    /// What is between images and latents alone, of the whole model's scope.
     ///
     /// # Errors
     /// When a weight is missing or mis-shaped.
-    pub fn autoencoder(scope: &Scope<'_>, sizes: &ModelSizes) -> Result<Autoencoder> {
-        Autoencoder::new(&scope.at("first_stage_model"), &sizes.autoencoder)
+    pub fn coder(scope: &Scope<'_>, sizes: &ModelSizes) -> Result<Coder> {
+        Ok(match &sizes.autoencoder {
+            Coding::Learned(sizes) => {
+                Coder::Learned(Box::new(Autoencoder::new(&scope.at("first_stage_model"), sizes)?))
+            }
+            Coding::Patches(patches) => Coder::Patches(*patches),
+        })
     }
 
-    /// The CLIP tower alone, of the whole model's scope.
+    /// The CLIP tower alone, of the whole model's scope, if it has one.
     ///
     /// # Errors
     /// When a weight is missing or mis-shaped.
-    pub fn clip(scope: &Scope<'_>, sizes: &ModelSizes) -> Result<ClipTower> {
-        ClipTower::new(&scope.at("clip_image_encoder.model.visual"), sizes.clip)
+    pub fn clip(scope: &Scope<'_>, sizes: &ModelSizes) -> Result<Option<ClipTower>> {
+        sizes.clip.map(|clip| ClipTower::new(&scope.at("clip_image_encoder.model.visual"), clip)).transpose()
     }
 }

@@ -4,8 +4,6 @@ use faer::prelude::Solve;
 use faer::{Mat, Side};
 use gradreel::{Result, Tensor};
 
-use super::Autoencoder;
-
 /// Red, green and blue as linear functions of a pixel of a latent.
 ///
 /// The autoencoder keeps colour almost linearly in its channels. Which map it is follows from any picture and its latent by
@@ -14,10 +12,13 @@ use super::Autoencoder;
 pub struct LatentColours {
     /// For each colour, the weights of the channels and a constant.
     weights: [Vec<f64>; 3],
+    /// What the latents of the diffusion are multiplied by.
+    scale: f64,
 }
 
 impl LatentColours {
-    /// Fits the map to a picture `[1, 3, s, s]` and its latent `[1, latent, w, w]` (not scaled), `w` dividing `s`.
+    /// Fits the map to a picture `[1, 3, s, s]` and its latent `[1, latent, w, w]` (not scaled), `w` dividing `s`. Latents of the
+    /// diffusion are that one's times `scale` ([`super::Coding::scale`]).
     ///
     /// # Errors
     /// When the tensors cannot be read.
@@ -25,19 +26,19 @@ impl LatentColours {
     /// # Panics
     /// When the latent's width does not divide the picture's.
     #[track_caller]
-    pub fn fit(picture: &Tensor, latent: &Tensor) -> Result<Self> {
+    pub fn fit(picture: &Tensor, latent: &Tensor, scale: f64) -> Result<Self> {
         let (side, channels, width) = (picture.dims()[3], latent.dims()[1], latent.dims()[3]);
         assert!(width > 0 && side.is_multiple_of(width), "a latent of {width} for a picture of {side} pixels");
         let (pixels, values) = (picture.to_vec()?, latent.to_vec()?);
-        let (scale, area) = (side / width, width * width);
+        let (block, area) = (side / width, width * width);
         let terms = |cell: usize| {
             let channel = |c: usize| values[c * area + cell];
             (0..channels).map(channel).chain([1.0]).collect::<Vec<f64>>()
         };
         let colour = |of: usize, cell: usize| {
-            let (top, left) = (cell / width * scale, cell % width * scale);
-            let row = |y: usize| &pixels[(of * side + top + y) * side + left..][..scale];
-            (0..scale).map(|y| row(y).iter().sum::<f64>()).sum::<f64>() / (scale * scale) as f64
+            let (top, left) = (cell / width * block, cell % width * block);
+            let row = |y: usize| &pixels[(of * side + top + y) * side + left..][..block];
+            (0..block).map(|y| row(y).iter().sum::<f64>()).sum::<f64>() / (block * block) as f64
         };
         let count = channels + 1;
         let (mut matrix, mut right) = (Mat::<f64>::zeros(count, count), Mat::<f64>::zeros(count, 3));
@@ -60,7 +61,7 @@ impl LatentColours {
             Ok(factor) => factor.solve(&right),
             Err(_) => Mat::zeros(count, 3),
         };
-        Ok(Self { weights: [0, 1, 2].map(|of| (0..count).map(|i| found[(i, of)]).collect()) })
+        Ok(Self { weights: [0, 1, 2].map(|of| (0..count).map(|i| found[(i, of)]).collect()), scale })
     }
 
     /// The colours `[3, w, w]` in about −1..1 of each view of scaled latents `[1, views, latent, w, w]`.
@@ -79,7 +80,7 @@ impl LatentColours {
         let area = height * width;
         let paint = |view: &[f64]| {
             let colour = |weights: &Vec<f64>, cell: usize| {
-                let sum: f64 = (0..channels).map(|c| weights[c] * view[c * area + cell] / Autoencoder::SCALE).sum();
+                let sum: f64 = (0..channels).map(|c| weights[c] * view[c * area + cell] / self.scale).sum();
                 (sum + weights[channels]) as f32
             };
             let values = self.weights.iter().flat_map(|weights| (0..area).map(move |cell| colour(weights, cell)));
@@ -110,9 +111,8 @@ mod tests {
             })
             .collect();
         let latent = Tensor::from_vec(latent.clone(), [1, 4, 6, 6]);
-        let map = LatentColours::fit(&Tensor::from_vec(pixels.clone(), [1, 3, 12, 12]), &latent).unwrap();
-        let scaled: Vec<f32> =
-            latent.slice::<f32>().iter().map(|v| (f64::from(*v) * Autoencoder::SCALE) as f32).collect();
+        let map = LatentColours::fit(&Tensor::from_vec(pixels.clone(), [1, 3, 12, 12]), &latent, 0.5).unwrap();
+        let scaled: Vec<f32> = latent.slice::<f32>().iter().map(|v| (f64::from(*v) * 0.5) as f32).collect();
         let painted = map.paint(&Tensor::from_vec(scaled, [1, 1, 4, 6, 6])).unwrap();
         assert_eq!((painted.len(), painted[0].dims()), (1, &[3, 6, 6][..]));
         for (i, found) in painted[0].slice::<f32>().iter().enumerate() {

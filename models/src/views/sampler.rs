@@ -101,7 +101,7 @@ pub trait Predictor {
 /// }
 ///
 /// let latent = Tensor::zeros([1, 4, 2, 2], DType::F32);
-/// let subject = Subject { embedding: Tensor::zeros([1, 1, 8], DType::F32), latent, elevation: 0.5 };
+/// let subject = Subject { embedding: Tensor::zeros([1, 1, 8], DType::F32), latent, elevation: 0.5, seen: None };
 /// let settings = SamplerSettings { steps: 4, ..SamplerSettings::default() };
 /// let mut run = Sampling::begin(subject, settings, 3)?;
 /// run.step(&Doubter, &mut |_| Ok(()))?;

@@ -2,7 +2,8 @@
 
 use gradreel::{Error, ErrorKind, Result};
 
-use super::ModelSizes;
+use super::{AutoencoderSizes, ClipSizes, Coding, DenoiserSizes, ModelSizes, Output, Patches, Ring, SpatialAwareSizes};
+use super::{UnetSizes, VolumeSizes};
 
 /// Greatest size that is believed.
 const MOST: usize = 1 << 16;
@@ -40,9 +41,46 @@ impl ModelSizes {
         Ok(sizes)
     }
 
-    /// Pixels along a side of a latent: the image's, halved by every level of the autoencoder but the first.
+    /// Pixels along a side of a latent.
     pub fn latent_width(&self) -> usize {
-        self.image >> self.autoencoder.multipliers.len().saturating_sub(1)
+        self.image / self.autoencoder.factor().max(1)
+    }
+
+    /// A model of 64² pixels that a processor can train and run: patches of pixels in place of an autoencoder, no CLIP tower,
+    /// and a spatial-aware module. The cameras are the published ones.
+    pub fn small() -> Self {
+        let (volumes, channels) = ([32, 32, 48, 48], 48);
+        let volume = VolumeSizes {
+            latent: channels,
+            features: 8,
+            time: 64,
+            spatial: volumes,
+            frustum: volumes,
+            voxels: 16,
+            depth: 16,
+        };
+        let unet = UnetSizes {
+            inputs: 2 * channels,
+            outputs: channels,
+            base: 32,
+            multipliers: [2, 2, 3, 3],
+            heads: 4,
+            context: 32,
+            volumes,
+        };
+        let spatial_aware = Some(SpatialAwareSizes::suiting(&volume));
+        Self {
+            image: 64,
+            autoencoder: Coding::Patches(Patches { patch: 4 }),
+            clip: None,
+            denoiser: DenoiserSizes {
+                ring: Ring::published(16),
+                unet,
+                volume,
+                spatial_aware,
+                output: Output::Velocity,
+            },
+        }
     }
 
     /// Whether a model can be made of these sizes.
@@ -52,13 +90,6 @@ impl ModelSizes {
     pub fn check(&self) -> Result<()> {
         let Self { image, denoiser, autoencoder, clip } = self;
         let (ring, unet, volume) = (&denoiser.ring, &denoiser.unet, &denoiser.volume);
-        let refuse = |name: &str, found: String, wanted: &str| {
-            Err(Error::new(ErrorKind::Input, "no model can be made of these sizes")
-                .at(name)
-                .found(found)
-                .wanted(wanted)
-                .fix("correct the sizes in the metadata of the file of weights"))
-        };
         let mut counts: Vec<(&str, usize)> = vec![
             ("image", *image),
             ("denoiser.ring.views", ring.views),
@@ -70,60 +101,70 @@ impl ModelSizes {
             ("denoiser.volume.time", volume.time),
             ("denoiser.volume.voxels", volume.voxels),
             ("denoiser.volume.depth", volume.depth),
-            ("autoencoder.base", autoencoder.base),
-            ("autoencoder.blocks", autoencoder.blocks),
-            ("autoencoder.multipliers", autoencoder.multipliers.len()),
-            ("clip.resolution", clip.resolution),
-            ("clip.patch", clip.patch),
-            ("clip.width", clip.width),
-            ("clip.heads", clip.heads),
+        ];
+        // normalisation by 32 groups in the UNet and the autoencoder, by 8 on the volume side
+        let mut groups: Vec<(&str, Vec<usize>, usize)> = vec![
+            ("denoiser.unet.base", vec![unet.base], 32),
+            ("denoiser.volume.spatial", volume.spatial.to_vec(), 8),
+            ("denoiser.volume.frustum", volume.frustum.to_vec(), 8),
         ];
         counts.extend(unet.multipliers.iter().map(|m| ("denoiser.unet.multipliers", *m)));
-        counts.extend(autoencoder.multipliers.iter().map(|m| ("autoencoder.multipliers", *m)));
         counts.extend(volume.spatial.iter().map(|c| ("denoiser.volume.spatial", *c)));
         counts.extend(volume.frustum.iter().map(|c| ("denoiser.volume.frustum", *c)));
+        match autoencoder {
+            Coding::Patches(Patches { patch }) => counts.push(("autoencoder.patch", *patch)),
+            Coding::Learned(AutoencoderSizes { base, multipliers, blocks, .. }) => {
+                groups.push(("autoencoder.base", vec![*base], 32));
+                counts.push(("autoencoder.base", *base));
+                counts.push(("autoencoder.blocks", *blocks));
+                counts.push(("autoencoder.multipliers", multipliers.len()));
+                counts.extend(multipliers.iter().map(|m| ("autoencoder.multipliers", *m)));
+            }
+        }
+        if let Some(ClipSizes { resolution, patch, width, heads, .. }) = *clip {
+            let sizes = [resolution, patch, width, heads];
+            counts.extend(["clip.resolution", "clip.patch", "clip.width", "clip.heads"].into_iter().zip(sizes));
+        }
         if let Some((name, count)) = counts.into_iter().find(|(_, count)| *count == 0 || *count > MOST) {
             return refuse(name, count.to_string(), "1 to 65536");
         }
-        // normalisation by 32 groups in the UNet and the autoencoder, by 8 on the volume side
-        let groups: [(&str, Vec<usize>, usize); 5] = [
-            ("denoiser.unet.base", vec![unet.base], 32),
-            ("autoencoder.base", vec![autoencoder.base], 32),
-            ("denoiser.volume.spatial", volume.spatial.to_vec(), 8),
-            ("denoiser.volume.frustum", volume.frustum.to_vec(), 8),
-            (
-                "denoiser.volume.voxels, its depth or the latent width",
-                vec![volume.voxels, volume.depth, self.latent_width()],
-                8,
-            ),
-        ];
+        let halved = vec![volume.voxels, volume.depth, self.latent_width()];
+        groups.push(("denoiser.volume.voxels, its depth or the latent width", halved, 8));
         for (name, sizes, divisor) in groups {
             if let Some(size) = sizes.iter().find(|size| **size == 0 || !size.is_multiple_of(divisor)) {
                 return refuse(name, size.to_string(), &format!("a multiple of {divisor}"));
             }
         }
-        let levels = autoencoder.multipliers.len() - 1;
         let deep = unet.multipliers.map(|m| m * unet.base);
         let finite = [ring.elevation, ring.distance, ring.focal, ring.half].iter().all(|v| v.is_finite());
         let around = ring.distance > 3f64.sqrt() * ring.half && ring.focal > 0.0 && ring.half > 0.0;
+        let channels = autoencoder.channels();
         for (name, fits, found, wanted) in [
-            ("image", image.is_multiple_of(1 << levels), format!("{image}"), "a size that the autoencoder can halve"),
+            (
+                "image",
+                image.is_multiple_of(autoencoder.factor()),
+                format!("{image}"),
+                "a size that the autoencoder can halve, or whole patches",
+            ),
             (
                 "denoiser.unet.heads",
-                deep[..3].iter().all(|c| c.is_multiple_of(unet.heads)) && deep[3].is_multiple_of(unet.heads),
+                deep.iter().all(|c| c.is_multiple_of(unet.heads)),
                 format!("{} heads for {deep:?} channels", unet.heads),
                 "a divisor of the channels of every level",
             ),
             ("denoiser.unet.volumes", unet.volumes == volume.frustum, format!("{:?}", unet.volumes), "the frustum's"),
             (
                 "denoiser.unet.inputs",
-                [unet.inputs, unet.outputs, autoencoder.latent] == [2 * volume.latent, volume.latent, volume.latent],
+                [unet.inputs, unet.outputs, channels] == [2 * volume.latent, volume.latent, volume.latent],
                 format!("{} of {} latent channels", unet.inputs, volume.latent),
                 "noised and input latent side by side, of the autoencoder's channels",
             ),
             (
                 "clip",
-                clip.resolution >= clip.patch && clip.width.is_multiple_of(clip.heads) && clip.outputs == unet.context,
+                clip.is_none_or(|clip| {
+                    let whole = clip.resolution >= clip.patch && clip.width.is_multiple_of(clip.heads);
+                    whole && clip.outputs == unet.context
+                }),
                 format!("{clip:?}"),
                 "whole patches, heads that divide the width, outputs as many as the UNet's context",
             ),
@@ -133,6 +174,14 @@ impl ModelSizes {
                 return refuse(name, found, wanted);
             }
         }
-        Ok(())
+        denoiser.spatial_aware.as_ref().map_or(Ok(()), |module| module.check(volume))
     }
+}
+
+fn refuse(name: &str, found: String, wanted: &str) -> Result<()> {
+    Err(Error::new(ErrorKind::Input, "no model can be made of these sizes")
+        .at(name)
+        .found(found)
+        .wanted(wanted)
+        .fix("correct the sizes in the metadata of the file of weights"))
 }

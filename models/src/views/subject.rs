@@ -1,9 +1,9 @@
 //! What the model knows about the input picture.
 
-use gradreel::{Device, Key, Result, Tape, Tensor};
+use gradreel::{Device, Key, Result, Tape, Tensor, Var};
 
 use super::frozen::Frozen;
-use super::{Bicubic, ClipTower, Condition, Model, ModelSizes, on_cpu};
+use super::{Bicubic, ClipTower, Condition, ImageBox, Model, ModelSizes, on_cpu};
 use crate::layers::{Scope, Weights};
 
 /// The input picture as the sampler sees it, in plain tensors on the CPU.
@@ -11,15 +11,18 @@ use crate::layers::{Scope, Weights};
 pub struct Subject {
     /// CLIP embedding `[1, 1, context]`.
     pub embedding: Tensor,
-    /// Latent `[1, latent, w, w]`, not scaled by [`super::Autoencoder::SCALE`].
+    /// Latent `[1, latent, w, w]`, not scaled by [`super::Coding::scale`].
     pub latent: Tensor,
     /// Elevation of its camera in radians.
     pub elevation: f64,
+    /// The box around the object, for a model that places it where the picture shows it.
+    pub seen: Option<ImageBox>,
 }
 
 impl Subject {
     /// Embeds and encodes a picture `[1, 3, s, s]` in −1..1 (see [`super::prepare`]) that was taken from this elevation in
-    /// radians. The latent is a sample of the encoder's distribution, with noise of this key.
+    /// radians. The latent is a sample of the encoder's distribution, with noise of this key. A model with a spatial-aware
+    /// module is told the box of what is not white.
     ///
     /// # Errors
     /// When a weight is missing or mis-shaped, or the device fails.
@@ -40,14 +43,13 @@ impl Subject {
         let scope = Scope::root(&frozen);
         let tape = Tape::new();
         let picture = tape.constant(picture.to_device(device)?);
-        let side = sizes.clip.resolution;
-        let resized = Bicubic::Aligned.resize(&picture, side, side)?;
-        let embedding = Model::clip(&scope, sizes)?.forward(&ClipTower::normalise(&resized)?);
-        let posterior = Model::autoencoder(&scope, sizes)?.encode(&picture);
-        let noise = Tensor::normal(key, posterior.mean.shape().clone(), picture.dtype()).to_device(device)?;
-        let latent = posterior.sample(&tape.constant(noise));
-        let context = embedding.len();
-        Ok(Self { embedding: on_cpu(&embedding)?.reshape([1, 1, context]), latent: on_cpu(&latent)?, elevation })
+        let embedding = embed(&scope, sizes, &picture)?;
+        let latent = Model::coder(&scope, sizes)?.encode(&picture, Some(key))?;
+        let seen = match sizes.denoiser.spatial_aware {
+            Some(_) => ImageBox::of_picture(&on_cpu(&picture)?)?,
+            None => None,
+        };
+        Ok(Self { embedding: on_cpu(&embedding)?, latent: on_cpu(&latent)?, elevation, seen })
     }
 
     /// The condition of a denoiser on a tape and device.
@@ -59,6 +61,20 @@ impl Subject {
             embedding: tape.constant(self.embedding.to_device(device)?),
             latent: tape.constant(self.latent.to_device(device)?),
             elevations: vec![self.elevation],
+            boxes: vec![self.seen],
         })
+    }
+}
+
+/// The CLIP embeddings `[b, 1, context]` of images `[b, 3, s, s]`; zeros where the model has no tower.
+#[track_caller]
+pub(super) fn embed(scope: &Scope<'_>, sizes: &ModelSizes, images: &Var) -> Result<Var> {
+    let (batch, context) = (images.dims()[0], sizes.denoiser.unet.context);
+    match (Model::clip(scope, sizes)?, sizes.clip) {
+        (Some(tower), Some(clip)) => {
+            let resized = Bicubic::Aligned.resize(images, clip.resolution, clip.resolution)?;
+            Ok(tower.forward(&ClipTower::normalise(&resized)?).reshape([batch, 1, context]))
+        }
+        _ => super::constant(images, Tensor::zeros([batch, 1, context], images.dtype())),
     }
 }

@@ -11,4 +11,5 @@ mod resumed;
 mod results;
 mod scene;
 mod synthesized;
+mod trained;
 mod weights;

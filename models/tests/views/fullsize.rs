@@ -117,6 +117,7 @@ fn fullsize_training() {
         embeddings: made("training.embeddings", &[1, 1, 768]),
         images: made("training.images", &[1, 4, 32, 32]),
         elevations: vec![0.2],
+        boxes: vec![],
     };
     for _ in 0..2 {
         let begin = Instant::now();

@@ -19,6 +19,13 @@ pub struct Place {
     pub device: Device,
 }
 
+impl Place {
+    /// Whether numbers are `f64` here.
+    pub fn is_f64(&self) -> bool {
+        self.dtype == DType::F64
+    }
+}
+
 /// `f64` and `f32` on the CPU, `f32` on a GPU where there is one (in CI there must be one).
 pub fn places() -> Vec<Place> {
     let cpu = |name, dtype| Place { name, dtype, device: Device::Cpu };

@@ -49,6 +49,7 @@ fn the_stored_trajectory() {
             embedding: Tensor::zeros([1, 1, 4], dtype),
             latent: Tensor::zeros(latent, dtype),
             elevation: 0.0,
+            seen: None,
         };
         let settings = SamplerSettings { steps, ..SamplerSettings::default() };
         let mut run = Sampling::begin_from(subject, settings, start).unwrap();
@@ -87,7 +88,8 @@ fn the_stored_steps_with_guidance() {
             continue; // as large as this, a processor that stands in for a GPU takes a minute
         }
         let latent = (&scaled / Autoencoder::SCALE).value().unwrap().to_device(&Device::Cpu).unwrap();
-        let subject = Subject { embedding: given("in.clip_embed"), latent, elevation: case.numbers("elevation")[0] };
+        let subject =
+            Subject { embedding: given("in.clip_embed"), latent, elevation: case.numbers("elevation")[0], seen: None };
         let ensemble = Ensemble::new(&case, &sizes, &Device::Cpu, 2).unwrap();
         for turn in ["a", "last"] {
             let index = case.numbers(&format!("{turn}.index"))[0] as usize;

@@ -1,11 +1,13 @@
 //! Noise schedule, sampler and a whole denoising step.
 
 use gradreel::{DType, Tape, Tensor};
+use gradreel_models::layers::Scope;
 use gradreel_models::views::{
-    Condition, Ddim, Denoiser, DenoiserSizes, Ring, Schedule, Target, UnetSizes, VolumeSizes,
+    Condition, Ddim, Denoiser, DenoiserSizes, Output, Ring, Schedule, Target, UnetSizes, VolumeSizes,
 };
 
 use crate::harness::{Case, close, load, places};
+use crate::procedural;
 
 fn table(values: &[f32]) -> Tensor {
     Tensor::from_vec(values.to_vec(), [values.len()])
@@ -74,6 +76,8 @@ pub fn sizes(case: &Case<'_>) -> DenoiserSizes {
             voxels: case.size("V"),
             depth: case.size("D"),
         },
+        spatial_aware: None,
+        output: Default::default(),
     }
 }
 
@@ -89,6 +93,7 @@ fn a_denoising_step_of_all_views() {
             // the input image's latent is given scaled, and the model wants it as the encoder made it
             latent: &case.given("in.x_input") / gradreel_models::views::Autoencoder::SCALE,
             elevations: case.numbers("elevation"),
+            boxes: vec![],
         };
         let x = case.given("in.x");
         let ddim = Ddim::new(&Schedule::published(), case.size("ddim_steps")).unwrap();
@@ -124,10 +129,13 @@ fn a_training_step() {
             embedding: case.given("in.clip_embed"),
             latent: &case.given("in.x_input") / gradreel_models::views::Autoencoder::SCALE,
             elevations: case.numbers("elevation"),
+            boxes: vec![],
         };
         let pair = [&case.given("in.x0"), &case.given("in.noise")];
-        let (times, views) = (counts("t"), counts("target_index"));
-        let [loss, predicted] = net.loss(&Schedule::published(), pair, &times, &views, &condition, &[]).unwrap();
+        let times = counts("t");
+        let views = counts("target_index").into_iter().enumerate();
+        let targets: Vec<Target> = views.map(|(sample, view)| Target { sample, view }).collect();
+        let [loss, predicted] = net.loss(&Schedule::published(), pair, &times, &targets, &condition, &[]).unwrap();
         close("out.pred", predicted.value().unwrap(), file.get("out.pred").unwrap(), 5e-5);
         let expected = file.get("out.loss").unwrap().item().unwrap();
         assert!((loss.item().unwrap() - expected).abs() < 1e-4 * expected, "{}", loss.item().unwrap());
@@ -143,5 +151,34 @@ fn a_training_step() {
                 norm(&mut found.iter().zip(&expected).map(|(a, b)| a - b)) / norm(&mut expected.iter().copied());
             assert!(error < limit, "{name}: relative error {error:.1e}");
         }
+    }
+}
+
+/// A network whose result is a velocity has the noise that the definition says, whatever the guidance.
+#[test]
+fn a_velocity_means_a_noise() {
+    let (time, sizes) = (400, crate::tiny::sizes().denoiser);
+    let source = procedural::Source { seed: "velocity", tape: Tape::new() };
+    let given = |name: &str, shape: &[usize]| source.tape.constant(procedural::input("velocity", name, shape));
+    let x = given("x", &[1, 4, 4, 8, 8]);
+    let condition = Condition {
+        embedding: given("embedding", &[1, 1, 8]),
+        latent: given("latent", &[1, 4, 8, 8]),
+        elevations: vec![0.3],
+        boxes: vec![],
+    };
+    let targets = [1, 3].map(|view| Target { sample: 0, view });
+    for guidance in [1.0, 2.5] {
+        let [noise, velocity] = [Output::Noise, Output::Velocity].map(|output| {
+            let sizes = DenoiserSizes { output, ..sizes.clone() };
+            let net = Denoiser::new(&Scope::root(&source), &sizes).unwrap();
+            let look = net.look(&x, &[time], &condition).unwrap();
+            net.noise(&look, &condition, &targets, guidance).unwrap()
+        });
+        let [signal, left] = Schedule::published().weights(time);
+        assert!((signal * signal + left * left - 1.0).abs() < 1e-6);
+        let of_view = |view: usize| x.slice(1, view..view + 1).reshape([1, 4, 8, 8]);
+        let expected = &(&of_view(1).concat(&[&of_view(3)], 0) * left) + &(&noise * signal);
+        close("noise", velocity.value().unwrap(), expected.value().unwrap(), 1e-6);
     }
 }

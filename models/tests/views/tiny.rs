@@ -24,16 +24,18 @@ pub fn sizes() -> ModelSizes {
                 voxels: 8,
                 depth: 8,
             },
+            spatial_aware: None,
+            output: Default::default(),
         },
-        autoencoder: AutoencoderSizes { base: 32, multipliers: vec![1, 1], blocks: 1, latent: 4 },
-        clip: ClipSizes { resolution: 14, patch: 7, width: 16, layers: 1, heads: 2, outputs: 8 },
+        autoencoder: AutoencoderSizes { base: 32, multipliers: vec![1, 1], blocks: 1, latent: 4 }.into(),
+        clip: Some(ClipSizes { resolution: 14, patch: 7, width: 16, layers: 1, heads: 2, outputs: 8 }),
     }
 }
 
 /// What might have been made of a picture.
 pub fn subject() -> Subject {
     let latent = input("tiny", "latent", [1, 4, 8, 8]);
-    Subject { embedding: input("tiny", "embedding", [1, 1, 8]), latent, elevation: 0.4 }
+    Subject { embedding: input("tiny", "embedding", [1, 1, 8]), latent, elevation: 0.4, seen: None }
 }
 
 /// A picture of noise.

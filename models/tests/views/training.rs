@@ -22,7 +22,7 @@ fn tiny() -> DenoiserSizes {
     let unet = UnetSizes { inputs: 8, outputs: 4, base: 32, multipliers: [1; 4], heads: 2, context: 8, volumes };
     let (spatial, frustum) = (volumes, volumes);
     let volume = VolumeSizes { latent: 4, features: 4, time: 16, spatial, frustum, voxels: 8, depth: 8 };
-    DenoiserSizes { ring: Ring::published(2), unet, volume }
+    DenoiserSizes { ring: Ring::published(2), unet, volume, spatial_aware: None, output: Default::default() }
 }
 
 fn batch(samples: usize) -> Batch {
@@ -36,6 +36,7 @@ fn batch_of(samples: usize, width: usize) -> Batch {
         embeddings: input("embeddings", &[samples, 1, 8]),
         images: input("images", &[samples, 4, width, width]),
         elevations: (0..samples).map(|i| 0.1 * i as f64).collect(),
+        boxes: vec![],
     }
 }
 
@@ -113,13 +114,14 @@ fn the_vectors_training_step() {
         embeddings: given("in.clip_embed"),
         images: latent,
         elevations: case.numbers("elevation"),
+        boxes: vec![],
     };
     let noise = case.given("in.noise");
     let draws = case.numbers("t").into_iter().zip(case.numbers("target_index")).enumerate();
     let draws: Vec<Draw> = draws
         .map(|(sample, (time, view))| Draw {
             time: time as usize,
-            view: view as usize,
+            views: vec![view as usize],
             told: Told::All,
             noise: noise.select(0, sample).value().unwrap().clone(),
         })
@@ -268,7 +270,8 @@ fn a_gpu_takes_the_same_steps() {
 fn what_is_not_told_has_no_influence() {
     let path = file("told.safetensors", SEED, &tiny());
     let training = begin(&path, plan());
-    let draw = |told| vec![Draw { time: 300, view: 1, told, noise: procedural::input(SEED, "noise", [2, 4, 8, 8]) }];
+    let draw =
+        |told| vec![Draw { time: 300, views: vec![1], told, noise: procedural::input(SEED, "noise", [2, 4, 8, 8]) }];
     let one = batch(1);
     let changed = |image: bool, token: bool| {
         let other = |name: &str, now: &Tensor| procedural::input(SEED, name, now.shape());
@@ -352,7 +355,8 @@ fn plans_and_batches_that_do_not_fit_are_refused() {
     let error = training.gradients(&wrong).err().unwrap().to_string();
     assert!(error.contains("images") && error.contains("[2, 4, w, w]"), "{error}");
     assert!(training.gradients(&Batch { elevations: vec![], ..batch(1) }).is_err());
-    let draw = Draw { time: 1000, view: 0, told: Told::All, noise: procedural::input(SEED, "noise", [2, 4, 8, 8]) };
+    let draw =
+        Draw { time: 1000, views: vec![0], told: Told::All, noise: procedural::input(SEED, "noise", [2, 4, 8, 8]) };
     assert!(training.gradients_at(&batch(1), &[draw]).err().unwrap().to_string().contains("1000"));
     assert!(training.gradients_at(&batch(1), &[]).is_err());
 }

@@ -1,8 +1,6 @@
 //! One run of `gradreel synthesize`: what it is made of, and its stages.
 
 use std::fmt;
-use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
 use gradreel::backend::cpu::pool;
@@ -10,7 +8,8 @@ use gradreel::io::TensorFile;
 use gradreel::{Device, Error, ErrorKind, Result, Tensor};
 use serde::{Deserialize, Serialize};
 
-use super::{Arguments, Place};
+use super::Arguments;
+use crate::cli::source::{Place, Source};
 use crate::report::interrupt;
 use crate::report::progress::Progress;
 use crate::report::run_folder::RunFolder;
@@ -44,16 +43,6 @@ struct Settings {
     seed: u64,
     crop: usize,
     device: Place,
-}
-
-/// A file that a run was begun with.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Source {
-    /// Where it was, for people.
-    path: String,
-    /// Tells it from other files.
-    mark: String,
 }
 
 impl Settings {
@@ -139,10 +128,7 @@ impl Job {
         settings: Settings,
         folder: impl FnOnce(&Settings) -> Result<RunFolder>,
     ) -> Result<Self> {
-        let device = match settings.device {
-            Place::Cpu => Device::Cpu,
-            Place::Gpu => Device::gpu()?,
-        };
+        let device = settings.device.device()?;
         let weights = FileWeights::open(weights, &device)?;
         let sizes = weights.sizes()?;
         weights.check(&sizes.weights()?).into_result()?;
@@ -236,7 +222,7 @@ impl Job {
         if run.is_finished() {
             return Ok(());
         }
-        let colours = LatentColours::fit(&self.picture, &run.subject().latent)?;
+        let colours = LatentColours::fit(&self.picture, &run.subject().latent, self.sizes.autoencoder.scale())?;
         let ensemble = Ensemble::new(&self.weights, &self.sizes.denoiser, self.weights.device(), self.at_once)?;
         let (views, steps) = (run.views(), run.steps());
         let before = run.done() * views + run.known();
@@ -270,10 +256,10 @@ impl Job {
         let damaged = |e: Error| e.within(place.display()).fix("begin again with another --out");
         let file = TensorFile::from_bytes(&self.folder.read(STATE)?).map_err(damaged)?;
         let run = Sampling::from_file(&file).map_err(damaged)?;
-        let ModelSizes { denoiser, clip, autoencoder, .. } = &self.sizes;
+        let ModelSizes { denoiser, autoencoder, .. } = &self.sizes;
         let width = self.sizes.latent_width();
-        let latents = [1, denoiser.ring.views, autoencoder.latent, width, width];
-        let fits = run.latents().dims() == latents && run.subject().embedding.dims() == [1, 1, clip.outputs];
+        let latents = [1, denoiser.ring.views, autoencoder.channels(), width, width];
+        let fits = run.latents().dims() == latents && run.subject().embedding.dims() == [1, 1, denoiser.unet.context];
         if !fits || *run.settings() != self.settings.sampler() {
             return Err(Error::new(ErrorKind::Input, "the state of the run does not belong to its settings")
                 .at(place.display())
@@ -297,48 +283,4 @@ impl fmt::Display for Job {
             folder.root().display()
         )
     }
-}
-
-impl Source {
-    fn of(path: &Path, what: &str) -> Result<Self> {
-        let fix = format!("give the path of the file with {what}");
-        if path.is_dir() {
-            let error = Error::new(ErrorKind::Input, format!("cannot read {what}"));
-            return Err(error.at(path.display()).found("a folder").wanted("a file").fix(fix));
-        }
-        let mark = mark(path).map_err(|e| Error::io(path, &format!("read {what}"), &e).fix(fix))?;
-        Ok(Self { path: path.display().to_string(), mark })
-    }
-
-    /// The same file, wherever it is now.
-    fn found_again(&self, path: &Path, what: &str) -> Result<Self> {
-        let found = Self::of(path, what)?;
-        if found.mark == self.mark {
-            return Ok(found);
-        }
-        Err(Error::new(ErrorKind::Input, format!("{what} changed since the run was begun"))
-            .at(path.display())
-            .found("another content")
-            .wanted(format!("the file that was {}", self.path))
-            .fix("go on with that file, or begin again with another --out"))
-    }
-}
-
-/// The length of a file and FNV-1a of it, of a large one of parts all over it.
-fn mark(path: &Path) -> std::io::Result<String> {
-    const PART: u64 = 1 << 16;
-    const PARTS: u64 = 64;
-    let mut file = File::open(path)?;
-    let length = file.metadata()?.len();
-    let mut bytes = Vec::new();
-    if length <= PART * PARTS {
-        file.read_to_end(&mut bytes)?;
-    } else {
-        for part in 0..PARTS {
-            file.seek(SeekFrom::Start((length - PART) / (PARTS - 1) * part))?;
-            (&mut file).take(PART).read_to_end(&mut bytes)?;
-        }
-    }
-    let step = |hash: u64, byte: &u8| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3);
-    Ok(format!("{length}-{:016x}", bytes.iter().fold(0xcbf2_9ce4_8422_2325, step)))
 }

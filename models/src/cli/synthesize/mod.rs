@@ -9,6 +9,7 @@ use gradreel::{Error, ErrorKind, Result};
 
 use self::job::Job;
 use self::size::Size;
+use super::source::{LARGEST_SEED, Place};
 use crate::report::interrupt;
 use crate::report::progress::Progress;
 
@@ -54,19 +55,6 @@ pub(super) struct Arguments {
     #[arg(long, short)]
     quiet: bool,
 }
-
-/// Where the model runs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "lowercase")]
-enum Place {
-    /// The processor
-    Cpu,
-    /// The graphics card, through Vulkan, Metal or DirectX 12
-    Gpu,
-}
-
-/// The largest number that the file of settings can hold.
-const LARGEST_SEED: u64 = i64::MAX as u64;
 
 const WEIGHTS: &str = "Weights: the checkpoint `syncdreamer-pretrain.ckpt` that the authors of SyncDreamer offer at \
 https://github.com/liuyuan-pal/SyncDreamer (5 GB); none come with gradreel.";

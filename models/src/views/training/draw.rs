@@ -2,14 +2,16 @@
 
 use gradreel::{DType, Error, ErrorKind, Key, Result, Tensor};
 
+use super::Plan;
+use crate::views::ImageBox;
 use crate::views::denoiser::Told;
 use crate::views::schedule::TIMES;
 
 /// Some training samples: the views of objects, and what the model is told of each.
 #[derive(Debug, Clone)]
 pub struct Batch {
-    /// Latents of all views, times [`crate::views::Autoencoder::SCALE`]: `[b, views, latent, w, w]`. View 0 has the azimuth of
-    /// the input image.
+    /// Latents of all views, times [`crate::views::Coding::scale`]: `[b, views, latent, w, w]`. View 0 has the azimuth of the
+    /// input image.
     pub latents: Tensor,
     /// CLIP embeddings of the input images `[b, 1, context]`.
     pub embeddings: Tensor,
@@ -17,6 +19,8 @@ pub struct Batch {
     pub images: Tensor,
     /// Elevations of the input cameras in radians.
     pub elevations: Vec<f64>,
+    /// Boxes around the objects in the input images, for the spatial-aware module: one for each sample, or none at all.
+    pub boxes: Vec<Option<ImageBox>>,
 }
 
 impl Batch {
@@ -48,6 +52,11 @@ impl Batch {
         if !fits(&self.images, &[b, latent]) || self.images.dims()[2] != self.latents.dims()[3] {
             return wrong("images", &self.images, format!("[{b}, {latent}, w, w] with the w of the latents"));
         }
+        if !self.boxes.is_empty() && self.boxes.len() != b {
+            return Err(Error::new(ErrorKind::Input, "a batch has boxes for some samples only")
+                .found(self.boxes.len())
+                .wanted(format!("{b}, or none at all")));
+        }
         if *self.embeddings.dims() != [b, 1, context] {
             return wrong("embeddings", &self.embeddings, format!("[{b}, 1, {context}]"));
         }
@@ -60,8 +69,8 @@ impl Batch {
 pub struct Draw {
     /// Diffusion time, below [`TIMES`].
     pub time: usize,
-    /// The view whose noise is predicted.
-    pub view: usize,
+    /// The views whose noise is predicted.
+    pub views: Vec<usize>,
     /// What the model is told.
     pub told: Told,
     /// The noise of all views: `[views, latent, w, w]`, standard normal.
@@ -70,15 +79,22 @@ pub struct Draw {
 
 impl Draw {
     /// It depends on key and place in the batch alone, so that a training that was interrupted goes on with the same numbers.
-    pub(super) fn new(key: Key, sample: usize, noise: &[usize], dropped: f64) -> Self {
+    pub(super) fn new(key: Key, sample: usize, noise: &[usize], plan: &Plan) -> Self {
         let [times, view, told, numbers] = key.fold(sample as u64).split();
         let one = |key: Key, below: usize| key.below(below, 1).next().expect("one number");
+        // the first of a shuffled ring
+        let mut views: Vec<usize> = (0..noise[0]).collect();
+        for place in 0..plan.targets.min(noise[0]) {
+            let key = if place == 0 { view } else { view.fold(place as u64) };
+            views.swap(place, place + one(key, noise[0] - place));
+        }
+        views.truncate(plan.targets);
         let chance = told.uniform(1).next().expect("one number");
         let ways = [Told::Nothing, Told::NoImage, Told::NoVolumes, Told::NoToken];
-        let way = ways.iter().zip(1..).find(|(_, place)| chance < dropped * f64::from(*place));
+        let way = ways.iter().zip(1..).find(|(_, place)| chance < plan.dropped * f64::from(*place));
         Self {
             time: one(times, TIMES),
-            view: one(view, noise[0]),
+            views,
             told: way.map_or(Told::All, |(told, _)| *told),
             noise: Tensor::normal(numbers, noise, DType::F32),
         }
@@ -86,11 +102,12 @@ impl Draw {
 
     /// Refuses what the model does not have.
     pub(super) fn check(&self, noise: &[usize]) -> Result<()> {
-        if self.time < TIMES && self.view < noise[0] && self.noise.dims() == noise {
+        let views = !self.views.is_empty() && self.views.iter().all(|view| *view < noise[0]);
+        if self.time < TIMES && views && self.noise.dims() == noise {
             return Ok(());
         }
         Err(Error::new(ErrorKind::Input, "a draw does not fit the batch")
-            .found(format!("time {}, view {}, noise {}", self.time, self.view, self.noise.shape()))
-            .wanted(format!("a time below {TIMES}, a view below {}, noise {noise:?}", noise[0])))
+            .found(format!("time {}, views {:?}, noise {}", self.time, self.views, self.noise.shape()))
+            .wanted(format!("a time below {TIMES}, views below {}, noise {noise:?}", noise[0])))
     }
 }

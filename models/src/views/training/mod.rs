@@ -2,7 +2,9 @@
 //! (Liu et al. 2023).
 
 mod draw;
+mod encoding;
 mod plan;
+mod sources;
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -10,13 +12,15 @@ use std::path::Path;
 
 use gradreel::io::TensorFile;
 use gradreel::optim::{Adam, Ema, Load, Params, Update};
-use gradreel::{DType, Device, Error, ErrorKind, Key, Memory, Result, Shape, Tape, Tensor, Var};
+use gradreel::{DType, Device, Error, ErrorKind, Key, Memory, Result, Tape, Tensor, Var};
 
 pub use draw::{Batch, Draw};
+pub use encoding::{Detector, encode, subject_of};
 pub use plan::Plan;
 
-use super::{Condition, Denoiser, DenoiserSizes, FileWeights, Schedule, Told};
-use crate::layers::{Init, Scope, Weights, initialise, listing};
+use self::sources::{Fixed, Picked, Source};
+use super::{Condition, Denoiser, DenoiserSizes, Ensemble, FileWeights, ModelSizes, Schedule, Target, Told};
+use crate::layers::{Scope, Weights, initialise, listing};
 
 /// A training that can be interrupted: the trained weights, the optimiser's moments, and the number of steps.
 ///
@@ -84,10 +88,10 @@ impl Training {
                 return Err(Error::new(ErrorKind::Input, "nothing has the prefix of what is to be trained").at(prefix));
             }
         }
-        if plan.at_once == 0 || !(0.0..=0.25).contains(&plan.dropped) {
+        if plan.at_once == 0 || plan.targets == 0 || !(0.0..=0.25).contains(&plan.dropped) {
             return Err(Error::new(ErrorKind::Input, "the training cannot follow its plan")
-                .found(format!("{} samples at once, {} dropped", plan.at_once, plan.dropped))
-                .wanted("at least one sample at once, and a probability of at most 1/4 for each of four ways"));
+                .found(format!("{} samples at once, {} targets, {} dropped", plan.at_once, plan.targets, plan.dropped))
+                .wanted("at least one sample at once and one target, and a probability of at most 1/4 for each of four ways"));
         }
         let mut report = weights.check(&all);
         let fresh: Vec<String> = report.missing.iter().filter(|path| plan.trains(path)).cloned().collect();
@@ -140,7 +144,7 @@ impl Training {
     /// [`ErrorKind::Shape`] for a batch that does not fit the model; [`ErrorKind::Device`] when a device fails.
     pub fn gradients(&self, batch: &Batch) -> Result<BatchGradients> {
         let key = Key::new(self.plan.seed).fold(TRAINING).fold(self.steps());
-        self.gradients_at(batch, &self.draws(batch, key, self.plan.dropped)?)
+        self.gradients_at(batch, &self.draws(batch, key, &self.plan)?)
     }
 
     /// As [`Training::gradients`], with times, views and noise of the caller's choice: one draw for each sample.
@@ -177,7 +181,8 @@ impl Training {
     /// # Errors
     /// As [`Training::gradients`].
     pub fn validate(&self, batch: &Batch, turn: u64) -> Result<f64> {
-        let draws = self.draws(batch, Key::new(self.plan.seed).fold(VALIDATION).fold(turn), 0.0)?;
+        let all = Plan { dropped: 0.0, ..self.plan.clone() };
+        let draws = self.draws(batch, Key::new(self.plan.seed).fold(VALIDATION).fold(turn), &all)?;
         let mut sum = 0.0;
         for group in self.groups(batch, &draws)? {
             let tape = Tape::new();
@@ -189,10 +194,10 @@ impl Training {
     }
 
     /// What chance decides for each sample of a batch.
-    fn draws(&self, batch: &Batch, key: Key, dropped: f64) -> Result<Vec<Draw>> {
+    fn draws(&self, batch: &Batch, key: Key, plan: &Plan) -> Result<Vec<Draw>> {
         batch.check(self.sizes.ring.views, self.sizes.volume.latent, self.sizes.unet.context)?;
         let noise = &batch.latents.dims()[1..];
-        Ok((0..batch.len()).map(|sample| Draw::new(key, sample, noise, dropped)).collect())
+        Ok((0..batch.len()).map(|sample| Draw::new(key, sample, noise, plan)).collect())
     }
 
     /// The samples that are evaluated at once.
@@ -235,12 +240,32 @@ impl Training {
             embedding: of_group(&batch.embeddings)?,
             latent: of_group(&batch.images)?,
             elevations: batch.elevations[group.clone()].to_vec(),
+            boxes: batch.boxes.get(group.clone()).unwrap_or_default().to_vec(),
         };
         let times: Vec<usize> = draws.iter().map(|draw| draw.time).collect();
-        let views: Vec<usize> = draws.iter().map(|draw| draw.view).collect();
-        let told: Vec<Told> = draws.iter().map(|draw| draw.told).collect();
-        let [loss, _] = net.loss(&self.schedule, [&latents, &noise], &times, &views, &condition, &told)?;
+        let of = |(sample, draw): (usize, &Draw)| draw.views.iter().map(|&view| Target { sample, view }).collect();
+        let targets: Vec<Target> = draws.iter().enumerate().flat_map::<Vec<Target>, _>(of).collect();
+        let told: Vec<Told> = targets.iter().map(|target| draws[target.sample].told).collect();
+        let [loss, _] = net.loss(&self.schedule, [&latents, &noise], &times, &targets, &condition, &told)?;
         Ok(loss)
+    }
+
+    /// The model as it is now (with the average of the trained weights, if there is one), to sample with; so many views at
+    /// once.
+    ///
+    /// # Errors
+    /// As [`Ensemble::new`].
+    pub fn ensemble(&self, at_once: usize) -> Result<Ensemble> {
+        let (tape, averaged) = (Tape::new(), self.averaged());
+        let params = averaged.as_ref().unwrap_or(&self.params);
+        let fixed = Fixed { params, tape: &tape };
+        let source = Source { trained: &fixed, plan: &self.plan, frozen: self.frozen.on(&tape) };
+        Ensemble::new(&source, &self.sizes, self.frozen.device(), at_once)
+    }
+
+    /// The average of the trained weights, if there is one yet.
+    fn averaged(&self) -> Option<Params> {
+        self.average.as_ref().filter(|_| self.steps() > 0).map(|average| average.averaged(&self.params))
     }
 
     /// Writes the trained weights under the published names, the optimiser's state, the average if there is one, and the
@@ -296,12 +321,17 @@ impl Training {
     pub fn export(&self, path: impl AsRef<Path>) -> Result<()> {
         let archive = self.frozen.archive();
         let mut file = TensorFile { tensors: BTreeMap::new(), metadata: archive.metadata().clone() };
+        let before = self.frozen.sizes()?;
+        let module = self.sizes.spatial_aware.clone();
+        if before.denoiser.spatial_aware != module {
+            let denoiser = DenoiserSizes { spatial_aware: module, ..before.denoiser };
+            file.metadata.insert(ModelSizes::METADATA.to_owned(), ModelSizes { denoiser, ..before }.to_json());
+        }
         for name in archive.names() {
             // what lies in the mapped file takes no memory here
             file.tensors.insert(name.to_owned(), archive.map(name)?);
         }
-        let trained = self.average.as_ref().filter(|_| self.steps() > 0).map(|a| a.averaged(&self.params));
-        for (path, value) in trained.as_ref().unwrap_or(&self.params).iter() {
+        for (path, value) in self.averaged().as_ref().unwrap_or(&self.params).iter() {
             file.tensors.insert(path.to_owned(), value.to_device(&Device::Cpu)?);
         }
         file.write(path)
@@ -315,47 +345,3 @@ const START: u64 = 2;
 
 /// Key of the seed in a checkpoint's metadata.
 const SEED: &str = "training.seed";
-
-/// Trained weights from one source, all others from the file.
-struct Source<'a> {
-    trained: &'a dyn Weights,
-    plan: &'a Plan,
-    frozen: FileWeights,
-}
-
-impl Weights for Source<'_> {
-    fn weight(&self, path: &str, shape: &Shape, init: Init) -> Result<Var> {
-        match self.plan.trains(path) {
-            true => self.trained.weight(path, shape, init),
-            false => self.frozen.weight(path, shape, init),
-        }
-    }
-}
-
-/// The trained weights as constants.
-struct Fixed<'a> {
-    params: &'a Params,
-    tape: &'a Tape,
-}
-
-impl Weights for Fixed<'_> {
-    fn weight(&self, path: &str, _: &Shape, _: Init) -> Result<Var> {
-        Ok(self.tape.constant(self.params.get(path)?.clone()))
-    }
-}
-
-/// Asks another source for some weights and for no others.
-struct Picked<'a> {
-    inner: &'a dyn Weights,
-    tape: Tape,
-    fresh: &'a [String],
-}
-
-impl Weights for Picked<'_> {
-    fn weight(&self, path: &str, shape: &Shape, init: Init) -> Result<Var> {
-        match self.fresh.iter().any(|fresh| fresh == path) {
-            true => self.inner.weight(path, shape, init),
-            false => Ok(self.tape.constant(Tensor::zeros([0], DType::F32))),
-        }
-    }
-}

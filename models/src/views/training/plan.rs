@@ -1,6 +1,6 @@
 //! What is trained, and how.
 
-use gradreel::optim::{Adam, Schedule};
+use gradreel::optim::{Adam, Clip, Schedule};
 
 /// How the model is trained.
 #[derive(Debug, Clone, PartialEq)]
@@ -11,6 +11,12 @@ pub struct Plan {
     pub weight_decay: f64,
     /// Steps over which the rates rise linearly from 2 % to the whole.
     pub warmup: u64,
+    /// Steps after which the rates have fallen to a tenth, along half a cosine; `None` keeps them.
+    pub cooldown: Option<u64>,
+    /// Greatest norm of a step's gradient; a greater one is scaled down.
+    pub clip: Option<f64>,
+    /// Views of each sample that are predicted. All share the volume: more views cost less than more samples.
+    pub targets: usize,
     /// Samples of a batch that are evaluated at once; gradients of the groups are added up, so that a batch of any size fits
     /// into memory. The result does not depend on it, but for rounding.
     pub at_once: usize,
@@ -39,12 +45,28 @@ impl Plan {
             trained: trained.map(|(prefix, rate)| (prefix.to_owned(), rate)).to_vec(),
             weight_decay: 0.01,
             warmup: 100,
+            cooldown: None,
+            clip: None,
+            targets: 1,
             at_once: 1,
             recomputed: true,
             average: None,
             dropped: 0.0,
             seed: 0,
         }
+    }
+
+    /// The training of the spatial-aware module: nothing else moves, not even what the published training moved.
+    pub fn spatial_aware() -> Self {
+        let trained = vec![("spatial_aware".to_owned(), 5e-4)];
+        Self { trained, clip: Some(1.0), ..Self::published() }
+    }
+
+    /// The training of a whole model from its beginning, all at one rate, for guidance as well.
+    pub fn whole() -> Self {
+        let parts = ["cc_projection", "model.diffusion_model", "spatial_volume", "time_embed"];
+        let trained = parts.map(|part| (part.to_owned(), 5e-4)).to_vec();
+        Self { trained, clip: Some(1.0), average: Some(0.999), dropped: 0.04, recomputed: false, ..Self::published() }
     }
 
     /// Whether the weight at a path is trained.
@@ -64,10 +86,14 @@ impl Plan {
 
     pub(super) fn optimiser(&self) -> Adam {
         let rate = self.trained.iter().fold(0.0f64, |largest, (_, rate)| largest.max(*rate));
+        let rest = self
+            .cooldown
+            .map_or(Schedule::constant(), |steps| Schedule::cosine(steps.saturating_sub(self.warmup).max(1), 0.1));
         let adam = Adam::new(rate).with_weight_decay(self.weight_decay).with_schedule(match self.warmup {
-            0 => Schedule::constant(),
-            steps => Schedule::warmup(steps, 0.02),
+            0 => rest,
+            steps => Schedule::warmup(steps, 0.02).then(steps, rest),
         });
+        let adam = self.clip.map_or(adam.clone(), |norm| adam.with_clip(Clip::Norm(norm)));
         self.trained.iter().fold(adam, |adam, (prefix, rate)| adam.with_rate(prefix, *rate))
     }
 }

@@ -1,0 +1,86 @@
+//! What runs are begun with: files that must be found again, and devices.
+
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::Path;
+
+use gradreel::{Device, Error, ErrorKind, Result};
+use serde::{Deserialize, Serialize};
+
+/// Where the model runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Place {
+    /// The processor
+    Cpu,
+    /// The graphics card, through Vulkan, Metal or DirectX 12
+    Gpu,
+}
+
+impl Place {
+    /// The device.
+    pub fn device(self) -> Result<Device> {
+        match self {
+            Self::Cpu => Ok(Device::Cpu),
+            Self::Gpu => Device::gpu(),
+        }
+    }
+}
+
+/// The largest number that the file of settings can hold.
+pub(super) const LARGEST_SEED: u64 = i64::MAX as u64;
+
+/// A file that a run was begun with.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Source {
+    /// Where it was, for people.
+    pub path: String,
+    /// Tells it from other files.
+    mark: String,
+}
+
+impl Source {
+    /// A file as it is now; `what` says in an error what it was to be.
+    pub fn of(path: &Path, what: &str) -> Result<Self> {
+        let fix = format!("give the path of the file with {what}");
+        if path.is_dir() {
+            let error = Error::new(ErrorKind::Input, format!("cannot read {what}"));
+            return Err(error.at(path.display()).found("a folder").wanted("a file").fix(fix));
+        }
+        let mark = mark(path).map_err(|e| Error::io(path, &format!("read {what}"), &e).fix(fix))?;
+        Ok(Self { path: path.display().to_string(), mark })
+    }
+
+    /// The same file, wherever it is now.
+    pub fn found_again(&self, path: &Path, what: &str) -> Result<Self> {
+        let found = Self::of(path, what)?;
+        if found.mark == self.mark {
+            return Ok(found);
+        }
+        Err(Error::new(ErrorKind::Input, format!("{what} changed since the run was begun"))
+            .at(path.display())
+            .found("another content")
+            .wanted(format!("the file that was {}", self.path))
+            .fix("go on with that file, or begin again with another --out"))
+    }
+}
+
+/// The length of a file and FNV-1a of it, of a large one of parts all over it.
+fn mark(path: &Path) -> std::io::Result<String> {
+    const PART: u64 = 1 << 16;
+    const PARTS: u64 = 64;
+    let mut file = File::open(path)?;
+    let length = file.metadata()?.len();
+    let mut bytes = Vec::new();
+    if length <= PART * PARTS {
+        file.read_to_end(&mut bytes)?;
+    } else {
+        for part in 0..PARTS {
+            file.seek(SeekFrom::Start((length - PART) / (PARTS - 1) * part))?;
+            (&mut file).take(PART).read_to_end(&mut bytes)?;
+        }
+    }
+    let step = |hash: u64, byte: &u8| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3);
+    Ok(format!("{length}-{:016x}", bytes.iter().fold(0xcbf2_9ce4_8422_2325, step)))
+}

@@ -1,0 +1,247 @@
+//! One training: its folder, its steps, and looks at how far it is.
+
+use std::fmt;
+use std::path::Path;
+use std::time::Instant;
+
+use gradreel::io::TensorFile;
+use gradreel::{DType, Device, Error, ErrorKind, Key, Result};
+
+use super::NovelView;
+use super::feed::{Feed, chance, unseen};
+use super::log::Log;
+use super::page::page;
+use super::sampled::{rows, sampled, score};
+use super::settings::Settings;
+use crate::cli::source::Place;
+use crate::layers::initialise;
+use crate::report::animation::Picture;
+use crate::report::interrupt;
+use crate::report::progress::Progress;
+use crate::report::run_folder::RunFolder;
+use crate::report::synthesis::sheet;
+use crate::views::objects::Sample;
+use crate::views::{Detector, FileWeights, Model, ModelSizes, SamplerSettings, Score, Training, encode};
+
+const SETTINGS: &str = "settings.toml";
+/// The weights of a model that starts afresh.
+const START: &str = "start.safetensors";
+const STATE: &str = "state.safetensors";
+const MODEL: &str = "model.safetensors";
+/// Views of an object that a preview shows, and pixels for each of its own.
+const SHOWN: usize = 8;
+const ENLARGED: usize = 2;
+/// Key of the weights of a fresh model.
+const FRESH: u64 = 103;
+/// Share of the newest loss in the one that is shown.
+const NEWEST: f64 = 0.05;
+
+/// A training that is ready to go.
+pub(super) struct Job {
+    folder: RunFolder,
+    settings: Settings,
+    weights: FileWeights,
+    training: Training,
+    log: Log,
+}
+
+impl Job {
+    /// A new training. What cannot be used is refused before anything is written.
+    pub fn begin(arguments: &NovelView) -> Result<Self> {
+        let (settings, given) = Settings::resolve(arguments)?;
+        if given.is_none() && settings.model.denoiser.spatial_aware.is_some() {
+            return Err(Error::new(ErrorKind::Input, "there is no model whose module could be trained")
+                .at("--weights")
+                .wanted("the weights of a base model: a safetensors file or a PyTorch checkpoint")
+                .fix("train one first with `gradreel train novel-view`, or give the public weights of SyncDreamer"));
+        }
+        let device = settings.device.device()?;
+        if let Some(weights) = &given {
+            // all but what will be trained must be there
+            Training::new(weights.clone(), settings.model.denoiser.clone(), settings.plan())?;
+        }
+        let folder = match &arguments.out {
+            Some(folder) => RunFolder::create(folder)?,
+            None => RunFolder::create_free(Path::new("runs"), "novel-view")?,
+        };
+        folder.write(SETTINGS, settings.to_toml().as_bytes())?;
+        let path = match &arguments.weights {
+            Some(path) => path.clone(),
+            None => {
+                folder.write(START, &fresh(&settings)?.to_bytes()?)?;
+                folder.path(START)
+            }
+        };
+        Self::open(folder, settings, &path, &device, Log::new())
+    }
+
+    /// The training that was begun in a folder.
+    pub fn resume(arguments: &NovelView) -> Result<Self> {
+        let folder = RunFolder::open(arguments.out.as_deref().unwrap_or(Path::new(".")))?;
+        if !folder.has(SETTINGS) {
+            return Err(Error::new(ErrorKind::Input, "there is no training to go on with")
+                .at(folder.path(SETTINGS).display())
+                .found("no such file")
+                .fix("give the folder of an interrupted training to --out, or begin one without --resume"));
+        }
+        let text = String::from_utf8_lossy(&folder.read(SETTINGS)?).into_owned();
+        let settings = Settings::parse(&text).map_err(|e| e.within(folder.path(SETTINGS).display()))?;
+        let path = match &settings.weights {
+            None => folder.path(START),
+            Some(source) => {
+                let path = arguments.weights.as_deref().unwrap_or(Path::new(&source.path));
+                source.found_again(path, "the weights")?;
+                path.to_owned()
+            }
+        };
+        let device = settings.device.device()?;
+        let mut job = Self::open(folder, settings, &path, &device, Log::new())?;
+        if job.folder.has(STATE) {
+            job.training.resume(job.folder.path(STATE))?;
+            job.log = Log::open(&job.folder, job.training.steps())?;
+        }
+        Ok(job)
+    }
+
+    fn open(folder: RunFolder, settings: Settings, weights: &Path, device: &Device, log: Log) -> Result<Self> {
+        let weights = FileWeights::open(weights, device)?;
+        let training = Training::new(weights.clone(), settings.model.denoiser.clone(), settings.plan())?;
+        Ok(Self { folder, settings, weights, training, log })
+    }
+
+    /// Where everything goes.
+    pub fn folder(&self) -> &RunFolder {
+        &self.folder
+    }
+
+    /// All steps that are not made yet.
+    pub fn finish(&mut self, progress: &Progress, told: bool) -> Result<()> {
+        let Settings { steps, checkpoint_every, .. } = self.settings;
+        let every = self.settings.validation.every;
+        let sizes = self.settings.model.clone();
+        let unseen = unseen(&self.settings, self.settings.validation.samples.max(self.settings.validation.shapes));
+        let first = self.training.steps();
+        let feed = Feed::new(&self.settings, first)?;
+        let stage = progress.stage("training", steps - first);
+        let (begun, mut resting, mut shown) = (Instant::now(), 0.0, None);
+        loop {
+            let made = self.training.steps();
+            let due = made == steps || (every > 0 && made > 0 && made.is_multiple_of(every));
+            if due && !self.log.looked(made) {
+                self.save()?;
+                let before = Instant::now();
+                let (loss, score) = self.look(&unseen)?;
+                self.log.look(made, loss, &score);
+                self.save()?;
+                self.folder.write("index.html", page(&self.settings, &self.log).as_bytes())?;
+                resting += before.elapsed().as_secs_f64();
+                if told {
+                    progress.stage(&format!("after {made} steps"), 1).finish(&described(loss, &score));
+                }
+            }
+            if made == steps {
+                break;
+            }
+            let samples = feed.next()?;
+            let key = chance(&self.settings, made);
+            let batch = encode(&self.weights, &sizes, &samples, self.settings.detector(), key)?;
+            let step = self.training.step(&batch)?;
+            self.log.step(step.loss, &step.update);
+            let average = shown.map_or(step.loss, |old: f64| old + NEWEST * (step.loss - old));
+            shown = Some(average);
+            let done = step.update.step - first;
+            let pace = (begun.elapsed().as_secs_f64() - resting) / done as f64;
+            let norm = step.update.gradient_norm;
+            stage.set(
+                done,
+                &format!("step {}, loss {average:.4}, gradient {norm:.2}, {pace:.2} s a step", step.update.step),
+            );
+            let stop = interrupt::requested();
+            if stop || step.update.step.is_multiple_of(checkpoint_every) {
+                self.save()?;
+            }
+            if stop {
+                interrupt::check()?;
+            }
+        }
+        self.training.export(self.folder.path(MODEL))?;
+        stage.finish(&shown.map_or(String::new(), |loss| format!("loss {loss:.4}")));
+        Ok(())
+    }
+
+    /// Tables first: what they tell beyond the state is dropped when the run goes on.
+    fn save(&self) -> Result<()> {
+        self.log.write(&self.folder)?;
+        self.training.save(self.folder.path(STATE))
+    }
+
+    /// The loss of unseen objects, and how well the views of some agree. Leaves a preview.
+    fn look(&self, unseen: &[Sample]) -> Result<(f64, Score)> {
+        let Settings { model, validation, optimiser, .. } = &self.settings;
+        let (mut loss, mut count) = (0.0, 0);
+        for (turn, samples) in unseen[..validation.samples].chunks(optimiser.batch).enumerate() {
+            let key = Key::new(self.settings.seed).fold(turn as u64);
+            let batch = encode(&self.weights, model, samples, Detector::EXACT, key)?;
+            loss += samples.len() as f64 * self.training.validate(&batch, turn as u64)?;
+            count += samples.len();
+            interrupt::check()?;
+        }
+        let at_once = match self.settings.device {
+            Place::Cpu => rayon::current_num_threads(),
+            Place::Gpu => model.denoiser.ring.views,
+        };
+        let ensemble = self.training.ensemble(at_once)?;
+        let columns = SHOWN.min(model.denoiser.ring.views);
+        let (mut scores, mut shown) = (Vec::new(), Vec::new());
+        for (seed, sample) in unseen[..validation.shapes].iter().enumerate() {
+            let settings =
+                SamplerSettings { steps: validation.steps, guidance: validation.guidance, seed: seed as u64 };
+            let found = sampled(&self.weights, model, &ensemble, sample, settings)?;
+            scores.push(score(&found, sample)?);
+            shown.extend(rows(&found, sample, columns)?);
+        }
+        if !shown.is_empty() {
+            let preview = sheet(&[Picture::grid(columns + 1, &shown)], ENLARGED)?;
+            self.folder.write(&format!("previews/step_{:07}.png", self.training.steps()), &preview)?;
+        }
+        Ok((loss / f64::from(count.max(1) as u32), Score::mean(&scores)))
+    }
+}
+
+/// A score for people.
+pub(super) fn described(loss: f64, score: &Score) -> String {
+    let Score { centre, overlap, psnr, silhouette } = score;
+    format!(
+        "unseen objects: loss {loss:.4}, centre off by {:.1} % of the image, box IoU {overlap:.2}, PSNR {psnr:.1} dB, \
+         silhouette IoU {silhouette:.2}",
+        100.0 * centre
+    )
+}
+
+/// All weights of a model that nobody has trained.
+fn fresh(settings: &Settings) -> Result<TensorFile> {
+    let key = Key::new(settings.seed).fold(FRESH);
+    let params = initialise(key, DType::F32, |scope| Model::new(scope, &settings.model))?;
+    let mut file = TensorFile::default();
+    params.save(&mut file)?;
+    file.metadata.insert(ModelSizes::METADATA.to_owned(), settings.model.to_json());
+    Ok(file)
+}
+
+impl fmt::Display for Job {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { settings, training, folder, .. } = self;
+        let trained: usize = training.params().iter().map(|(_, weight)| weight.len()).sum();
+        write!(
+            f,
+            "{trained} numbers trained, {} views of {}² pixels, {} samples of {} views a step, step {} of {} → {}",
+            settings.model.denoiser.ring.views,
+            settings.model.image,
+            settings.optimiser.batch,
+            settings.optimiser.targets,
+            training.steps(),
+            settings.steps,
+            folder.root().display()
+        )
+    }
+}

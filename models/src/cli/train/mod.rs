@@ -1,0 +1,131 @@
+//! `gradreel train`: models of this project's own making.
+
+mod evaluate;
+mod feed;
+mod job;
+mod log;
+mod page;
+mod sampled;
+mod settings;
+
+use std::path::PathBuf;
+
+use gradreel::{ErrorKind, Result};
+
+use self::job::Job;
+use self::settings::{Settings, Stage};
+use super::source::{LARGEST_SEED, Place};
+use crate::report::interrupt;
+use crate::report::progress::Progress;
+
+/// Arguments of `gradreel train`.
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    #[command(subcommand)]
+    task: Task,
+}
+
+#[derive(clap::Subcommand)]
+enum Task {
+    /// Train the model that synthesizes the views around an object
+    NovelView(Box<NovelView>),
+}
+
+/// Arguments of `gradreel train novel-view`.
+#[derive(clap::Args)]
+#[command(after_long_help = LONG_HELP)]
+struct NovelView {
+    /// What is trained: the model itself, or its spatial-aware module with everything else frozen [default: base]
+    #[arg(long, value_name = "STAGE", conflicts_with = "resume")]
+    stage: Option<Stage>,
+    /// Weights to start from: needed for the module; without, a base model starts afresh
+    #[arg(long, value_name = "FILE")]
+    weights: Option<PathBuf>,
+    /// Settings as TOML; what it does not name keeps its default (see --print-config)
+    #[arg(long, value_name = "FILE", conflicts_with = "resume")]
+    config: Option<PathBuf>,
+    /// Print the settings as TOML, with what --config and other options say, and stop
+    #[arg(long, conflicts_with = "resume")]
+    print_config: bool,
+    /// Folder for the results [default: runs/novel-view, runs/novel-view-2, …]
+    #[arg(long, value_name = "FOLDER")]
+    out: Option<PathBuf>,
+    /// Go on with the run in --out where it was interrupted
+    #[arg(long, requires = "out")]
+    resume: bool,
+    /// Steps in all
+    #[arg(long, value_name = "COUNT", conflicts_with = "resume")]
+    steps: Option<u64>,
+    /// Samples of a step
+    #[arg(long, value_name = "COUNT", conflicts_with = "resume")]
+    batch: Option<usize>,
+    /// Decides objects, noise and starting weights
+    #[arg(long, value_name = "NUMBER", conflicts_with = "resume")]
+    #[arg(value_parser = clap::value_parser!(u64).range(..=LARGEST_SEED))]
+    seed: Option<u64>,
+    /// Where the model is trained
+    #[arg(long, value_name = "DEVICE", conflicts_with = "resume")]
+    device: Option<Place>,
+    /// Train nothing: show the model in --weights so many unseen objects, with and without its spatial-aware module, and
+    /// print how well the views agree
+    #[arg(long, value_name = "COUNT", requires = "weights", conflicts_with_all = ["resume", "print_config"])]
+    evaluate: Option<usize>,
+    /// No progress on stderr
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+const LONG_HELP: &str = "\
+Objects are made here: solids with patterns, no two alike, filmed by the sixteen cameras of the model. Nothing is downloaded.
+
+Two stages, as in the paper: the base model learns views of objects in the middle; then the spatial-aware module learns to \
+put them where the input image shows them, everything else frozen. The module can also be trained for the public \
+SyncDreamer weights.
+
+Results, all in the folder of --out:
+  index.html            the curves, renewed at every look at unseen objects
+  settings.toml         everything that decided the result
+  log.csv               loss, rate and gradient of every step
+  validation.csv        on objects that are never trained on: loss, and of sampled views the distance between the middles of
+                        the objects' boxes (shares of the image), IoU of boxes and of silhouettes, PSNR
+  previews/             input, true views, sampled views
+  state.safetensors     where --resume goes on, bit for bit
+  model.safetensors     the whole model, for `gradreel synthesize --weights`
+
+Examples:
+  gradreel train novel-view --print-config > small.toml
+  gradreel train novel-view --config small.toml --out runs/base --device gpu
+  gradreel train novel-view --out runs/base --resume                     after Ctrl-C
+  gradreel train novel-view --stage spatial-aware --weights runs/base/model.safetensors --out runs/aware
+  gradreel train novel-view --weights runs/aware/model.safetensors --evaluate 100
+  gradreel weights convert runs/aware/model.safetensors small.safetensors --f16";
+
+/// Trains, or measures what was trained.
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    let Task::NovelView(arguments) = &arguments.task;
+    interrupt::install()?;
+    if arguments.print_config {
+        let (settings, _) = Settings::resolve(arguments)?;
+        print!("{}", settings.to_toml());
+        return Ok(());
+    }
+    let progress = Progress::new(arguments.quiet);
+    if let Some(count) = arguments.evaluate {
+        return evaluate::run(arguments, count, &progress);
+    }
+    let mut job = if arguments.resume { Job::resume(arguments)? } else { Job::begin(arguments)? };
+    if !arguments.quiet {
+        eprintln!("{job}");
+    }
+    let root = job.folder().root().display().to_string();
+    job.finish(&progress, !arguments.quiet).map_err(|error| match error.kind() {
+        ErrorKind::Interrupted => {
+            let weights = arguments.weights.as_ref().map_or(String::new(), |w| format!(" --weights {}", w.display()));
+            error.fix(format!("go on with `gradreel train novel-view{weights} --out {root} --resume`"))
+        }
+        _ => error,
+    })?;
+    println!("\n  model {}", job.folder().path("model.safetensors").display());
+    println!("  open  {}", job.folder().path("index.html").display());
+    Ok(())
+}

@@ -1,0 +1,69 @@
+//! The page of a training: its curves.
+
+use super::log::Log;
+use super::settings::Settings;
+use crate::report::page::Page;
+use crate::report::plot::{Plot, Series};
+
+/// Points of a curve, at most.
+const POINTS: usize = 400;
+
+/// The page as HTML.
+pub(super) fn page(settings: &Settings, log: &Log) -> String {
+    let (steps, looks) = (log.steps(), log.looks());
+    let column = |rows: &[Vec<f64>], index: usize| -> Vec<(f64, f64)> {
+        rows.iter().filter_map(|row| Some((*row.first()?, *row.get(index)?))).collect()
+    };
+    let curve = |label: &str, points: Vec<(f64, f64)>| Series { label: label.into(), points: thinned(&points) };
+    let plot = |title: &str, y_label: &str, log_y, series| Plot {
+        title: title.into(),
+        x_label: "step".into(),
+        y_label: y_label.into(),
+        log_y,
+        series,
+        reference: None,
+    };
+    let seen = curve("steps", column(&steps, 1));
+    let unseen = curve("unseen objects", column(&looks, 1));
+    let shares = vec![
+        curve("distance of the middles", column(&looks, 2)),
+        curve("IoU of boxes", column(&looks, 3)),
+        curve("IoU of silhouettes", column(&looks, 5)),
+    ];
+    let files = [
+        ("model.safetensors", "the whole model, when the training is done"),
+        ("previews/", "input, true views and below them sampled views of unseen objects"),
+        ("log.csv", "loss, rate and gradient of every step"),
+        ("validation.csv", "loss and agreement of views on unseen objects"),
+        ("settings.toml", "everything that decided the result"),
+        ("state.safetensors", "where --resume goes on"),
+    ];
+    Page {
+        title: "novel views",
+        subtitle: format!("{} of {} steps", steps.last().map_or(0.0, |row| row[0]), settings.steps),
+        headlines: vec![],
+        animation: None,
+        animation_caption: String::new(),
+        scene: None,
+        plots: vec![
+            plot("Mean squared error of the noise", "loss [1]", true, vec![seen, unseen]),
+            plot("Sampled views of unseen objects", "share [1]", false, shares),
+            plot("Colours of these views", "PSNR [dB]", false, vec![curve("mean", column(&looks, 4))]),
+        ],
+        notes: vec![],
+        timings: vec![],
+        config_toml: settings.to_toml(),
+        files: files.map(|(link, what)| (link.to_owned(), what.to_owned())).to_vec(),
+    }
+    .html()
+}
+
+/// Means of neighbours where there are too many points.
+fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let each = points.len().div_ceil(POINTS).max(1);
+    let mean = |group: &[(f64, f64)]| {
+        let (x, y) = group.iter().fold((0.0, 0.0), |(x, y), point| (x + point.0, y + point.1));
+        (x / group.len() as f64, y / group.len() as f64)
+    };
+    points.chunks(each).map(mean).collect()
+}

@@ -1,0 +1,64 @@
+//! Views of a sample as the model makes them.
+
+use gradreel::{Result, Tensor};
+
+use crate::report::animation::Picture;
+use crate::report::interrupt;
+use crate::report::synthesis::picture_of;
+use crate::views::objects::{Sample, View};
+use crate::views::{Ensemble, FileWeights, ModelSizes, SamplerSettings, Sampling, Score, decode, subject_of};
+
+/// Samples all views of an object from its input image: pictures `[3, s, s]` in about −1..1, one for each camera.
+///
+/// # Errors
+/// When the user asked to stop, or the model cannot be evaluated.
+pub(super) fn sampled(
+    weights: &FileWeights,
+    sizes: &ModelSizes,
+    ensemble: &Ensemble,
+    sample: &Sample,
+    settings: SamplerSettings,
+) -> Result<Vec<Tensor>> {
+    let views = sizes.denoiser.ring.views;
+    let subject = subject_of(weights, sizes, sample, settings.picture_key())?;
+    let mut run = Sampling::begin(subject, settings, views)?;
+    while !run.is_finished() {
+        run.step(ensemble, &mut |_| interrupt::check())?;
+    }
+    let mut pictures = Vec::with_capacity(views);
+    let all: Vec<usize> = (0..views).collect();
+    decode(weights, sizes, run.latents(), &all, weights.device(), &mut |_, picture| {
+        pictures.push(picture);
+        Ok(())
+    })?;
+    Ok(pictures)
+}
+
+/// The mean agreement of all views.
+///
+/// # Errors
+/// When a picture cannot be read.
+pub(super) fn score(found: &[Tensor], sample: &Sample) -> Result<Score> {
+    let each: Result<Vec<Score>> =
+        found.iter().zip(&sample.views).map(|(found, truth)| Score::of(found, truth)).collect();
+    Ok(Score::mean(&each?))
+}
+
+/// Two rows: the input image and some true views, then the input's place left empty and the sampled ones below them.
+///
+/// # Errors
+/// When a picture has a pixel that is no number.
+pub(super) fn rows(found: &[Tensor], sample: &Sample, columns: usize) -> Result<Vec<Picture>> {
+    let shown: Vec<usize> = (0..columns).map(|column| column * found.len() / columns).collect();
+    let of_view = |view: &View| picture_of(&Tensor::from_vec(view.colours.clone(), [3, view.size, view.size]));
+    let mut all = vec![of_view(&sample.input)?];
+    for &view in &shown {
+        all.push(of_view(&sample.views[view])?);
+    }
+    let size = sample.input.size;
+    all.push(Picture { width: size, height: size, rgb: vec![255; 3 * size * size] });
+    for &view in &shown {
+        all.push(picture_of(&found[view])?);
+    }
+    Ok(all)
+}

@@ -1,0 +1,268 @@
+//! Everything that decides a training, as TOML.
+
+use std::path::Path;
+
+use gradreel::{Device, Error, ErrorKind, Result};
+use serde::{Deserialize, Serialize};
+
+use super::NovelView;
+use crate::cli::source::{Place, Source};
+use crate::views::objects::SampleSettings;
+use crate::views::{Detector, FileWeights, ModelSizes, Plan, SpatialAwareSizes};
+
+/// What is trained.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum Stage {
+    /// The model itself, on objects in the middle
+    Base,
+    /// Its spatial-aware module, on objects anywhere, all else frozen
+    SpatialAware,
+}
+
+/// Settings of a run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Settings {
+    pub stage: Stage,
+    /// Decides objects, noise and starting weights.
+    pub seed: u64,
+    pub device: Place,
+    pub steps: u64,
+    /// Steps between two checkpoints.
+    pub checkpoint_every: u64,
+    pub optimiser: Optimiser,
+    pub data: SampleSettings,
+    pub detector: Found,
+    pub validation: Validation,
+    pub model: ModelSizes,
+    /// The file that the training starts from.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub weights: Option<Source>,
+}
+
+/// How weights are moved.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Optimiser {
+    /// Prefixes of the weights that are trained.
+    pub trained: Vec<String>,
+    pub rate: f64,
+    /// Steps over which the rate rises.
+    pub warmup: u64,
+    /// Whether it falls to a tenth until the last step.
+    pub cooldown: bool,
+    pub weight_decay: f64,
+    /// Greatest norm of a gradient.
+    pub clip: f64,
+    /// Decay of the running average; 0 for none.
+    pub average: f64,
+    /// Samples of a step.
+    pub batch: usize,
+    /// Views of each sample that are predicted in a step.
+    pub targets: usize,
+    /// Samples evaluated at once; 0 for all.
+    pub at_once: usize,
+    /// Less memory for one more forward pass.
+    pub recomputed: bool,
+    /// Probability of each of four ways of telling the model less.
+    pub dropped: f64,
+}
+
+/// How boxes around objects are found in training.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Found {
+    /// Deviation of each side in shares of the box.
+    pub jitter: f64,
+    /// Share of the samples without a box.
+    pub missed: f64,
+}
+
+/// How the model is looked at in between.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Validation {
+    /// Steps between two looks; 0 looks at the end only.
+    pub every: u64,
+    /// Unseen objects whose loss is computed.
+    pub samples: usize,
+    /// Unseen objects whose views are sampled and compared.
+    pub shapes: usize,
+    /// Sampling steps.
+    pub steps: usize,
+    pub guidance: f64,
+}
+
+impl Settings {
+    /// Defaults of a stage for a model.
+    fn of(stage: Stage, model: ModelSizes) -> Self {
+        let plan = match stage {
+            Stage::Base => Plan::whole(),
+            Stage::SpatialAware => Plan::spatial_aware(),
+        };
+        let centred = SampleSettings { scale: [0.3, 0.7], reach: 0.0, ..SampleSettings::default() };
+        let data = if stage == Stage::Base { centred } else { SampleSettings::default() };
+        Self {
+            stage,
+            seed: 0,
+            device: Place::Cpu,
+            steps: 20_000,
+            checkpoint_every: 100,
+            optimiser: Optimiser {
+                rate: plan.trained[0].1,
+                trained: plan.trained.into_iter().map(|(prefix, _)| prefix).collect(),
+                warmup: plan.warmup,
+                cooldown: true,
+                weight_decay: plan.weight_decay,
+                clip: plan.clip.unwrap_or(1.0),
+                average: plan.average.unwrap_or(0.0),
+                batch: 8,
+                targets: 4.min(model.denoiser.ring.views),
+                at_once: 0,
+                recomputed: model.image > 64,
+                dropped: plan.dropped,
+            },
+            data: SampleSettings { nodes: (model.image * 3 / 4).clamp(24, 256), ..data },
+            detector: Found { jitter: 0.02, missed: 0.1 },
+            validation: Validation { every: 1000, samples: 16, shapes: 4, steps: 25, guidance: 1.5 },
+            model,
+            weights: None,
+        }
+    }
+
+    /// What the arguments, the file of settings and the defaults say, and the weights to start from. What cannot be used is
+    /// refused.
+    pub fn resolve(arguments: &NovelView) -> Result<(Self, Option<FileWeights>)> {
+        Self::resolve_from(arguments, Stage::Base)
+    }
+
+    /// As [`Settings::resolve`], for another stage where neither arguments nor file name one.
+    pub fn resolve_from(arguments: &NovelView, stage: Stage) -> Result<(Self, Option<FileWeights>)> {
+        let given = arguments.config.as_deref().map(read).transpose()?.unwrap_or_default();
+        let stage = match (arguments.stage, given.get("stage")) {
+            (Some(stage), _) => stage,
+            (None, None) => stage,
+            (None, Some(named)) => named.clone().try_into().map_err(|e| refused("stage", &e))?,
+        };
+        let source = arguments.weights.as_deref().map(|path| Source::of(path, "the weights")).transpose()?;
+        let weights = arguments.weights.as_deref().map(|path| FileWeights::open(path, &Device::Cpu)).transpose()?;
+        let mut model = match (&weights, stage) {
+            (Some(weights), _) => weights.sizes()?,
+            (None, _) => ModelSizes::small(),
+        };
+        match stage {
+            Stage::Base => model.denoiser.spatial_aware = None,
+            Stage::SpatialAware => {
+                let volume = model.denoiser.volume;
+                model.denoiser.spatial_aware.get_or_insert_with(|| SpatialAwareSizes::suiting(&volume));
+            }
+        }
+        let defaults = toml::Table::try_from(Self::of(stage, model)).expect("settings are numbers and text");
+        let mut settings: Self =
+            toml::Value::Table(merged(defaults, given)).try_into().map_err(|e| refused("--config", &e))?;
+        settings.stage = stage;
+        settings.steps = arguments.steps.unwrap_or(settings.steps);
+        settings.optimiser.batch = arguments.batch.unwrap_or(settings.optimiser.batch);
+        settings.seed = arguments.seed.unwrap_or(settings.seed);
+        settings.device = arguments.device.unwrap_or(settings.device);
+        settings.weights = source;
+        settings.check()?;
+        Ok((settings, weights))
+    }
+
+    /// Reads what [`Settings::to_toml`] wrote.
+    pub fn parse(text: &str) -> Result<Self> {
+        let settings: Self = toml::from_str(text).map_err(|e| refused("settings.toml", &e))?;
+        settings.check().map(|()| settings)
+    }
+
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("settings are numbers and text")
+    }
+
+    fn check(&self) -> Result<()> {
+        let Self { optimiser, validation, detector, .. } = self;
+        let share = |x: f64| (0.0..=1.0).contains(&x);
+        for (name, fits, wanted) in [
+            ("seed", self.seed <= i64::MAX as u64, "below 2^63"),
+            ("steps", self.steps > 0, "at least 1"),
+            ("checkpoint_every", self.checkpoint_every > 0, "at least 1"),
+            ("optimiser.rate", optimiser.rate > 0.0 && optimiser.rate.is_finite(), "above 0"),
+            ("optimiser.clip", optimiser.clip > 0.0, "above 0"),
+            ("optimiser.average", (0.0..1.0).contains(&optimiser.average), "0 to below 1"),
+            ("optimiser.batch", (1..=1 << 16).contains(&optimiser.batch), "1 to 65536"),
+            ("optimiser.dropped", (0.0..=0.25).contains(&optimiser.dropped), "0 to 0.25"),
+            ("optimiser.weight_decay", (0.0..1.0).contains(&optimiser.weight_decay), "0 to below 1"),
+            ("detector", share(detector.missed) && (0.0..=0.5).contains(&detector.jitter), "shares"),
+            ("validation.steps", (1..=1000).contains(&validation.steps), "1 to 1000"),
+            ("validation.guidance", validation.guidance.is_finite(), "a number"),
+            (
+                "optimiser.targets",
+                (1..=self.model.denoiser.ring.views).contains(&optimiser.targets),
+                "1 to the number of views",
+            ),
+        ] {
+            if !fits {
+                return Err(Error::new(ErrorKind::Input, "a setting of the training makes no sense")
+                    .at(name)
+                    .wanted(wanted)
+                    .fix("correct it in the file of --config"));
+            }
+        }
+        self.data.check()?;
+        self.model.check()
+    }
+
+    /// The plan of the training.
+    pub fn plan(&self) -> Plan {
+        let Optimiser { rate, weight_decay, warmup, clip, average, targets, recomputed, dropped, .. } = self.optimiser;
+        Plan {
+            trained: self.optimiser.trained.iter().map(|prefix| (prefix.clone(), rate)).collect(),
+            weight_decay,
+            warmup,
+            cooldown: self.optimiser.cooldown.then_some(self.steps),
+            clip: Some(clip),
+            targets,
+            at_once: match self.optimiser.at_once {
+                0 => self.optimiser.batch,
+                count => count,
+            },
+            recomputed,
+            average: Some(average).filter(|decay| *decay > 0.0),
+            dropped,
+            seed: self.seed,
+        }
+    }
+
+    /// What training is told of boxes.
+    pub fn detector(&self) -> Detector {
+        Detector { jitter: self.detector.jitter, missed: self.detector.missed }
+    }
+}
+
+fn refused(at: &str, found: &dyn std::fmt::Display) -> Error {
+    Error::new(ErrorKind::Input, "the settings of the training cannot be read")
+        .at(at)
+        .found(found)
+        .wanted("TOML with the names that --print-config prints")
+        .fix("correct the file")
+}
+
+fn read(path: &Path) -> Result<toml::Table> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|e| Error::io(path, "read the settings", &e).fix("give the path of a TOML file to --config"))?;
+    text.parse().map_err(|e: toml::de::Error| refused(&path.display().to_string(), &e))
+}
+
+/// A table with what another one names in place of its own.
+fn merged(mut table: toml::Table, other: toml::Table) -> toml::Table {
+    for (name, value) in other {
+        let value = match (table.remove(&name), value) {
+            (Some(toml::Value::Table(own)), toml::Value::Table(given)) => toml::Value::Table(merged(own, given)),
+            (_, value) => value,
+        };
+        table.insert(name, value);
+    }
+    table
+}

@@ -1,0 +1,137 @@
+//! Between images and latents: a learned autoencoder, or patches of pixels as they are.
+
+use gradreel::{Key, Result, Tensor, Var};
+use serde::{Deserialize, Serialize};
+
+use super::{Autoencoder, AutoencoderSizes};
+
+/// How images become latents.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Coding {
+    /// By an autoencoder, as in the published model.
+    Learned(AutoencoderSizes),
+    /// Pixels side by side as channels, nothing learned.
+    Patches(Patches),
+}
+
+/// Square patches of an image become channels: `[b, 3, h, w]` in −1..1 to `[b, 3 p², h / p, w / p]` in −2..0, white being 0.
+///
+/// With white at 0 the background of a noised latent is noise alone, as at the beginning of a sampling run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Patches {
+    /// Pixels along a side of a patch.
+    pub patch: usize,
+}
+
+impl Coding {
+    /// Channels of a latent.
+    pub fn channels(&self) -> usize {
+        match self {
+            Self::Learned(sizes) => sizes.latent,
+            Self::Patches(Patches { patch }) => 3 * patch * patch,
+        }
+    }
+
+    /// Pixels of the image for each of the latent, along a side.
+    pub fn factor(&self) -> usize {
+        match self {
+            Self::Learned(sizes) => 1 << sizes.multipliers.len().saturating_sub(1),
+            Self::Patches(Patches { patch }) => *patch,
+        }
+    }
+
+    /// Latents of the diffusion are those of the coding times this.
+    pub fn scale(&self) -> f64 {
+        match self {
+            Self::Learned(_) => Autoencoder::SCALE,
+            Self::Patches(_) => 1.0,
+        }
+    }
+}
+
+impl From<AutoencoderSizes> for Coding {
+    fn from(sizes: AutoencoderSizes) -> Self {
+        Self::Learned(sizes)
+    }
+}
+
+impl Patches {
+    /// Images to latents.
+    ///
+    /// # Panics
+    /// When the patch does not divide the sides.
+    #[track_caller]
+    pub fn encode(self, images: &Var) -> Var {
+        let p = self.patch;
+        let [batch, channels, height, width] = images.dims()[..] else { panic!("images are [b, 3, h, w]") };
+        assert!(height.is_multiple_of(p) && width.is_multiple_of(p), "patches of {p} pixels for {height} × {width}");
+        let (rows, columns) = (height / p, width / p);
+        let apart = images.reshape([batch, channels, rows, p, columns, p]).permute(&[0, 1, 3, 5, 2, 4]);
+        &apart.reshape([batch, channels * p * p, rows, columns]) - 1.0
+    }
+
+    /// Latents to images.
+    ///
+    /// # Panics
+    /// When the channels are not those of patches.
+    #[track_caller]
+    pub fn decode(self, latents: &Var) -> Var {
+        let p = self.patch;
+        let [batch, all, rows, columns] = latents.dims()[..] else { panic!("latents are [b, c, h, w]") };
+        assert!(all.is_multiple_of(p * p), "{all} channels for patches of {p} pixels");
+        let channels = all / (p * p);
+        let apart = latents.reshape([batch, channels, p, p, rows, columns]).permute(&[0, 1, 4, 2, 5, 3]);
+        &apart.reshape([batch, channels, rows * p, columns * p]) + 1.0
+    }
+}
+
+/// The coding with its weights.
+pub enum Coder {
+    /// The autoencoder.
+    Learned(Box<Autoencoder>),
+    /// Patches.
+    Patches(Patches),
+}
+
+impl Coder {
+    /// Images `[b, 3, h, w]` in −1..1 to latents, not scaled by [`Coding::scale`]. Those of an autoencoder are samples of its
+    /// distribution with standard normal numbers of a key; without a key, the means.
+    ///
+    /// # Errors
+    /// When the numbers cannot be moved where the images are.
+    ///
+    /// # Panics
+    /// When the sizes are not those of the coding.
+    #[track_caller]
+    pub fn encode(&self, images: &Var, noise: Option<Key>) -> Result<Var> {
+        match self {
+            Self::Patches(patches) => Ok(patches.encode(images)),
+            Self::Learned(autoencoder) => {
+                let posterior = autoencoder.encode(images);
+                match noise {
+                    Some(key) => {
+                        let mean = &posterior.mean;
+                        let noise =
+                            Tensor::normal(key, mean.shape().clone(), mean.dtype()).to_device(&mean.device())?;
+                        Ok(posterior.sample(&mean.tape().constant(noise)))
+                    }
+                    None => Ok(posterior.mean),
+                }
+            }
+        }
+    }
+
+    /// Latents, not scaled, to images in about −1..1.
+    ///
+    /// # Panics
+    /// When the sizes are not those of the coding.
+    #[track_caller]
+    pub fn decode(&self, latents: &Var) -> Var {
+        match self {
+            Self::Patches(patches) => patches.decode(latents),
+            Self::Learned(autoencoder) => autoencoder.decode(latents),
+        }
+    }
+}

@@ -1,0 +1,157 @@
+//! A body sampled on a grid, and where rays meet it.
+
+use rayon::prelude::*;
+
+use super::body::{Body, CUBE};
+use crate::vector::dot;
+
+/// Nodes along each side when the body is looked for.
+const COARSE: usize = 34;
+/// Shortest step along a ray, and the share of the distance that is gone otherwise.
+const STEP: [f64; 2] = [0.3, 0.8];
+/// Least share of its longest side that a body must measure along the shortest.
+const THICK: f64 = 0.15;
+
+/// Distances to the surface at the nodes of a grid around the body. The longest side of the body's box is 1, its middle 0.
+pub(super) struct Field {
+    low: [f64; 3],
+    spacing: f64,
+    dims: [usize; 3],
+    nodes: Vec<f32>,
+    /// Half the sides of the box.
+    pub half: [f64; 3],
+    /// To the world in which the body was made: middle and size of the box.
+    pub made: ([f64; 3], f64),
+}
+
+/// Where a ray enters.
+pub(super) struct Entry {
+    pub place: [f64; 3],
+    /// Outwards, of length 1.
+    pub normal: [f64; 3],
+}
+
+/// Distances at the nodes of a grid.
+fn sampled(body: &Body, low: [f64; 3], spacing: f64, dims: [usize; 3]) -> Vec<f32> {
+    let mut nodes = vec![0.0f32; dims.iter().product()];
+    nodes.par_chunks_mut(dims[1] * dims[2]).enumerate().for_each(|(i, plane)| {
+        for (jk, node) in plane.iter_mut().enumerate() {
+            let at = [i, jk / dims[2], jk % dims[2]];
+            *node = body.distance([0, 1, 2].map(|axis| low[axis] + spacing * at[axis] as f64)) as f32;
+        }
+    });
+    nodes
+}
+
+impl Field {
+    /// Samples a body with so many nodes along its longest side. `None` for one that is empty or too thin.
+    pub fn of(body: &Body, count: usize) -> Option<Self> {
+        let coarse = 2.0 * CUBE / (COARSE - 1) as f64;
+        let nodes = sampled(body, [-CUBE; 3], coarse, [COARSE; 3]);
+        let near = nodes.iter().enumerate().filter(|(_, d)| f64::from(**d) < coarse).map(|(i, _)| i);
+        let found = near.map(|i| [i / (COARSE * COARSE), i / COARSE % COARSE, i % COARSE]);
+        let [low, high] = found.fold([[COARSE; 3], [0; 3]], |[low, high], at| {
+            [[0, 1, 2].map(|axis| low[axis].min(at[axis])), [0, 1, 2].map(|axis| high[axis].max(at[axis]))]
+        });
+        if (0..3).any(|axis| low[axis] == 0 || high[axis] <= low[axis] || high[axis] + 1 >= COARSE) {
+            return None;
+        }
+        let origin = low.map(|at| coarse * (at as f64 - 1.0) - CUBE);
+        let sides = [0, 1, 2].map(|axis| coarse * (high[axis] - low[axis] + 2) as f64);
+        let spacing = sides.into_iter().fold(0.0, f64::max) / (count - 1) as f64;
+        let dims = sides.map(|side| (side / spacing).ceil() as usize + 1);
+        let field = Self {
+            nodes: sampled(body, origin, spacing, dims),
+            low: origin,
+            spacing,
+            dims,
+            half: [0.0; 3],
+            made: ([0.0; 3], 1.0),
+        };
+        field.normalised()
+    }
+
+    /// With the box of what is inside around the origin, its longest side 1.
+    fn normalised(mut self) -> Option<Self> {
+        let [mut low, mut high] = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+        let steps = [self.dims[1] * self.dims[2], self.dims[2], 1];
+        for (i, &inside) in self.nodes.iter().enumerate().filter(|(_, d)| **d < 0.0) {
+            for axis in 0..3 {
+                let place = i / steps[axis] % self.dims[axis];
+                if place == 0 || place + 1 == self.dims[axis] {
+                    return None;
+                }
+                // where the distance is 0 on the way to a node outside
+                let to = |next: usize| if self.nodes[next] > 0.0 { inside / (inside - self.nodes[next]) } else { 0.0 };
+                let at = |share: f64| self.low[axis] + self.spacing * (place as f64 + share);
+                low[axis] = low[axis].min(at(-f64::from(to(i - steps[axis]))));
+                high[axis] = high[axis].max(at(f64::from(to(i + steps[axis]))));
+            }
+        }
+        let sides = [0, 1, 2].map(|axis| high[axis] - low[axis]);
+        let longest = sides.into_iter().fold(0.0, f64::max);
+        if longest.is_nan() || longest <= 0.0 || sides.iter().any(|side| *side < THICK * longest) {
+            return None;
+        }
+        let middle = [0, 1, 2].map(|axis| 0.5 * (low[axis] + high[axis]));
+        self.low = [0, 1, 2].map(|axis| (self.low[axis] - middle[axis]) / longest);
+        self.spacing /= longest;
+        self.nodes.iter_mut().for_each(|d| *d /= longest as f32);
+        (self.half, self.made) = (sides.map(|side| 0.5 * side / longest), (middle, longest));
+        Some(self)
+    }
+
+    /// Trilinear between the nodes.
+    fn at(&self, x: [f64; 3]) -> f64 {
+        let (mut corner, mut share) = ([0; 3], [0.0f32; 3]);
+        for axis in 0..3 {
+            let place = ((x[axis] - self.low[axis]) / self.spacing).clamp(0.0, (self.dims[axis] - 1) as f64 - 1e-6);
+            corner[axis] = place as usize;
+            share[axis] = (place - corner[axis] as f64) as f32;
+        }
+        let [sx, sy, sz] = [self.dims[1] * self.dims[2], self.dims[2], 1];
+        let first = corner[0] * sx + corner[1] * sy + corner[2];
+        let line = |i: usize| self.nodes[i] + share[2] * (self.nodes[i + sz] - self.nodes[i]);
+        let plane = |i: usize| line(i) + share[1] * (line(i + sy) - line(i));
+        f64::from(plane(first) + share[0] * (plane(first + sx) - plane(first)))
+    }
+
+    /// The first point of a ray that is inside; the direction has length 1.
+    pub fn entry(&self, origin: [f64; 3], along: [f64; 3]) -> Option<Entry> {
+        let [mut near, mut far] = [0.0f64, f64::INFINITY];
+        for axis in 0..3 {
+            let slope = if along[axis].abs() < 1e-12 { 1e-12 } else { along[axis] };
+            let ends = [-1.0, 1.0].map(|side| (side * self.half[axis] * 1.001 - origin[axis]) / slope);
+            near = near.max(ends[0].min(ends[1]));
+            far = far.min(ends[0].max(ends[1]));
+        }
+        let place = |t: f64| -> [f64; 3] { std::array::from_fn(|axis| origin[axis] + t * along[axis]) };
+        let (mut before, mut t) = (near, near);
+        while t < far {
+            let distance = self.at(place(t));
+            if distance <= 0.0 {
+                let (mut outside, mut inside) = (before, t);
+                for _ in 0..6 {
+                    let middle = 0.5 * (outside + inside);
+                    if self.at(place(middle)) <= 0.0 { inside = middle } else { outside = middle }
+                }
+                let place = place(inside);
+                return Some(Entry { place, normal: self.normal(place) });
+            }
+            before = t;
+            t += (STEP[1] * distance).max(STEP[0] * self.spacing);
+        }
+        None
+    }
+
+    fn normal(&self, x: [f64; 3]) -> [f64; 3] {
+        let slope: [f64; 3] = std::array::from_fn(|axis| {
+            let (mut below, mut above) = (x, x);
+            below[axis] -= 0.6 * self.spacing;
+            above[axis] += 0.6 * self.spacing;
+            self.at(above) - self.at(below)
+        });
+        let norm = dot(slope, slope).sqrt().max(1e-12);
+        slope.map(|s| s / norm)
+    }
+}

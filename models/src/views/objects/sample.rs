@@ -1,0 +1,94 @@
+//! One object in its place, seen by all cameras.
+
+use gradreel::{Error, ErrorKind, Key, Result};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::{Object, Placement, View};
+use crate::views::{ImageBox, Ring};
+
+/// How objects are put and filmed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SampleSettings {
+    /// Least and greatest longest side of an object, in units of the model (the cube has side 1).
+    pub scale: [f64; 2],
+    /// How far from the middle objects are put: 0 not at all, 1 as far as all cameras see all of them.
+    pub reach: f64,
+    /// Least and greatest elevation of the input image's camera \[°\].
+    pub elevation_deg: [f64; 2],
+    /// Rays per pixel along each side.
+    pub rays: usize,
+    /// Nodes of an object's grid along its longest side.
+    pub nodes: usize,
+}
+
+impl Default for SampleSettings {
+    /// Scales of a quarter to about a half, everywhere, the input at the elevation of the ring.
+    fn default() -> Self {
+        Self { scale: [0.25, 0.55], reach: 1.0, elevation_deg: [30.0, 30.0], rays: 2, nodes: 48 }
+    }
+}
+
+impl SampleSettings {
+    /// Whether objects can be filmed like this.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] with the setting that makes no sense.
+    pub fn check(&self) -> Result<()> {
+        let ordered = |[low, high]: [f64; 2], least: f64, most: f64| least <= low && low <= high && high <= most;
+        for (name, fits, wanted) in [
+            ("scale", ordered(self.scale, 0.05, 1.0), "least and greatest, 0.05 to 1"),
+            ("reach", (0.0..=1.0).contains(&self.reach), "0 to 1"),
+            ("elevation_deg", ordered(self.elevation_deg, -80.0, 80.0), "least and greatest, −80 to 80 degrees"),
+            ("rays", (1..=8).contains(&self.rays), "1 to 8"),
+            ("nodes", (8..=256).contains(&self.nodes), "8 to 256"),
+        ] {
+            if !fits {
+                return Err(Error::new(ErrorKind::Input, "objects cannot be filmed like this")
+                    .at(format!("data.{name}"))
+                    .found(format!("{self:?}"))
+                    .wanted(wanted)
+                    .fix("correct the configuration"));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// An object in its place, in the views of a ring and in the input image.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sample {
+    /// One for each camera.
+    pub views: Vec<View>,
+    /// The input image: the first view, where its camera is that one.
+    pub input: View,
+    /// Elevation of the input image's camera in radians.
+    pub elevation: f64,
+    /// Where the object is.
+    pub placement: Placement,
+}
+
+impl Sample {
+    /// The sample of a key, in images of `size²` pixels.
+    pub fn draw(key: Key, ring: &Ring, size: usize, settings: &SampleSettings) -> Self {
+        let [shape, place, above] = key.split();
+        let object = Object::new(shape, settings.nodes);
+        let placement = Placement::draw(place, object.half(), ring, settings.scale, settings.reach);
+        let [low, high] = settings.elevation_deg;
+        let chance = above.uniform(1).next().expect("one number");
+        let elevation = (low + (high - low) * chance).to_radians();
+        let seen = |pose: [[f64; 4]; 3]| object.seen(&placement, &pose, ring.focal, size, settings.rays);
+        let views: Vec<View> = (0..ring.views).into_par_iter().map(|view| seen(ring.pose(view))).collect();
+        // degrees lose a bit on their way
+        let same = (elevation - ring.elevation).abs() < 1e-9;
+        let elevation = if same { ring.elevation } else { elevation };
+        let input = if same { views[0].clone() } else { seen(ring.input_pose(elevation)) };
+        Self { views, input, elevation, placement }
+    }
+
+    /// The box around the object in the input image.
+    pub fn seen(&self) -> Option<ImageBox> {
+        ImageBox::of_coverage(&self.input.coverage, self.input.size)
+    }
+}

@@ -1,0 +1,102 @@
+//! From samples of objects to batches of latents.
+
+use gradreel::{Device, Key, Result, Tape, Tensor};
+
+use super::Batch;
+use crate::layers::Scope;
+use crate::views::frozen::Frozen;
+use crate::views::objects::{Sample, View};
+use crate::views::subject::embed;
+use crate::views::{FileWeights, ImageBox, Model, ModelSizes, Subject, on_cpu};
+
+/// What a detector might do to a box: the deviation of each side in shares of the box, and the probability that nothing is
+/// found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Detector {
+    /// Deviation of each side, in shares of the box.
+    pub jitter: f64,
+    /// Probability that there is no box.
+    pub missed: f64,
+}
+
+impl Detector {
+    /// Finds every box exactly.
+    pub const EXACT: Self = Self { jitter: 0.0, missed: 0.0 };
+
+    fn finds(self, seen: Option<ImageBox>, key: Key) -> Option<ImageBox> {
+        let [miss, move_by] = key.split();
+        let chance = miss.uniform(1).next().expect("one number");
+        seen.filter(|_| chance >= self.missed).map(|seen| seen.jittered(self.jitter, move_by))
+    }
+}
+
+/// Views as images `[n, 3, s, s]`.
+fn images(views: &[&View]) -> Tensor {
+    let size = views[0].size;
+    let values: Vec<f32> = views.iter().flat_map(|view| view.colours.iter().copied()).collect();
+    Tensor::from_vec(values, [views.len(), 3, size, size])
+}
+
+/// Encodes samples for a training step of a model with these weights. Chance depends on the key alone.
+///
+/// # Errors
+/// When a weight is missing or mis-shaped, or the device fails.
+///
+/// # Panics
+/// When there are no samples, or their images have not the size of the model.
+#[track_caller]
+pub fn encode(
+    weights: &FileWeights,
+    sizes: &ModelSizes,
+    samples: &[Sample],
+    detector: Detector,
+    key: Key,
+) -> Result<Batch> {
+    let [noise, boxes] = key.split();
+    let (count, views) = (samples.len(), sizes.denoiser.ring.views);
+    let (width, channels) = (sizes.latent_width(), sizes.autoencoder.channels());
+    let tape = Tape::new();
+    let weights = weights.on(&tape);
+    let frozen = Frozen(&weights);
+    let scope = Scope::root(&frozen);
+    let coder = Model::coder(&scope, sizes)?;
+    let device = weights.device().clone();
+    let device = if sizes.clip.is_none() && sizes.autoencoder.scale() == 1.0 { Device::Cpu } else { device };
+    let inputs: Vec<&View> = samples.iter().map(|sample| &sample.input).collect();
+    let inputs = tape.constant(images(&inputs).to_device(&device)?);
+    let seen = coder.encode(&inputs, Some(noise.fold(0)))?;
+    let mut latents = Vec::with_capacity(count * views * channels * width * width);
+    for (number, sample) in samples.iter().enumerate() {
+        let all: Vec<&View> = sample.views.iter().collect();
+        let all = tape.constant(images(&all).to_device(&device)?);
+        let latent = &coder.encode(&all, Some(noise.fold(number as u64 + 1)))? * sizes.autoencoder.scale();
+        latents.extend_from_slice(on_cpu(&latent)?.slice::<f32>());
+    }
+    Ok(Batch {
+        latents: Tensor::from_vec(latents, [count, views, channels, width, width]),
+        embeddings: on_cpu(&embed(&scope, sizes, &inputs)?)?,
+        images: on_cpu(&seen)?,
+        elevations: samples.iter().map(|sample| sample.elevation).collect(),
+        boxes: match sizes.denoiser.spatial_aware {
+            None => Vec::new(),
+            Some(_) => {
+                let find = |(i, sample): (usize, &Sample)| detector.finds(sample.seen(), boxes.fold(i as u64));
+                samples.iter().enumerate().map(find).collect()
+            }
+        },
+    })
+}
+
+/// What the sampler is given of one sample's input image.
+///
+/// # Errors
+/// As [`encode`].
+///
+/// # Panics
+/// As [`encode`].
+#[track_caller]
+pub fn subject_of(weights: &FileWeights, sizes: &ModelSizes, sample: &Sample, key: Key) -> Result<Subject> {
+    let picture = images(&[&sample.input]);
+    let found = Subject::encode(weights, sizes, &picture, sample.elevation, key, weights.device())?;
+    Ok(Subject { seen: sample.seen(), ..found })
+}

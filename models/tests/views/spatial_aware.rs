@@ -1,0 +1,295 @@
+//! The spatial-aware module: its parts against stored numbers, that it changes nothing before it is trained, and that nothing
+//! else is trained.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use gradreel::io::TensorFile;
+use gradreel::{DType, Device, Result, Shape, Tensor, Var};
+use gradreel_models::layers::{Init, Scope, Weights, listing};
+use gradreel_models::views::spatial_aware::{EpipolarAttention, EpipolarLines, combine, gather};
+use gradreel_models::views::{
+    Batch, Denoiser, DenoiserSizes, FileWeights, ImageBox, ModelSizes, Plan, Ring, SpatialAwareSizes, Training,
+    UnetSizes, VolumeSizes,
+};
+
+use crate::harness::{Case, Tolerance, check, close, load, places};
+use crate::procedural;
+
+fn vector_sizes(case: &Case<'_>) -> SpatialAwareSizes {
+    SpatialAwareSizes {
+        features: case.size("channels"),
+        heads: case.size("heads"),
+        samples: case.size("samples"),
+        neighbours: serde_json::from_value(case.setting("neighbour_offsets")).unwrap(),
+        octaves: case.size("depth_octaves"),
+        widths: [16; 4],
+        least: case.setting("epsilon").as_f64().unwrap(),
+        margin: 0.0,
+    }
+}
+
+/// The box of the vectors, which is in pixels of 256.
+fn vector_box(case: &Case<'_>) -> ImageBox {
+    let [left, top, right, bottom] = case.numbers("box_xyxy")[..] else { panic!("four sides") };
+    ImageBox { low: [left / 256.0, top / 256.0], high: [right / 256.0, bottom / 256.0] }
+}
+
+#[test]
+fn attention_gathering_and_weights() {
+    check("spatial_aware", "", Tolerance { value: 5e-5, gradient: 5e-4 }, |case| {
+        let (sizes, ring) = (vector_sizes(case), Ring::published(8));
+        let attention = EpipolarAttention::new(&case.scope(), &sizes)?;
+        let maps = attention.forward(&ring, &case.input("features").reshape([1, 8, 16, 8, 8]))?;
+        let volume = case.input("base_volume").reshape([1, 16, 8, 8, 8]);
+        let elevation = case.numbers("input_elevation_rad");
+        let combined = combine(&ring, &sizes, &volume, &maps, &elevation, &[Some(vector_box(case))])?;
+        let of = |x: &Var| x.reshape(&x.dims()[1..]);
+        Ok(vec![
+            ("mid.fused_features".into(), of(&maps)),
+            ("mid.general_volume".into(), of(&gather(&ring, &maps, 8)?)),
+            ("out.combined".into(), of(&combined)),
+        ])
+    });
+}
+
+/// The weights of a case, with another map after the attention: the identity.
+struct Plain<'a>(&'a Case<'a>);
+
+impl Weights for Plain<'_> {
+    fn weight(&self, path: &str, shape: &Shape, init: Init) -> Result<Var> {
+        if path != "o" {
+            return self.0.weight(path, shape, init);
+        }
+        let size = shape.dims()[0];
+        let identity = (0..size * size).map(|i| f64::from(u8::from(i % (size + 1) == 0))).collect::<Vec<_>>();
+        Ok(self.0.tape.constant(Tensor::from_vec(identity, shape)))
+    }
+}
+
+#[test]
+fn lines_boxes_and_one_neighbour() {
+    let file = load("spatial_aware");
+    let place = &places()[0];
+    let case = Case::new(&file, place);
+    let (sizes, ring) = (vector_sizes(&case), Ring::published(8));
+    let numbers = |name: &str| file.get(name).unwrap().to_vec().unwrap();
+
+    // stored as row, column, sample
+    let lines = EpipolarLines::new(&ring, [0, 1], 12, 8);
+    let (uv, valid) = (numbers("mid.view0_first_neighbour.uv"), numbers("mid.view0_first_neighbour.valid"));
+    for cell in 0..64 {
+        for sample in 0..12 {
+            let (ours, theirs) = (sample * 64 + cell, cell * 12 + sample);
+            assert_eq!(f64::from(u8::from(lines.valid[ours])), valid[theirs], "cell {cell}, sample {sample}");
+            for axis in 0..2 {
+                let (a, b) = (lines.places[ours][axis], uv[2 * theirs + axis]);
+                assert!((a - b).abs() < 1e-4 * (1.0 + b.abs()), "cell {cell}, sample {sample}: {a}, not {b}");
+            }
+        }
+    }
+
+    let (elevation, seen) = (case.numbers("input_elevation_rad")[0], vector_box(&case));
+    let covered = ring.covered(8, elevation, &seen);
+    let mask: Vec<f64> = covered.iter().map(|inside| f64::from(u8::from(*inside))).collect();
+    assert_eq!(mask, numbers("mid.mask"));
+    assert!(mask.contains(&0.0) && mask.contains(&1.0));
+    let finer = ring.covered(32, elevation, &seen).into_iter().filter(|inside| *inside).count();
+    assert_eq!(finer as f64, numbers("mid.mask_V32_count")[0]);
+    // of ones and nothing else the weights are left
+    let [ones, nothing] = [1.0, 0.0].map(|v| case.tape.constant(Tensor::full(v, [1, 1, 8, 8, 8], DType::F64)));
+    let maps = &nothing.reshape([1, 8, 1, 8, 8]) * 0.0;
+    let phi = |boxes: &[Option<ImageBox>]| combine(&ring, &sizes, &ones, &maps, &[elevation], boxes).unwrap();
+    close("phi", &phi(&[Some(seen)]).reshape([8, 8, 8]).value().unwrap().clone(), file.get("mid.phi").unwrap(), 1e-6);
+    for without in [&[None][..], &[]] {
+        assert!(phi(without).value().unwrap().slice::<f64>().iter().all(|weight| *weight == 1.0));
+    }
+
+    let plain = Plain(&case);
+    let first = SpatialAwareSizes { neighbours: vec![1], ..sizes };
+    let attention = EpipolarAttention::new(&Scope::root(&plain), &first).unwrap();
+    let features = case.input("features").reshape([1, 8, 16, 8, 8]);
+    let found = &attention.forward(&ring, &features).unwrap() - &features;
+    let of_view = found.select(1, 0).reshape([16, 8, 8]).permute(&[1, 2, 0]);
+    close("A", of_view.value().unwrap(), file.get("mid.view0_first_neighbour.A").unwrap(), 5e-5);
+}
+
+const SEED: &str = "spatial aware";
+
+/// Four views of 8 × 8.
+fn tiny(module: bool) -> DenoiserSizes {
+    let volumes = [16; 4];
+    let unet = UnetSizes { inputs: 8, outputs: 4, base: 32, multipliers: [1; 4], heads: 2, context: 8, volumes };
+    let volume =
+        VolumeSizes { latent: 4, features: 4, time: 16, spatial: volumes, frustum: volumes, voxels: 8, depth: 8 };
+    let sizes = SpatialAwareSizes {
+        features: 16,
+        heads: 2,
+        samples: 6,
+        neighbours: vec![-1, 1],
+        widths: [16; 4],
+        ..SpatialAwareSizes::published()
+    };
+    DenoiserSizes {
+        ring: Ring::published(4),
+        unet,
+        volume,
+        spatial_aware: module.then_some(sizes),
+        output: Default::default(),
+    }
+}
+
+fn base(name: &str) -> PathBuf {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("spatial_aware");
+    std::fs::create_dir_all(&folder).unwrap();
+    let mut file = TensorFile::default();
+    for (key, shape) in listing(|scope| Denoiser::new(scope, &tiny(false))).unwrap() {
+        let value = procedural::weight(SEED, &key, &shape);
+        file.tensors.insert(key, value);
+    }
+    let sizes = ModelSizes { denoiser: tiny(false), ..crate::tiny::sizes() };
+    file.metadata.insert(ModelSizes::METADATA.into(), sizes.to_json());
+    let path = folder.join(name);
+    file.write(&path).unwrap();
+    path
+}
+
+const LEFT: ImageBox = ImageBox { low: [0.1, 0.3], high: [0.4, 0.7] };
+const RIGHT: ImageBox = ImageBox { low: [0.6, 0.3], high: [0.9, 0.7] };
+
+fn batch(seen: Option<ImageBox>) -> Batch {
+    let input = |name: &str, shape: &[usize]| procedural::input(SEED, name, shape);
+    Batch {
+        latents: input("latents", &[2, 4, 4, 8, 8]),
+        embeddings: input("embeddings", &[2, 1, 8]),
+        images: input("images", &[2, 4, 8, 8]),
+        elevations: vec![0.3, 0.5],
+        boxes: vec![seen; 2],
+    }
+}
+
+fn training(path: &PathBuf, device: &Device, module: bool, plan: Plan) -> Training {
+    Training::new(FileWeights::open(path, device).unwrap(), tiny(module), plan).unwrap()
+}
+
+fn plan() -> Plan {
+    Plan { warmup: 0, recomputed: false, at_once: 2, ..Plan::spatial_aware() }
+}
+
+#[test]
+fn an_untrained_module_changes_no_bit() {
+    let path = base("untrained.safetensors");
+    for place in places() {
+        if place.device == Device::Cpu && place.is_f64() {
+            continue; // trainings are in f32
+        }
+        let base = training(&path, &place.device, false, Plan { at_once: 2, recomputed: false, ..Plan::published() });
+        let with = training(&path, &place.device, true, plan());
+        for seen in [Some(LEFT), None] {
+            let [a, b] = [&base, &with].map(|training| training.validate(&batch(seen), 3).unwrap());
+            assert_eq!(a.to_bits(), b.to_bits(), "{a} and {b}");
+        }
+    }
+}
+
+#[test]
+fn the_module_alone_is_trained() {
+    let path = base("alone.safetensors");
+    let mut module = training(&path, &Device::Cpu, true, plan());
+    assert!(module.params().iter().all(|(path, _)| path.starts_with("spatial_aware.")));
+    let values = |training: &Training| -> BTreeMap<String, Vec<f32>> {
+        training.params().iter().map(|(path, value)| (path.to_owned(), value.slice::<f32>().to_vec())).collect()
+    };
+    let before = values(&module);
+    let untrained = module.validate(&batch(Some(LEFT)), 0).unwrap();
+    assert_eq!(untrained, module.validate(&batch(Some(RIGHT)), 0).unwrap());
+    module.step(&batch(Some(LEFT))).unwrap();
+    // behind the first convolution that is not zero any more, everything has a gradient
+    let found = module.gradients(&batch(Some(LEFT))).unwrap();
+    assert!(found.by_path.keys().eq(before.keys()));
+    for (path, gradient) in &found.by_path {
+        assert!(gradient.slice::<f32>().iter().any(|g| *g != 0.0), "{path}");
+    }
+    module.step(&batch(Some(LEFT))).unwrap();
+    let after = values(&module);
+    assert!(before.iter().all(|(path, value)| after[path] != *value));
+    let [left, right] = [LEFT, RIGHT].map(|seen| module.validate(&batch(Some(seen)), 0).unwrap());
+    assert!(left != right && left != untrained, "{left}, {right}, {untrained}");
+
+    // the whole model with its module, and all else as it was
+    let exported = path.with_file_name("exported.safetensors");
+    module.export(&exported).unwrap();
+    let (first, last) = (TensorFile::read(&path).unwrap(), TensorFile::read(&exported).unwrap());
+    for (name, tensor) in &first.tensors {
+        assert_eq!(tensor.slice::<f32>(), last.tensors[name].slice::<f32>(), "{name}");
+    }
+    assert_eq!(last.tensors.len(), first.tensors.len() + after.len());
+    let weights = FileWeights::open(&exported, &Device::Cpu).unwrap();
+    let sizes = weights.sizes().unwrap().denoiser;
+    assert_eq!(sizes, tiny(true));
+    let again = Training::new(weights, sizes, plan()).unwrap();
+    assert_eq!(again.validate(&batch(Some(LEFT)), 0).unwrap(), left);
+}
+
+#[test]
+fn recomputing_and_groups_change_nothing() {
+    let path = base("recomputed.safetensors");
+    let gradients = |recomputed, at_once| {
+        let mut training = training(&path, &Device::Cpu, true, Plan { recomputed, at_once, ..plan() });
+        training.step(&batch(Some(LEFT))).unwrap();
+        training.gradients(&batch(Some(RIGHT))).unwrap()
+    };
+    let (kept, recomputed, apart) = (gradients(false, 2), gradients(true, 2), gradients(false, 1));
+    assert!(recomputed.memory.peak < kept.memory.peak);
+    assert_eq!(kept.loss, recomputed.loss);
+    assert!((kept.loss - apart.loss).abs() < 1e-5 * kept.loss);
+    for (path, gradient) in &kept.by_path {
+        close(path, &recomputed.by_path[path], gradient, 1e-5);
+    }
+}
+
+#[test]
+fn boxes_of_pictures() {
+    let side = 8;
+    let inside = |i: usize| (2..5).contains(&(i % side)) && (1..7).contains(&(i / side));
+    let value = |i: usize| if inside(i % (side * side)) { [0.9f32, -0.5, 0.4][i / (side * side)] } else { 1.0 };
+    let picture = |value: &dyn Fn(usize) -> f32| {
+        Tensor::from_vec((0..3 * side * side).map(value).collect::<Vec<f32>>(), [1, 3, side, side])
+    };
+    let found = ImageBox::of_picture(&picture(&value)).unwrap().unwrap();
+    assert_eq!((found.low, found.high), ([0.25, 0.125], [0.625, 0.875]));
+    assert_eq!(found.centre(), [0.4375, 0.5]);
+    assert!(ImageBox::of_picture(&picture(&|_| 0.95)).unwrap().is_none());
+    assert!((LEFT.overlap(&LEFT) - 1.0).abs() < 1e-12);
+    assert_eq!(LEFT.overlap(&RIGHT), 0.0);
+    let half = ImageBox { low: [0.1, 0.3], high: [0.25, 0.7] };
+    assert!((LEFT.overlap(&half) - 0.5).abs() < 1e-12);
+}
+
+#[test]
+fn sizes_that_make_no_module_are_refused() {
+    let whole = ModelSizes::small();
+    whole.check().unwrap();
+    let refused = |change: &dyn Fn(&mut SpatialAwareSizes)| {
+        let mut sizes = whole.clone();
+        change(sizes.denoiser.spatial_aware.as_mut().unwrap());
+        sizes.check().unwrap_err().to_string()
+    };
+    assert!(refused(&|module| module.features = 16).contains("features"));
+    assert!(refused(&|module| module.heads = 5).contains("heads"));
+    assert!(refused(&|module| module.samples = 1).contains("samples"));
+    assert!(refused(&|module| module.neighbours.clear()).contains("neighbours"));
+    assert!(refused(&|module| module.widths[2] = 12).contains("widths"));
+    assert!(refused(&|module| module.least = 2.0).contains("least"));
+}
+
+#[test]
+fn the_small_model_fits_where_it_is_to_go() {
+    let sizes = ModelSizes::small();
+    let count: usize = sizes.weights().unwrap().iter().map(|(_, shape)| shape.len()).sum();
+    // 16 bits each, beside their names
+    assert!(2 * count <= 19_800_000, "{count} weights do not fit into 20 MB as f16");
+    assert!(count > 5_000_000, "{count}");
+    let again = ModelSizes::from_json(&sizes.to_json()).unwrap();
+    assert_eq!(again, sizes);
+}
