@@ -138,9 +138,9 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
 
 fn resume(arguments: &Arguments) -> Result<(Run, Clip)> {
     let folder = arguments.out.as_deref().unwrap_or(Path::new("."));
-    let run = Run::open(RunFolder::open(folder)?)?;
+    let mut run = Run::open(RunFolder::open(folder)?)?;
     let clip = open(&arguments.clip, &run.config)?;
-    run.belongs_to(&clip)?;
+    run.go_on(&clip)?;
     Ok((run, clip))
 }
 

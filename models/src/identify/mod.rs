@@ -21,6 +21,7 @@ mod config;
 mod contact;
 mod estimate;
 mod family;
+mod field_file;
 mod gauss_newton;
 mod interval;
 mod linearise;
@@ -40,6 +41,7 @@ pub use config::{ClipConfig, Config, EstimateConfig, FAMILIES, GeometryConfig, M
 pub use contact::first_contact;
 pub use estimate::{Evaluation, estimate};
 pub use family::{Candidate, choose};
+pub use field_file::Reached;
 pub use gauss_newton::{apart, gauss_newton, scan};
 pub use interval::{Interval, intervals};
 pub use linearise::{Linearised, Score};

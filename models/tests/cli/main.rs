@@ -6,6 +6,8 @@ mod bad_settings;
 mod checks;
 #[cfg(unix)]
 mod interrupted;
+#[cfg(unix)]
+mod killed;
 mod model;
 mod resumed;
 mod results;

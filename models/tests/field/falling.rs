@@ -80,6 +80,7 @@ fn clip_of(cameras: Vec<Camera>) -> Clip {
         frame_numbers: (0..FRAMES as i64).collect(),
         frames: cameras.iter().map(|c| (0..FRAMES).map(|f| picture(c, f)).collect()).collect(),
         foreground: vec![Foreground::ImageAlpha; cameras.len()],
+        imagined: vec![false; cameras.len()],
         cameras,
         assumptions: Vec::new(),
     }
