@@ -1,5 +1,6 @@
 //! The command line.
 
+mod bench;
 mod check;
 mod gradcheck;
 mod reconstruct;
@@ -46,6 +47,8 @@ enum Command {
     Synthesize(synthesize::Arguments),
     /// Check derivatives of ops and materials against central differences, and print the tables
     Gradcheck(gradcheck::Arguments),
+    /// Measure what the parts of the method are worth
+    Bench(bench::Arguments),
     /// Check and convert files of the multi-view model's weights
     Weights(weights::Arguments),
 }
@@ -58,6 +61,7 @@ pub fn main() -> u8 {
         Command::Check(arguments) => check::run(&arguments),
         Command::Gradcheck(arguments) => gradcheck::run(&arguments),
         Command::Synthesize(arguments) => synthesize::run(&arguments),
+        Command::Bench(arguments) => bench::run(&arguments),
         Command::Weights(arguments) => weights::run(&arguments),
     };
     exit_code(outcome)

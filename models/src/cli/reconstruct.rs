@@ -100,12 +100,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
 fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     let mut config = match &arguments.config {
         None => Config::default(),
-        Some(path) => {
-            let text = std::fs::read_to_string(path).map_err(|e| {
-                Error::io(path, "read the configuration", &e).fix("give the path of a TOML file to --config")
-            })?;
-            Config::parse(&text).map_err(|e| e.at(path.display()))?
-        }
+        Some(path) => read_config(path)?,
     };
     if let Some(cameras) = &arguments.cameras {
         config.clip.cameras.clone_from(cameras);
@@ -134,6 +129,14 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
         None => RunFolder::create_free(Path::new("runs"), &clip.name)?,
     };
     Ok((Run::create(folder, config, &clip)?, clip))
+}
+
+/// The configuration in a file.
+pub(super) fn read_config(path: &Path) -> Result<Config> {
+    let text = std::fs::read_to_string(path).map_err(|e| {
+        Error::io(path, "read the configuration", &e).fix("give the path of a TOML file to --config")
+    })?;
+    Config::parse(&text).map_err(|e| e.at(path.display()))
 }
 
 fn resume(arguments: &Arguments) -> Result<(Run, Clip)> {
@@ -171,7 +174,10 @@ pub(super) fn open(path: &Path, config: &Config) -> Result<Clip> {
         max_frames: Some(config.clip.frames).filter(|&frames| frames > 0),
         ..OpenOptions::default()
     };
-    let clip = Clip::open(path, &options)?;
+    let mut clip = Clip::open(path, &options)?;
+    if let Some(imagined) = &config.clip.imagined {
+        clip.imagine(imagined)?;
+    }
     if clip.frame_count() < 2 {
         return Err(Error::new(ErrorKind::Input, "a clip needs at least two frames to show motion")
             .at(path.display())

@@ -25,7 +25,22 @@ pub struct Reached {
     pub ended: bool,
 }
 
+/// What the file says beside its tensors.
+#[derive(Serialize, Deserialize)]
+struct Header {
+    /// Origin \[m\], spacing \[m\] and numbers of nodes.
+    lattice: ([f64; 3], f64, [usize; 3]),
+    reached: Reached,
+}
+
+const HEADER: &str = "field";
+
 impl Run {
+    fn header(&self, file: &TensorFile) -> Result<Header> {
+        let text = file.metadata.get(HEADER).map_or("", String::as_str);
+        serde_json::from_str(text).map_err(|e| damaged(&self.folder, FIELD, &e))
+    }
+
     /// How far the stage is with its voxels; nothing where the file is of another stage or there is none.
     ///
     /// # Errors
@@ -35,8 +50,7 @@ impl Run {
             return Ok(Reached::default());
         }
         let file = TensorFile::from_bytes(&self.folder.read(FIELD)?).map_err(|e| damaged(&self.folder, FIELD, &e))?;
-        let Some(text) = file.metadata.get("reached") else { return Ok(Reached::default()) };
-        let reached: Reached = serde_json::from_str(text).map_err(|e| damaged(&self.folder, FIELD, &e))?;
+        let reached = self.header(&file)?.reached;
         Ok(if reached.stage == stage { reached } else { Reached::default() })
     }
 
@@ -47,9 +61,9 @@ impl Run {
     pub fn save_field(&self, field: &Field, params: &Params, adam: Option<&Adam>, reached: &Reached) -> Result<()> {
         let Lattice { origin, spacing, dims } = field.lattice;
         let mut file = TensorFile::default();
-        file.metadata.insert("lattice".into(), serde_json::json!([origin, spacing, dims]).to_string());
-        let reached = serde_json::to_string(reached).expect("names and numbers");
-        file.metadata.insert("reached".into(), reached);
+        // one entry, because several would be written in any order: the same voxels are the same file
+        let header = Header { lattice: (origin, spacing, dims), reached: reached.clone() };
+        file.metadata.insert(HEADER.into(), serde_json::to_string(&header).expect("names and numbers"));
         file.tensors.insert("voxels".into(), Tensor::from_vec(field.voxels.clone(), [field.len()]));
         file.tensors.extend(params.iter().map(|(path, value)| (path.to_owned(), value.clone())));
         if let Some(adam) = adam {
@@ -80,9 +94,7 @@ impl Run {
     /// [`ErrorKind::Input`](gradreel::ErrorKind::Input) when the file is missing or damaged.
     pub fn load_field(&self, adam: &mut Adam) -> Result<(Field, Params)> {
         let file = TensorFile::from_bytes(&self.folder.read(FIELD)?).map_err(|e| damaged(&self.folder, FIELD, &e))?;
-        let lattice = file.metadata.get("lattice").map_or("", String::as_str);
-        let (origin, spacing, dims): ([f64; 3], f64, [usize; 3]) =
-            serde_json::from_str(lattice).map_err(|e| damaged(&self.folder, FIELD, &e))?;
+        let (origin, spacing, dims) = self.header(&file)?.lattice;
         let lattice = Lattice { origin, spacing, dims };
         for name in ["voxels", "field.density", "field.colour"] {
             file.get(name).map_err(|e| damaged(&self.folder, FIELD, &e))?;

@@ -13,7 +13,7 @@
 //! 6. **intervals**: how sure all that is.
 //!
 //! [`dynamic_step`] is the published forward model on the particles of a radiance field; [`RangePenalty`] keeps parameters
-//! plausible. [`Changes`] makes a reconstructed object move under other
+//! plausible, and [`LossConfig`] says what else counts where views are imagined. [`Changes`] makes a reconstructed object move under other
 //! conditions. Where the particles themselves were tracked, [`Tracks`] finds velocity and material without pictures.
 
 mod again;
@@ -25,6 +25,7 @@ mod field_file;
 mod gauss_newton;
 mod interval;
 mod linearise;
+mod loss;
 mod oracle;
 mod penalty;
 mod pixels;
@@ -45,6 +46,7 @@ pub use field_file::Reached;
 pub use gauss_newton::{apart, gauss_newton, scan};
 pub use interval::{Interval, intervals};
 pub use linearise::{Linearised, Score};
+pub use loss::LossConfig;
 pub use oracle::{Answer, Listener};
 pub use penalty::RangePenalty;
 pub use pixels::{FramePixels, MotionLoss, MotionSettings, body_of, dynamic_step, is_stiffness, motion_loss};
