@@ -3,6 +3,7 @@
 mod again;
 mod bad_clips;
 mod bad_settings;
+mod bench;
 mod checks;
 #[cfg(unix)]
 mod interrupted;
