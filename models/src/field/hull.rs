@@ -59,15 +59,30 @@ pub fn bounding_sphere(clip: &Clip, frame: usize) -> Result<Sphere> {
     if views.is_empty() {
         return Err(no_object("no camera sees the object"));
     }
-    // normal equations of the point nearest to all rays: Σ (I − d dᵀ) (x − o) = 0
-    let mut matrix = Mat::<f64>::zeros(3, 3);
-    let mut right = Mat::<f64>::zeros(3, 1);
-    let weight_of_origin = if views.len() == 1 { 1e-9 } else { 0.0 };
-    for i in 0..3 {
-        matrix[(i, i)] = weight_of_origin;
-    }
+    let pull = if views.len() == 1 { 1e-9 } else { 0.0 };
+    let central = views.iter().map(|(camera, silhouette)| (*camera, silhouette.mean));
+    let centre = meeting_point(central, [0.0; 3], pull)
+        .ok_or_else(|| no_object("the cameras' central rays are parallel"))?;
+    let mut radius = 0.0f64;
     for (camera, silhouette) in &views {
-        let (origin, direction) = camera.ray(silhouette.mean[0], silhouette.mean[1]);
+        let [.., depth] = camera.project(centre).ok_or_else(|| no_object("the silhouettes meet behind a camera"))?;
+        radius = radius.max(silhouette.reach * depth / camera.fx.min(camera.fy));
+    }
+    Ok(Sphere { centre, radius: 1.1 * radius, assumed_depth: views.len() == 1 })
+}
+
+/// The point nearest to the rays through some pixels, one of each camera; a weight `pull` draws it to `towards`. `None` for
+/// parallel rays that nothing draws.
+pub(crate) fn meeting_point<'a>(
+    pixels: impl Iterator<Item = (&'a Camera, [f64; 2])>,
+    towards: [f64; 3],
+    pull: f64,
+) -> Option<[f64; 3]> {
+    // normal equations: Σ (I − d dᵀ) (x − o) + pull (x − towards) = 0
+    let mut matrix = Mat::from_fn(3, 3, |i, j| if i == j { pull } else { 0.0 });
+    let mut right = Mat::from_fn(3, 1, |i, _| pull * towards[i]);
+    for (camera, [u, v]) in pixels {
+        let (origin, direction) = camera.ray(u, v);
         let norm = direction.iter().map(|d| d * d).sum::<f64>().sqrt();
         let d = direction.map(|x| x / norm);
         for i in 0..3 {
@@ -78,15 +93,17 @@ pub fn bounding_sphere(clip: &Clip, frame: usize) -> Result<Sphere> {
             }
         }
     }
-    let solution =
-        matrix.llt(Side::Lower).map_err(|_| no_object("the cameras' central rays are parallel"))?.solve(&right);
-    let centre = [solution[(0, 0)], solution[(1, 0)], solution[(2, 0)]];
-    let mut radius = 0.0f64;
-    for (camera, silhouette) in &views {
-        let [.., depth] = camera.project(centre).ok_or_else(|| no_object("the silhouettes meet behind a camera"))?;
-        radius = radius.max(silhouette.reach * depth / camera.fx.min(camera.fy));
-    }
-    Ok(Sphere { centre, radius: 1.1 * radius, assumed_depth: views.len() == 1 })
+    let solution = matrix.llt(Side::Lower).ok()?.solve(&right);
+    Some([0, 1, 2].map(|axis| solution[(axis, 0)]))
+}
+
+/// The mean pixel of the object, if it is in the image as a whole.
+pub(crate) fn middle(frame: &Frame) -> Option<[f64; 2]> {
+    let (height, width) = frame.alpha.dim();
+    let cut = frame.alpha.indexed_iter().any(|((row, column), &alpha)| {
+        alpha > 0.5 && (row == 0 || column == 0 || row + 1 == height || column + 1 == width)
+    });
+    (!cut).then(|| silhouette(frame)).flatten().map(|silhouette| silhouette.mean)
 }
 
 fn silhouette(frame: &Frame) -> Option<Silhouette> {

@@ -24,6 +24,7 @@ pub(crate) use dense::channel;
 pub use dense::{DenseGrid, opacity_shift};
 pub use fit::{FitSettings, FitState, Pose, fit};
 pub use hull::{Hull, Sphere, bounding_sphere, hull};
+pub(crate) use hull::{meeting_point, middle};
 pub use occupancy::Occupancy;
 pub(crate) use occupancy::opacity;
 pub use radiance::{ColourNet, RadianceField, RadianceSizes};

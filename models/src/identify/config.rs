@@ -140,7 +140,7 @@ pub enum Method {
 pub struct EstimateConfig {
     /// How the material is searched; if not given, elastic ones by descent and all others by Gauss–Newton.
     pub method: Option<Method>,
-    /// Evaluations with their gradient at most for the velocity before contact, each time.
+    /// Gauss–Newton steps at most for the velocity before contact, each time.
     pub velocity: usize,
     /// Materials tried on a grid of twice the spacing, spread over what is plausible, besides the one to start from.
     pub scan: usize,
@@ -156,7 +156,7 @@ pub struct EstimateConfig {
 
 impl Default for EstimateConfig {
     fn default() -> Self {
-        Self { method: None, velocity: 30, scan: 24, starts: 3, coarse: 8, fine: 5, rounds: 2 }
+        Self { method: None, velocity: 10, scan: 24, starts: 3, coarse: 8, fine: 5, rounds: 2 }
     }
 }
 

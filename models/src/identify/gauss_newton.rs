@@ -13,7 +13,7 @@ use crate::identify::{Evaluation, Free, Problem, Unknowns};
 ///
 /// A step solves `(C + μ diag C + ν D) h = −g` with gradient and curvature of [`Problem::linearise`]; `μ` follows how well
 /// steps keep what they promise (Nielsen 1999), `ν D` is the least that makes no parameter move farther than half of what its
-/// plausible range calls a standard deviation (0.6 decades of four), and no velocity farther than 0.06 m/s. What the
+/// plausible range calls a standard deviation (0.6 decades of four), and no velocity farther than 0.2 m/s. What the
 /// law holds to be implausible costs extra. `known`, `each` and `notes` as in [`estimate`](crate::identify::estimate).
 ///
 /// # Errors

@@ -5,7 +5,8 @@
 //! [`reconstruct`](reconstruct()) runs the stages in order and keeps a run folder up to date:
 //!
 //! 1. **geometry**: visual hull, then voxels fitted to the first frame, then particles;
-//! 2. **velocity**: frames before contact, where the motion does not depend on the material, by L-BFGS;
+//! 2. **velocity**: frames before contact, where the motion does not depend on the material: as the middles of the silhouettes
+//!    move, then by Gauss–Newton;
 //! 3. **family**: if it was not said, which of them foretells the frames that it was not fitted to;
 //! 4. **coarse**: on a grid of twice the spacing, a scan of what is plausible, then Gauss–Newton from the best of it; or, for
 //!    elastic materials, their magnitudes by L-BFGS;
@@ -22,6 +23,7 @@ mod contact;
 mod estimate;
 mod family;
 mod field_file;
+mod flight;
 mod gauss_newton;
 mod interval;
 mod linearise;
@@ -43,6 +45,7 @@ pub use contact::first_contact;
 pub use estimate::{Evaluation, estimate};
 pub use family::{Candidate, choose};
 pub use field_file::Reached;
+pub use flight::velocity_of_silhouettes;
 pub use gauss_newton::{apart, gauss_newton, scan};
 pub use interval::{Interval, intervals};
 pub use linearise::{Linearised, Score};

@@ -65,10 +65,10 @@ impl Plausible<'_> {
         self.free.list(self.law).into_iter().map(deviation).collect()
     }
 
-    /// How far a step may move each free unknown's coordinate: half the deviation of a parameter, 0.06 m/s.
+    /// How far a step may move each free unknown's coordinate: half the deviation of a parameter, 0.2 m/s.
     pub fn longest_step(&self, at: &Unknowns) -> Vec<f64> {
         let longest = |(unknown, deviation): (Unknown, f64)| match unknown {
-            Unknown::Velocity(_) => 0.06 / at.slope(self.law, unknown),
+            Unknown::Velocity(_) => 0.2 / at.slope(self.law, unknown),
             Unknown::Parameter(_) | Unknown::Contact => 0.5 * deviation,
         };
         self.free.list(self.law).into_iter().zip(self.deviations(at)).map(longest).collect()

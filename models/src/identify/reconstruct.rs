@@ -8,7 +8,7 @@ use gradreel::{DType, Error, ErrorKind, Result, Tensor};
 
 use crate::field::{Field, Pose, bounding_sphere, fit, hull};
 use crate::identify::run::Run;
-use crate::identify::{Method, Observed, Problem, Reached, Unknowns, first_contact};
+use crate::identify::{Method, Observed, Problem, Reached, Unknowns, first_contact, velocity_of_silhouettes};
 use crate::particles::Particles;
 use crate::physics::Law;
 use crate::render::Splat;
@@ -55,12 +55,13 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     let iterations = run.config.geometry.fit.iterations;
     stages.shape(run, "shape", iterations, Moved::Flying { frames: 1, velocity: [0.0; 3] })?;
     let few = frames.min(3);
+    unknowns.velocity = velocity_of_silhouettes(clip, run.config.world.gravity, few).unwrap_or_default();
     stages.velocity(run, "velocity", few, &mut unknowns)?;
     stages.contact(run, &unknowns)?;
     let flight = run.state.contact.unwrap_or(frames).clamp(1, frames);
     let flying = Moved::Flying { frames: flight, velocity: unknowns.velocity };
     stages.shape(run, "shape in flight", iterations, flying)?;
-    stages.velocity(run, "velocity in flight", flight.max(few), &mut unknowns)?;
+    stages.velocity(run, "velocity in flight", flight.max(2).min(frames), &mut unknowns)?;
     if run.config.chooses_family() {
         stages.choose_family(run, flight, frames, &unknowns)?;
     }

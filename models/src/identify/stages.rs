@@ -27,13 +27,13 @@ pub(super) struct Effort<'a> {
 type Body<'a> = dyn FnMut(&Problem<'_>, &Search, &mut Listener<'_>, &mut dyn FnMut(String)) -> Result<Evaluation> + 'a;
 
 impl Stages<'_> {
-    /// The velocity, by L-BFGS.
+    /// The velocity.
     pub fn velocity(&self, run: &mut Run, stage: &str, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
         let budget = run.config.estimate.velocity;
         let particles = self.particles(run)?;
         self.search(run, &Effort { stage, budget }, &particles, unknowns, &mut |problem, search, each, notes| {
             let Search { start, answers, .. } = search;
-            estimate(problem, start, Free::Velocity, frames, budget, answers, each, notes)
+            gauss_newton(problem, start, Free::Velocity, frames, budget, answers, each, notes)
         })
     }
 
