@@ -7,7 +7,7 @@ use std::time::Instant;
 use gradreel::{ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
-use super::{EncodingSettings, Perturbation, Truth};
+use super::{Perturbation, Truth};
 use crate::identify::Config;
 use crate::report::progress::Progress;
 use crate::video::Clip;
@@ -78,9 +78,7 @@ pub struct AblationSettings {
     pub primary: Option<i64>,
     /// How the other views are imagined.
     pub perturbation: Perturbation,
-    /// The fits of the temporal field.
-    pub encoding: EncodingSettings,
-    /// The reconstructions. A name of a material that is not given is that of the truth.
+    /// The reconstructions, and the fits of the temporal field.
     pub config: Config,
 }
 

@@ -13,7 +13,6 @@ mod table;
 mod truth;
 
 pub use cell::{AblationSettings, Cell, CellResult};
-pub use encoding::EncodingSettings;
 pub use perturbation::Perturbation;
 pub use table::{ClipResults, markdown};
 pub use truth::Truth;

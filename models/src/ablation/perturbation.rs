@@ -112,7 +112,8 @@ mod tests {
     fn a_shift_moves_the_middle_by_itself() {
         let moved = shifted(&dot(), [1.25, -0.5]);
         let sum: f32 = moved.alpha.sum();
-        let middle = moved.alpha.indexed_iter().fold([0.0; 2], |m, ((y, x), a)| [m[0] + a * x as f32, m[1] + a * y as f32]);
+        let middle =
+            moved.alpha.indexed_iter().fold([0.0; 2], |m, ((y, x), a)| [m[0] + a * x as f32, m[1] + a * y as f32]);
         assert!((sum - 1.0).abs() < 1e-6);
         assert!((middle[0] - 5.25).abs() < 1e-6 && (middle[1] - 2.5).abs() < 1e-6, "{middle:?}");
         // still on white: what is not covered is white

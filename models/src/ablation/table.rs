@@ -153,7 +153,8 @@ fn aligned(rows: &[Vec<String>]) -> String {
     let widths: Vec<usize> = (0..columns).map(width).collect();
     let mut text = String::from("\n");
     for (number, row) in rows.iter().enumerate() {
-        let cells: Vec<String> = widths.iter().enumerate().map(|(k, w)| format!("{:<w$}", cell(row, k), w = *w)).collect();
+        let cells: Vec<String> =
+            widths.iter().enumerate().map(|(k, w)| format!("{:<w$}", cell(row, k), w = *w)).collect();
         writeln!(text, "| {} |", cells.join(" | ")).expect("a string accepts every write");
         if number == 0 {
             let rules: Vec<String> = widths.iter().map(|w| "-".repeat(*w)).collect();

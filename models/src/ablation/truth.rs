@@ -38,7 +38,11 @@ impl Truth {
         let clip = clip.canonicalize().ok()?;
         let json = |path: &Path| Self::of_json(&serde_json::from_slice(&std::fs::read(path).ok()?).ok()?);
         json(&clip.join("truth.json"))
-            .or_else(|| Self::of_scene(&SceneFile::parse(&std::fs::read_to_string(clip.parent()?.join("scene.toml")).ok()?).ok()?))
+            .or_else(|| {
+                Self::of_scene(
+                    &SceneFile::parse(&std::fs::read_to_string(clip.parent()?.join("scene.toml")).ok()?).ok()?,
+                )
+            })
             .or_else(|| json(&clip.with_extension("json")))
     }
 
@@ -70,14 +74,16 @@ impl Truth {
     fn of_scene(scene: &SceneFile) -> Option<Self> {
         let [object] = &scene.objects[..] else { return None };
         let stuff = scene.materials.get(&object.material)?;
-        let family = FAMILIES.iter().find(|(_, law)| *law == stuff.law).map_or(stuff.law.as_str(), |(family, _)| family);
+        let family =
+            FAMILIES.iter().find(|(_, law)| *law == stuff.law).map_or(stuff.law.as_str(), |(family, _)| family);
         let (parameters, velocity) = (stuff.parameters.clone(), Some(object.velocity_m_s));
         Some(Self { family: family.to_owned(), parameters, velocity })
     }
 
     /// The law of its material.
     pub fn law(&self) -> Option<Law> {
-        let law = FAMILIES.iter().find(|(family, _)| *family == self.family).map_or(self.family.as_str(), |(_, law)| law);
+        let law =
+            FAMILIES.iter().find(|(family, _)| *family == self.family).map_or(self.family.as_str(), |(_, law)| law);
         materials::find(law)
     }
 
@@ -123,7 +129,8 @@ mod tests {
                      shape.sphere = { centre_m = [0.0, 0.3, 0.0], radius_m = 0.1 }\n";
         let truth = Truth::of_scene(&SceneFile::parse(scene).unwrap()).unwrap();
         assert_eq!(truth.family, "newtonian");
-        let found = [("viscosity", 500.0), ("bulk", 1e5), ("velocity_x", 0.0), ("velocity_y", -1.9), ("velocity_z", 0.0)];
+        let found =
+            [("viscosity", 500.0), ("bulk", 1e5), ("velocity_x", 0.0), ("velocity_y", -1.9), ("velocity_z", 0.0)];
         let errors = truth.errors(&found.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect());
         approx::assert_relative_eq!(errors["viscosity"], 1.0, max_relative = 1e-12);
         approx::assert_relative_eq!(errors["velocity"], 0.05, max_relative = 1e-12);

@@ -1,5 +1,6 @@
 //! `gradreel bench`: what the parts of the method are worth.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use gradreel::{Error, ErrorKind, Result};
@@ -85,7 +86,7 @@ Where the truth lies beside a clip (truth.json in it, or the scene.toml of `grad
 errors, and the material is the true one. A cell takes as long as `gradreel reconstruct` does, those of the field a minute or two.
 
 Results: ablation.md (the table), ablation.json (every number), and a folder a clip with one run a cell: open its
-index.html, or use `gradreel simulate --from`.
+index.html.
 
 Examples:
   gradreel bench ablation examples/clips/bird                            all cells of one clip, about half an hour
@@ -117,31 +118,34 @@ fn ablation(arguments: &AblationArguments) -> Result<()> {
     interrupt::install()?;
     let progress = Progress::new(arguments.quiet);
     let (plan, folder) = if arguments.resume { go_on(arguments)? } else { begin(arguments)? };
-    let mut results: Vec<ClipResults> = Vec::new();
+    let mut results = Vec::new();
+    for (number, path) in plan.clips.iter().enumerate() {
+        let clip = label(path, plan.clips.iter().take(number));
+        let mut cells = BTreeMap::new();
+        for cell in plan.cells.iter().map(|cell| cell.name()) {
+            if let Some(result) = finished(&folder, &format!("{clip}/{cell}"))? {
+                cells.insert(cell.to_owned(), result);
+            }
+        }
+        results.push(ClipResults { clip, truth: Truth::beside(path), cells });
+    }
     let bar = progress.stage("cells", (plan.clips.len() * plan.cells.len()) as u64);
     for (number, path) in plan.clips.iter().enumerate() {
-        let name = label(path, plan.clips.iter().take(number));
-        let truth = Truth::beside(path);
+        let ClipResults { clip: name, truth, cells } = &mut results[number];
         let settings = plan.settings_of(truth.as_ref());
         let clip = open(path, &settings)?;
-        results.push(ClipResults { clip: name.clone(), truth, cells: std::collections::BTreeMap::new() });
         for (position, &cell) in plan.cells.iter().enumerate() {
             bar.set((number * plan.cells.len() + position) as u64, &format!("{name}: {}", cell.label()));
             let place = format!("{name}/{}", cell.name());
-            let here = results.last_mut().expect("it was just begun");
-            let result = match finished(&folder, &place)? {
-                Some(result) => result,
-                None => {
-                    let run = settings.run(cell, &clip, here.truth.as_ref(), &folder.path(&place), &progress);
-                    let result = run.map_err(|error| with_way_on(error, &folder))?;
-                    folder.write(&format!("{place}.json"), &serde_json::to_vec_pretty(&result).map_err(unwritable)?)?;
-                    result
-                }
-            };
-            here.cells.insert(cell.name().to_owned(), result);
-            folder.write("ablation.json", &serde_json::to_vec_pretty(&results).map_err(unwritable)?)?;
-            folder.write("ablation.md", markdown(&results).as_bytes())?;
+            if !cells.contains_key(cell.name()) {
+                let run = settings.run(cell, &clip, truth.as_ref(), &folder.path(&place), &progress);
+                let result = run.map_err(|error| with_way_on(error, &folder))?;
+                folder.write(&format!("{place}.json"), &serde_json::to_vec_pretty(&result).map_err(unwritable)?)?;
+                cells.insert(cell.name().to_owned(), result);
+            }
         }
+        folder.write("ablation.json", &serde_json::to_vec_pretty(&results).map_err(unwritable)?)?;
+        folder.write("ablation.md", markdown(&results).as_bytes())?;
     }
     bar.finish(&folder.path("ablation.md").display().to_string());
     println!("{}", markdown(&results));
@@ -224,7 +228,7 @@ fn quick() -> AblationSettings {
     (geometry.dx, geometry.fit.iterations, geometry.fit.in_motion) = (0.08, 6, 2);
     (estimate.velocity, estimate.scan, estimate.starts, estimate.coarse, estimate.fine, estimate.rounds) =
         (2, 2, 1, 1, 1, 0);
-    let encoding = &mut settings.encoding;
+    let encoding = &mut settings.config.temporal.first;
     (encoding.frames, encoding.side) = (3, 24);
     (encoding.field.width, encoding.field.channels) = (8, 2);
     (encoding.fit.iterations, encoding.fit.rays, encoding.fit.nodes, encoding.fit.mask_nodes) = (12, 128, 2000, 500);
@@ -238,15 +242,21 @@ fn open(path: &Path, settings: &AblationSettings) -> Result<Clip> {
     };
     let ids: Vec<String> = clip.cameras.iter().map(|camera| camera.id.to_string()).collect();
     match settings.primary {
-        Some(id) if clip.cameras.iter().all(|camera| camera.id != id) => {
-            refused("the clip has no such camera to stay real", format!("camera {id} of {}", ids.join(", ")), "choose one with --primary")
-        }
-        _ if clip.cameras.len() < 3 => {
-            refused("an ablation imagines views and holds one out", format!("cameras {}", ids.join(", ")), "give a clip of three cameras or more")
-        }
-        _ if clip.imagined.contains(&true) => {
-            refused("an ablation imagines views of its own", "views that are imagined already".into(), "give a clip of real views")
-        }
+        Some(id) if clip.cameras.iter().all(|camera| camera.id != id) => refused(
+            "the clip has no such camera to stay real",
+            format!("camera {id} of {}", ids.join(", ")),
+            "choose one with --primary",
+        ),
+        _ if clip.cameras.len() < 3 => refused(
+            "an ablation imagines views and holds one out",
+            format!("cameras {}", ids.join(", ")),
+            "give a clip of three cameras or more",
+        ),
+        _ if clip.imagined.contains(&true) => refused(
+            "an ablation imagines views of its own",
+            "views that are imagined already".into(),
+            "give a clip of real views",
+        ),
         _ => Ok(clip),
     }
 }

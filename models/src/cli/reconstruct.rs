@@ -133,9 +133,8 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
 
 /// The configuration in a file.
 pub(super) fn read_config(path: &Path) -> Result<Config> {
-    let text = std::fs::read_to_string(path).map_err(|e| {
-        Error::io(path, "read the configuration", &e).fix("give the path of a TOML file to --config")
-    })?;
+    let text = std::fs::read_to_string(path)
+        .map_err(|e| Error::io(path, "read the configuration", &e).fix("give the path of a TOML file to --config"))?;
     Config::parse(&text).map_err(|e| e.at(path.display()))
 }
 

@@ -61,8 +61,8 @@ pub fn bounding_sphere(clip: &Clip, frame: usize) -> Result<Sphere> {
     }
     let pull = if views.len() == 1 { 1e-9 } else { 0.0 };
     let central = views.iter().map(|(camera, silhouette)| (*camera, silhouette.mean));
-    let centre = meeting_point(central, [0.0; 3], pull)
-        .ok_or_else(|| no_object("the cameras' central rays are parallel"))?;
+    let centre =
+        meeting_point(central, [0.0; 3], pull).ok_or_else(|| no_object("the cameras' central rays are parallel"))?;
     let mut radius = 0.0f64;
     for (camera, silhouette) in &views {
         let [.., depth] = camera.project(centre).ok_or_else(|| no_object("the silhouettes meet behind a camera"))?;

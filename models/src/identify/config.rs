@@ -4,7 +4,7 @@ use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
 use crate::field::FitSettings;
-use crate::identify::LossConfig;
+use crate::identify::{LossConfig, TemporalConfig};
 use crate::physics::{Law, Map, materials};
 use crate::render::{Surface, Weights};
 
@@ -26,6 +26,8 @@ pub struct Config {
     pub loss: LossConfig,
     /// How occupancy becomes opacity.
     pub surface: Surface,
+    /// The temporal field, if the velocity is to start from it.
+    pub temporal: TemporalConfig,
     /// Effort of the estimates.
     pub estimate: EstimateConfig,
 }
@@ -226,6 +228,7 @@ impl Config {
             }
         }
         self.loss.check()?;
+        self.temporal.check()?;
         let law = self.law()?;
         self.held(&law)?;
         self.starting_values(&law).map(|_| ())

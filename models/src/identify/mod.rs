@@ -36,6 +36,7 @@ mod problem;
 mod reconstruct;
 mod run;
 mod stages;
+mod temporal_start;
 mod tracks;
 mod unknowns;
 
@@ -56,5 +57,6 @@ pub use pixels::{FramePixels, MotionLoss, MotionSettings, body_of, dynamic_step,
 pub use problem::{Observed, Problem};
 pub use reconstruct::{Reconstruction, reconstruct};
 pub use run::{ClipIdentity, HistoryRow, Run, Search, State};
+pub use temporal_start::TemporalConfig;
 pub use tracks::{TANGENT_COST, Tracks, TracksFit};
 pub use unknowns::{Bound, Free, Unknown, Unknowns};

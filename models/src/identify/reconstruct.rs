@@ -55,7 +55,10 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     let iterations = run.config.geometry.fit.iterations;
     stages.shape(run, "shape", iterations, Moved::Flying { frames: 1, velocity: [0.0; 3] })?;
     let few = frames.min(3);
-    unknowns.velocity = velocity_of_silhouettes(clip, run.config.world.gravity, few).unwrap_or_default();
+    unknowns.velocity = match stages.flight_of_field(run)? {
+        Some(velocity) => velocity,
+        None => velocity_of_silhouettes(clip, run.config.world.gravity, few).unwrap_or_default(),
+    };
     stages.velocity(run, "velocity", few, &mut unknowns)?;
     stages.contact(run, &unknowns)?;
     let flight = run.state.contact.unwrap_or(frames).clamp(1, frames);

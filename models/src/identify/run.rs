@@ -6,6 +6,7 @@ use std::time::Instant;
 use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
+use crate::field::temporal::Flight;
 use crate::identify::field_file::FIELD;
 use crate::identify::{Answer, Candidate, Config, Evaluation, Interval, Unknowns};
 use crate::report::run_folder::RunFolder;
@@ -25,6 +26,9 @@ pub struct State {
     pub seconds: Vec<f64>,
     /// The best unknowns so far.
     pub unknowns: Option<Unknowns>,
+    /// What the temporal field says of the flight, if it was asked.
+    #[serde(default)]
+    pub flight: Option<Flight>,
     /// First frame in contact with the ground, once known.
     pub contact: Option<usize>,
     /// Every evaluation of the estimates.

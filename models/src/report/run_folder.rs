@@ -139,7 +139,11 @@ impl RunFolder {
     pub fn write(&self, relative: &str, bytes: &[u8]) -> Result<()> {
         let target = self.inside(relative)?;
         let take = |left: u64| left.checked_sub(1);
-        if self.writes_left.as_ref().is_some_and(|left| left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, take).is_err()) {
+        if self
+            .writes_left
+            .as_ref()
+            .is_some_and(|left| left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, take).is_err())
+        {
             return Err(Error::io(&target, "write a file of the run", &std::io::ErrorKind::StorageFull.into()));
         }
         let parent = target.parent().expect("a name inside a folder has a parent");

@@ -73,7 +73,13 @@ pub fn film_of(
     let blank = Tensor::zeros([rays.len(), 4], dtype);
     let empty = Target { rgba: blank.clone(), weight: blank, robust: None, trajectory: None };
     let views = vec![size * size; cameras.len()];
-    let unfilmed = Observed { rays, views, targets: vec![empty; frames], frame_dt: 1.0 / 24.0, imagined: vec![false; cameras.len()] };
+    let unfilmed = Observed {
+        rays,
+        views,
+        targets: vec![empty; frames],
+        frame_dt: 1.0 / 24.0,
+        imagined: vec![false; cameras.len()],
+    };
     let problem = problem_of(law, particles, &unfilmed, config, dtype);
     let motion = problem.positions(truth).unwrap();
     let targets = (0..frames).map(|frame| {

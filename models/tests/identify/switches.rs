@@ -94,7 +94,12 @@ fn both_modes_agree_with_all_switches_on() {
         let difference = (moved(1.0) - moved(-1.0)) / 4e-6;
         let scale = gradient[k].abs().max(1e-3);
         assert!((gradient[k] - difference).abs() < 1e-5 * scale, "{k}: tape {}, difference {difference}", gradient[k]);
-        assert!((gradient[k] - forward.gradient[k]).abs() < 1e-8 * scale, "{k}: {} {}", gradient[k], forward.gradient[k]);
+        assert!(
+            (gradient[k] - forward.gradient[k]).abs() < 1e-8 * scale,
+            "{k}: {} {}",
+            gradient[k],
+            forward.gradient[k]
+        );
         assert!(forward.curvature[k][k] > 0.0);
     }
 }
