@@ -75,8 +75,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let progress = Progress::new(arguments.quiet);
     let (mut run, clip) = if arguments.resume { resume(arguments)? } else { begin(arguments)? };
     if !arguments.quiet {
+        let imagined = match clip.imagined.iter().filter(|imagined| **imagined).count() {
+            0 => String::new(),
+            count => format!(" ({count} imagined)"),
+        };
         eprintln!(
-            "{}: {} cameras, {} frames → {}",
+            "{}: {} cameras{imagined}, {} frames → {}",
             clip.name,
             clip.cameras.len(),
             clip.frame_count(),
