@@ -101,10 +101,8 @@ fn killed_in_every_kind_of_stage() {
     scene.write("tiny.toml", TINY.replace("shrink = 12", "shrink = 4").replace("velocity = 1", "velocity = 4"));
     scene.succeeds("reconstruct clip --out whole --config tiny.toml");
     let state = || fs::read(scene.path("out/state.json")).ok().and_then(|s| serde_json::from_slice::<Value>(&s).ok());
-    let finished = |stage: &str| {
-        let done = state().is_some_and(|state| state["finished"].as_array().unwrap().iter().any(|s| s == stage));
-        done
-    };
+    let finished =
+        |stage: &str| state().is_some_and(|state| state["finished"].as_array().unwrap().iter().any(|s| s == stage));
     let answers = || state().and_then(|state| Some(state["search"]["answers"].as_array()?.len())).unwrap_or(0);
     let moments: [(&str, &dyn Fn() -> bool); 5] = [
         ("before anything", &|| scene.path("out/config.toml").is_file()),
