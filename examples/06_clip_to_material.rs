@@ -24,11 +24,11 @@ fn main() -> Result<()> {
     config.geometry.dx = 0.05;
     config.geometry.fit.iterations = 20;
     config.geometry.fit.in_motion = 5;
-    config.estimate.velocity = 24;
-    config.estimate.scan = 6;
+    config.estimate.scan = 4;
     config.estimate.starts = 1;
-    config.estimate.coarse = 4;
+    config.estimate.first = 2;
     config.estimate.fine = 2;
+    config.estimate.coarse = 1;
     config.estimate.rounds = 1;
 
     // A run lives in a folder, from which it could go on after an interruption.

@@ -226,8 +226,8 @@ fn quick() -> AblationSettings {
     let mut settings = AblationSettings::default();
     let Config { geometry, estimate, .. } = &mut settings.config;
     (geometry.dx, geometry.fit.iterations, geometry.fit.in_motion) = (0.08, 6, 2);
-    (estimate.velocity, estimate.scan, estimate.starts, estimate.coarse, estimate.fine, estimate.rounds) =
-        (2, 2, 1, 1, 1, 0);
+    (estimate.velocity, estimate.scan, estimate.starts) = (2, 1, 1);
+    (estimate.first, estimate.fine, estimate.rounds, estimate.coarse) = (1, 1, 0, 1);
     let encoding = &mut settings.config.temporal.first;
     (encoding.frames, encoding.side) = (3, 24);
     (encoding.field.width, encoding.field.channels) = (8, 2);

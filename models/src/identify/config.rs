@@ -81,7 +81,7 @@ pub struct WorldConfig {
     pub cfl: f64,
     /// Waves and particles are taken to be at least so fast when the substep is chosen \[m/s\]. Every substep damps the motion
     /// a little, by passing it to the grid and back; with this floor the number of substeps does not hang on how soft a
-    /// material is. 43 m/s makes 1/4800 s of a grid of 0.02 m.
+    /// material is. The default makes 1/4800 s of a grid of 0.02 m, the published step.
     pub least_speed: f64,
     /// Memory for the states of a rollout \[MiB\].
     pub memory_mib: usize,
@@ -89,7 +89,7 @@ pub struct WorldConfig {
 
 impl Default for WorldConfig {
     fn default() -> Self {
-        Self { gravity: [0.0, -9.8, 0.0], ground: 0.0, density: 1000.0, cfl: 0.45, least_speed: 0.0, memory_mib: 1024 }
+        Self { gravity: [0.0, -9.8, 0.0], ground: 0.0, density: 1000.0, cfl: 0.55, least_speed: 52.8, memory_mib: 1024 }
     }
 }
 
@@ -121,18 +121,14 @@ pub const FAMILIES: [(&str, &str); 5] = [
     ("sand", "drucker_prager"),
 ];
 
-/// Where a descent starts unless told: soft materials need few substeps, and it climbs from there.
-const SOFT: [(&str, f64); 2] = [("young", 1e4), ("poisson", 0.1)];
-
-/// How a material is searched.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+/// How a material is searched once its neighbourhood is known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Method {
-    /// L-BFGS in reverse mode: on a grid of twice the spacing what is known to an order of magnitude only, then everything on
-    /// the full grid.
+    /// L-BFGS with gradients in reverse mode: for laws with many parameters.
     Descent,
-    /// Gauss–Newton in forward mode: on a grid of twice the spacing from the best of a scan of what is plausible, then on the
-    /// full grid.
+    /// Gauss–Newton with derivatives in forward mode.
+    #[default]
     GaussNewton,
 }
 
@@ -140,25 +136,27 @@ pub enum Method {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct EstimateConfig {
-    /// How the material is searched; if not given, elastic ones by descent and all others by Gauss–Newton.
-    pub method: Option<Method>,
+    /// How the material is searched.
+    pub method: Method,
     /// Gauss–Newton steps at most for the velocity before contact, each time.
     pub velocity: usize,
-    /// Materials tried on a grid of twice the spacing, spread over what is plausible, besides the one to start from.
+    /// Materials tried for each free parameter, spread over what is plausible, besides the one to start from.
     pub scan: usize,
-    /// The best of these from which a search goes out on that grid.
+    /// The best of these from which a search goes out.
     pub starts: usize,
-    /// Gauss–Newton steps at most of each of these searches; half the evaluations of a descent there.
-    pub coarse: usize,
-    /// Gauss–Newton steps at most on the full grid, and again in each round; half the evaluations of a descent there.
+    /// Gauss–Newton steps at most of each of these searches; only the best goes on.
+    pub first: usize,
+    /// Gauss–Newton steps at most from there, and half as many in each round; half the evaluations of a descent.
     pub fine: usize,
     /// Rounds at most of fitting the shape to the whole motion and the material to the new shape.
     pub rounds: usize,
+    /// Gauss–Newton steps at most on a grid of twice the spacing, which shows how much the grid matters.
+    pub coarse: usize,
 }
 
 impl Default for EstimateConfig {
     fn default() -> Self {
-        Self { method: None, velocity: 10, scan: 24, starts: 3, coarse: 8, fine: 5, rounds: 2 }
+        Self { method: Method::GaussNewton, velocity: 10, scan: 8, starts: 2, first: 3, fine: 5, rounds: 2, coarse: 4 }
     }
 }
 
@@ -184,13 +182,6 @@ impl Config {
     pub fn to_toml(&self) -> Result<String> {
         toml::to_string_pretty(self)
             .map_err(|e| Error::new(ErrorKind::Io, "the configuration cannot be written").found(e))
-    }
-
-    /// How the material is searched: as configured, or as is best known to work for the law. On the grid of twice the spacing a
-    /// scan misjudges elastic materials, whose Poisson's ratio it cannot tell.
-    pub fn method(&self, law: &Law) -> Method {
-        let elastic = law.name() == "neo_hookean";
-        self.estimate.method.unwrap_or(if elastic { Method::Descent } else { Method::GaussNewton })
     }
 
     /// Whether the values make sense.
@@ -295,12 +286,8 @@ impl Config {
                 .wanted(format!("one of {known:?}"))
                 .fix("correct the name in the file of --config"));
         }
-        let descent = self.method(law) == Method::Descent;
-        let soft =
-            |p: &crate::physics::Parameter| SOFT.iter().find(|(name, _)| *name == p.name).map(|(_, value)| *value);
-        let own = |p: &crate::physics::Parameter| soft(p).filter(|_| descent).unwrap_or(p.start);
         let value = |p: &crate::physics::Parameter| {
-            let value = start.get(p.name).copied().unwrap_or_else(|| own(p));
+            let value = start.get(p.name).copied().unwrap_or(p.start);
             let (low, high) = match p.map {
                 Map::Log10 => (p.prior[0] / 100.0, p.prior[1] * 100.0),
                 Map::Linear => (100.0 * p.prior[0], 100.0 * p.prior[1]),

@@ -14,7 +14,7 @@ use crate::physics::materials;
 pub struct Candidate {
     /// Name of the family, as in [`FAMILIES`].
     pub family: String,
-    /// Its best material on the coarse grid.
+    /// Its best material.
     pub unknowns: Unknowns,
     /// The mean loss of the frames it was fitted to.
     pub seen: f64,
@@ -38,21 +38,21 @@ pub fn choose(candidates: &[Candidate], parameters: impl Fn(&str) -> usize) -> O
 }
 
 impl Stages<'_> {
-    /// Fits every family on the coarse grid to three fifths of the frames in contact, lets it foretell the rest, and makes the
+    /// Fits every family to three fifths of the frames in contact, lets it foretell the rest, and makes the
     /// run one of the family that [`choose`] names.
     pub(super) fn choose_family(&self, run: &mut Run, contact: usize, frames: usize, start: &Unknowns) -> Result<()> {
         let seen =
             (contact + (3 * frames.saturating_sub(contact)).div_ceil(5)).clamp(1, frames.saturating_sub(1).max(1));
-        let particles = self.particles(run)?.coarsened();
+        let particles = self.particles(run)?;
         let mut candidates = Vec::new();
         for (family, law) in FAMILIES {
             let law = materials::find(law).expect("families have laws");
             let stages = Stages { law: &law, ..*self };
             let mut own = run.config.clone();
-            own.estimate.starts = own.estimate.starts.min(2);
+            own.estimate.starts = 1;
             own.material = MaterialConfig { name: family.to_owned(), ..MaterialConfig::default() };
             let mut unknowns = Unknowns { parameters: own.starting_values(&law)?, ..start.clone() };
-            stages.coarse_of(run, &own, &format!("{AUTO} {family}"), seen, &mut unknowns)?;
+            stages.explore(run, &own, &format!("{AUTO} {family}"), seen, &mut unknowns)?;
             let problem = Problem::new(&particles, self.observed, law.clone(), &own, DTYPE);
             let loss = |frames: usize| match problem.misfit(&unknowns, frames, &mut 0, &mut |_| ()) {
                 Err(error) if error.kind() == ErrorKind::Physics => Ok(f64::MAX),

@@ -11,10 +11,10 @@ use crate::identify::{Evaluation, Free, Problem, Unknowns};
 /// Minimises the loss of the first `frames` frames over the free unknowns by Levenberg and Marquardt's method, with at most
 /// `steps` steps, and returns the best evaluation.
 ///
-/// A step solves `(C + μ diag C + ν D) h = −g` with gradient and curvature of [`Problem::linearise`]; `μ` follows how well
-/// steps keep what they promise (Nielsen 1999), `ν D` is the least that makes no parameter move farther than half of what its
-/// plausible range calls a standard deviation (0.6 decades of four), and no velocity farther than 0.2 m/s. What the
-/// law holds to be implausible costs extra. `known`, `each` and `notes` as in [`estimate`](crate::identify::estimate).
+/// A step solves `(C + μ diag C) h = −g` with gradient and curvature of [`Problem::linearise`]; `μ` follows how well
+/// steps keep what they promise (Nielsen 1999). No parameter moves farther than half of what its
+/// plausible range calls a standard deviation (0.6 decades of four), and no velocity farther than 0.2 m/s, unless the loss
+/// falls as promised; then up to four times as far. What the law holds to be implausible costs extra. `known`, `each` and `notes` as in [`estimate`](crate::identify::estimate).
 ///
 /// # Errors
 /// What the problem returns at the start; later break-downs are stepped back from.
@@ -57,8 +57,21 @@ pub fn gauss_newton(
             if new < value {
                 damping = (damping * (1.0f64 / 3.0).max(1.0 - (2.0 * gain - 1.0).powi(3))).clamp(1e-6, 1e3);
                 growth = 2.0;
-                decrease = value - new;
-                (x, here) = (moved, there);
+                let from = std::mem::replace(&mut x, moved);
+                (decrease, here) = (value - new, there);
+                // far from the minimum pictures change only at the edges of things, and a step is far too short: on along it
+                let mut far = 2.0;
+                while gain > KEPT && far <= FARTHEST {
+                    let along = from.iter().zip(&step).map(|(x, h)| x + far * h);
+                    let there = start.moved(law, free, &along.zip(&limits).map(clamped).collect::<Vec<_>>());
+                    let new = oracle.loss(&there)?.unwrap_or(f64::INFINITY);
+                    if new >= value - decrease {
+                        break;
+                    }
+                    x = there.coordinates(law, free);
+                    (decrease, here) = (value - new, there);
+                    far *= 2.0;
+                }
                 break;
             }
             damping *= 2.0 * growth;
@@ -77,34 +90,56 @@ pub fn gauss_newton(
 /// Trials of one step at most, each shorter.
 const TRIALS: usize = 5;
 
+/// A step that keeps this share of what it promises is followed farther.
+const KEPT: f64 = 0.75;
+
+/// How many times its length at most.
+const FARTHEST: f64 = 4.0;
+
+/// A coordinate within its limits.
+fn clamped((x, [low, high]): (f64, &[f64; 2])) -> f64 {
+    x.clamp(*low, *high)
+}
+
 /// A step is over when no coordinate moves farther than this.
 const NEGLIGIBLE: f64 = 1e-3;
 
 /// A search is over when a step lowers the loss by less than this share.
-const LITTLE: f64 = 1e-5;
+const LITTLE: f64 = 3e-4;
 
-/// `−(C + μ diag C + ν diag longest⁻²)⁻¹ g` with the least `ν` of a rising series for which no component is longer than it may
-/// be; nothing where there is no slope.
+/// `−(C + μ diag C)⁻¹ g` within a box: a component that would be longer than it may be is as long as it may be, and the others
+/// are what is best then. Nothing where there is no slope.
 fn damped_step(gradient: &[f64], curvature: &[Vec<f64>], damping: f64, longest: &[f64]) -> Option<Vec<f64>> {
     let n = gradient.len();
     let largest = (0..n).fold(0.0f64, |m, k| m.max(curvature[k][k] * longest[k] * longest[k]));
     if !(largest > 0.0 && largest.is_finite() && gradient.iter().all(|g| g.is_finite())) {
         return None;
     }
-    let right = Mat::from_fn(n, 1, |i, _| -gradient[i]);
-    let mut shift = 1e-9 * largest;
-    while shift < 1e9 * largest {
-        let matrix = Mat::from_fn(n, n, |i, j| {
-            curvature[i][j] + if i == j { damping * curvature[i][i] + shift / (longest[i] * longest[i]) } else { 0.0 }
+    let mut held: Vec<Option<f64>> = vec![None; n];
+    loop {
+        let free: Vec<usize> = (0..n).filter(|&k| held[k].is_none()).collect();
+        let m = free.len();
+        let matrix = Mat::from_fn(m, m, |i, j| {
+            let (k, l) = (free[i], free[j]);
+            // directions without any slope stay where they are
+            let least = 1e-9 * largest / (longest[k] * longest[k]);
+            curvature[k][l] + if k == l { damping * curvature[k][k] + least } else { 0.0 }
         });
-        let step = matrix.partial_piv_lu().solve(&right);
-        let step: Vec<f64> = (0..n).map(|k| step[(k, 0)]).collect();
-        if step.iter().zip(longest).all(|(h, longest)| h.abs() <= *longest) {
-            return Some(step);
+        let right = Mat::from_fn(m, 1, |i, _| {
+            let bent = |l: usize| held[l].map_or(0.0, |h| curvature[free[i]][l] * h);
+            -gradient[free[i]] - (0..n).map(bent).sum::<f64>()
+        });
+        let found = matrix.partial_piv_lu().solve(&right);
+        let ratio = |i: usize| found[(i, 0)].abs() / longest[free[i]];
+        let worst = (0..m).max_by(|&a, &b| ratio(a).total_cmp(&ratio(b)));
+        match worst.filter(|&i| ratio(i) > 1.0 || ratio(i).is_nan()) {
+            Some(i) => held[free[i]] = Some(longest[free[i]].copysign(found[(i, 0)])),
+            None => {
+                (0..m).for_each(|i| held[free[i]] = Some(found[(i, 0)]));
+                return held.into_iter().collect();
+            }
         }
-        shift *= 2.0;
     }
-    None
 }
 
 /// How much a step lowers the loss if it is as curved as it looks: `−g·h − ½ hᵀ C h`.

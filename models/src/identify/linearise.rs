@@ -211,6 +211,9 @@ impl Problem<'_> {
     /// # Errors
     /// As [`Rollout::jvp`].
     pub fn tangents(&self, unknowns: &Unknowns, free: Free, schedule: Schedule) -> Result<(Tensor, Vec<Tensor>)> {
+        if self.flying {
+            return self.flight_tangents(unknowns, free, schedule);
+        }
         let opacity = &self.particles.opacity;
         let tensor = |values: Vec<f64>| {
             let len = values.len();
@@ -254,6 +257,29 @@ impl Problem<'_> {
                 *tangent = raised(tangent.clone(), unknowns.slope(&self.law, unknown) * self.world.dx);
             }
         }
+        Ok((motion, tangents))
+    }
+
+    /// The same in free flight, where only the velocity tells: `x₀ + v t + g t²/2`.
+    fn flight_tangents(&self, unknowns: &Unknowns, free: Free, schedule: Schedule) -> Result<(Tensor, Vec<Tensor>)> {
+        let shape = [schedule.frames, self.particles.len(), 3];
+        let moved = |of: &dyn Fn(f64, [f64; 3], usize) -> f64| {
+            let at = |frame: usize| frame as f64 * schedule.frame_dt;
+            let each = |frame| {
+                self.particles.positions.iter().flat_map(move |x| [0, 1, 2].map(|axis| of(at(frame), *x, axis)))
+            };
+            Tensor::from_vec((0..schedule.frames).flat_map(each).collect(), shape).cast(self.dtype)
+        };
+        let (v, g) = (unknowns.velocity, self.world.gravity);
+        let motion = moved(&|t, x, axis| x[axis] + v[axis] * t + 0.5 * g[axis] * t * t)?;
+        let tangent = |unknown| match unknown {
+            Unknown::Velocity(along) => {
+                let slope = unknowns.slope(&self.law, unknown);
+                moved(&|t, _, axis| if axis == along { slope * t } else { 0.0 })
+            }
+            Unknown::Parameter(_) | Unknown::Contact => moved(&|_, _, _| 0.0),
+        };
+        let tangents = free.list(&self.law).into_iter().map(tangent).collect::<Result<_>>()?;
         Ok((motion, tangents))
     }
 }

@@ -79,6 +79,8 @@ pub struct Problem<'a> {
     pub least_speed: f64,
     /// What implausible parameters cost, if they do.
     pub ranges: Option<RangePenalty>,
+    /// Whether the body keeps its shape and meets nothing: free flight, which needs no simulation.
+    pub flying: bool,
     /// Memory for states.
     pub remat: Remat,
     /// Precision of everything on the tape.
@@ -105,9 +107,18 @@ impl<'a> Problem<'a> {
             cfl: config.world.cfl,
             least_speed: config.world.least_speed,
             ranges: config.loss.range_penalty(&observed.imagined),
+            flying: false,
             remat: Remat::Auto { bytes: config.world.memory_mib << 20 },
             dtype,
         }
+    }
+
+    /// The same in free flight.
+    #[must_use]
+    pub fn flying(&self) -> Self {
+        let (world, law, surface) = (self.world.clone(), self.law.clone(), self.surface.clone());
+        // flight says nothing of the material
+        Self { world, law, surface, ranges: None, flying: true, ..*self }
     }
 
     /// A schedule for `frames` frames that is stable for these unknowns: for the sound in the material, and for the speed that
@@ -133,6 +144,9 @@ impl<'a> Problem<'a> {
     /// # Errors
     /// What the rollout returns.
     pub fn motion(&self, tape: &Tape, bound: &Bound, schedule: Schedule) -> Result<Var> {
+        if self.flying {
+            return self.flight(tape, bound, schedule);
+        }
         let count = self.particles.len();
         let opacity = tape.constant(self.particles.opacity(self.dtype)?).reshape([count]);
         let parameters = self.law.parameters();
@@ -152,6 +166,20 @@ impl<'a> Problem<'a> {
         }
         let back = Tensor::from_vec(vec![0.0, bound.contact * self.world.dx, 0.0], [3]).cast(self.dtype)?;
         Ok(&motion + &tape.constant(back))
+    }
+
+    /// `x₀ + v t + g t²/2` at every frame.
+    fn flight(&self, tape: &Tape, bound: &Bound, schedule: Schedule) -> Result<Var> {
+        let start = tape.constant(self.particles.positions(self.dtype)?);
+        let frame = |frame: usize| {
+            let t = frame as f64 * schedule.frame_dt;
+            let fallen = self.world.gravity.map(|g| 0.5 * g * t * t);
+            let fallen = tape.constant(Tensor::from_vec(fallen.to_vec(), [3]).cast(self.dtype)?);
+            Ok(&start + &(&bound.velocity * t) + fallen)
+        };
+        let frames = (0..schedule.frames).map(frame).collect::<Result<Vec<_>>>()?;
+        let others: Vec<&Var> = frames.iter().skip(1).collect();
+        Ok(frames[0].stack(&others, 0))
     }
 
     /// The particles as the simulation has them: a ground that is felt `contact` grid spacings higher than it is, is felt

@@ -8,7 +8,8 @@ use gradreel::{DType, Error, ErrorKind, Result, Tensor};
 
 use crate::field::{Field, Pose, bounding_sphere, fit, hull};
 use crate::identify::run::Run;
-use crate::identify::{Method, Observed, Problem, Reached, Unknowns, first_contact, velocity_of_silhouettes};
+use crate::identify::stages::Effort;
+use crate::identify::{Observed, Problem, Reached, Unknowns, first_contact, velocity_of_silhouettes};
 use crate::particles::Particles;
 use crate::physics::Law;
 use crate::render::Splat;
@@ -70,13 +71,18 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     }
     let law = run.config.law()?;
     let stages = Stages { law: &law, ..stages };
-    unknowns.parameters = run.config.starting_values(&law)?;
-    match run.config.method(&law) {
-        Method::Descent => stages.magnitudes(run, flight, frames, &mut unknowns)?,
-        Method::GaussNewton => stages.coarse(run, frames, &mut unknowns)?,
+    match run.state.candidates.iter().find(|candidate| candidate.family == run.config.material.name) {
+        Some(candidate) => unknowns = candidate.unknowns.clone(),
+        None => {
+            unknowns.parameters = run.config.starting_values(&law)?;
+            let config = run.config.clone();
+            stages.explore(run, &config, "", frames, &mut unknowns)?;
+        }
     }
-    stages.fine(run, MATERIAL, frames, &mut unknowns)?;
+    let effort = Effort { stage: MATERIAL, budget: run.config.estimate.fine };
+    stages.fine(run, &effort, frames, &mut unknowns)?;
     stages.refine(run, frames, &mut unknowns)?;
+    stages.coarse(run, frames, &unknowns)?;
     stages.intervals(run, frames, &unknowns)?;
     if flight >= frames {
         run.note("the object never touched the ground: the material is not determined by this clip".into());
@@ -119,7 +125,9 @@ impl Stages<'_> {
                 run.keep_field()?;
             }
             self.shape(run, &shape, run.config.geometry.fit.in_motion, Moved::Simulated(&before))?;
-            self.fine(run, &material, frames, unknowns)?;
+            // the new shape changes little
+            let effort = Effort { stage: &material, budget: run.config.estimate.fine.div_ceil(2) };
+            self.fine(run, &effort, frames, unknowns)?;
             let (_, loss_after) = run.best_of(&material).unwrap_or((before.clone(), f64::INFINITY));
             if loss_after >= loss_before {
                 run.restore_field()?;
@@ -283,7 +291,7 @@ pub(crate) fn describe(law: &Law, unknowns: &Unknowns) -> String {
 }
 
 /// The stage that first estimates the whole material.
-const MATERIAL: &str = "material";
+pub(super) const MATERIAL: &str = "material";
 
 /// Iterations of a fit between two savings.
 const SAVE_EVERY: usize = 20;

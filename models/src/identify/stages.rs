@@ -6,7 +6,7 @@ use std::time::Instant;
 use gradreel::{Error, ErrorKind, Result};
 
 use crate::identify::plausible::Plausible;
-use crate::identify::reconstruct::{DTYPE, Stages, describe};
+use crate::identify::reconstruct::{DTYPE, MATERIAL, Stages, describe};
 use crate::identify::run::{HistoryRow, Run, Search};
 use crate::identify::unknowns::Unknown;
 use crate::identify::{
@@ -14,7 +14,6 @@ use crate::identify::{
     scan,
 };
 use crate::particles::Particles;
-use crate::physics::Map;
 use crate::report::interrupt;
 
 /// A stage that moves unknowns: its name, and how much it may do.
@@ -27,37 +26,20 @@ pub(super) struct Effort<'a> {
 type Body<'a> = dyn FnMut(&Problem<'_>, &Search, &mut Listener<'_>, &mut dyn FnMut(String)) -> Result<Evaluation> + 'a;
 
 impl Stages<'_> {
-    /// The velocity.
+    /// The velocity, from frames of free flight.
     pub fn velocity(&self, run: &mut Run, stage: &str, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
         let budget = run.config.estimate.velocity;
         let particles = self.particles(run)?;
         self.search(run, &Effort { stage, budget }, &particles, unknowns, &mut |problem, search, each, notes| {
             let Search { start, answers, .. } = search;
-            gauss_newton(problem, start, Free::Velocity, frames, budget, answers, each, notes)
+            let flying = problem.flying();
+            gauss_newton(&flying, start, Free::Velocity, frames, budget, answers, each, notes)
         })
     }
 
-    /// The material on a grid of twice the spacing, and which of the searches there to follow.
-    pub fn coarse(&self, run: &mut Run, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
-        let config = run.config.clone();
-        self.coarse_of(run, &config, "", frames, unknowns)?;
-        let free = Free::all_but(self.law, &config.held(self.law)?, false);
-        // the full grid tells which
-        let ends = (1..=config.estimate.starts.max(1)).filter_map(|k| run.best_of(&format!("{COARSE} {k}")));
-        let tried = apart(self.tried(run, SCAN), self.law, free, TRIED_AGAIN);
-        let ends: Vec<Unknowns> = ends.map(|(end, _)| end).chain(tried).collect();
-        let particles = self.particles(run)?;
-        let effort = Effort { stage: CHOICE, budget: ends.len() };
-        self.search(run, &effort, &particles, unknowns, &mut |problem, search, each, notes| {
-            let all = scan(problem, &ends, free, frames, &search.answers, each, notes)?;
-            let best = all.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss));
-            Ok(best.expect("there is at least one start"))
-        })
-    }
-
-    /// The material on a grid of twice the spacing: Gauss–Newton from the best of a scan of what is plausible. The names of
-    /// the stages begin with `prefix`; the best of their ends is what is left in `unknowns`.
-    pub fn coarse_of(
+    /// The material from nothing: a scan of what is plausible, short searches from the best of it. The names of the stages
+    /// begin with `prefix`; the best of the searches' ends is what is left in `unknowns`.
+    pub fn explore(
         &self,
         run: &mut Run,
         config: &Config,
@@ -67,14 +49,14 @@ impl Stages<'_> {
     ) -> Result<()> {
         let named = |stage: &str| [prefix, stage].join(if prefix.is_empty() { "" } else { ": " });
         let scanned = named(SCAN);
-        let particles = self.particles(run)?.coarsened();
-        let held = config.held(self.law)?;
-        let free = Free::all_but(self.law, &held, false);
+        let particles = self.particles(run)?;
+        let free = self.free(run, config)?;
         let plausible = Plausible { law: self.law, free };
-        let effort = Effort { stage: &scanned, budget: 1 + config.estimate.scan };
+        let count = config.estimate.scan * free.list(self.law).len();
+        let effort = Effort { stage: &scanned, budget: 1 + count };
         self.search(run, &effort, &particles, unknowns, &mut |problem, search, each, notes| {
             let mut points = vec![search.start.clone()];
-            points.extend(plausible.points(&search.start, config.estimate.scan));
+            points.extend(plausible.points(&search.start, count));
             let all = scan(problem, &points, free, frames, &search.answers, each, notes)?;
             let best = all.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss));
             Ok(best.expect("the start is one of them"))
@@ -85,16 +67,16 @@ impl Stages<'_> {
                 .at(scanned)
                 .fix("check world.ground, world.density and the size of the object with `gradreel check`"));
         }
-        let budget = config.estimate.coarse;
+        let budget = config.estimate.first;
         for (index, start) in starts.iter().enumerate() {
-            let stage = named(&format!("{COARSE} {}", index + 1));
+            let stage = named(&format!("{START} {}", index + 1));
             let mut own = start.clone();
             let effort = Effort { stage: &stage, budget };
             self.search(run, &effort, &particles, &mut own, &mut |problem, search, each, notes| {
                 gauss_newton(problem, &search.start, free, frames, budget, &search.answers, each, notes)
             })?;
         }
-        let ends = (1..=starts.len()).filter_map(|k| run.best_of(&named(&format!("{COARSE} {k}"))));
+        let ends = (1..=starts.len()).filter_map(|k| run.best_of(&named(&format!("{START} {k}"))));
         if let Some((best, _)) = ends.min_by(|a, b| a.1.total_cmp(&b.1)) {
             *unknowns = best;
         }
@@ -108,36 +90,45 @@ impl Stages<'_> {
         run.rows(stage).map(point).collect()
     }
 
-    /// The magnitudes of the material by descent on a grid of twice the spacing: first from the frames around contact, where a
-    /// wrong material has not led far away yet, then from all.
-    pub fn magnitudes(&self, run: &mut Run, contact: usize, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
-        let particles = self.particles(run)?.coarsened();
-        let budget = 2 * run.config.estimate.coarse;
-        for (stage, frames) in [(AROUND, (contact + WARM_UP).min(frames)), (MAGNITUDES, frames)] {
-            self.search(run, &Effort { stage, budget }, &particles, unknowns, &mut |problem, search, each, notes| {
-                let Search { start, answers, .. } = search;
-                estimate(problem, start, Free::Magnitudes, frames, budget, answers, each, notes)
-            })?;
-        }
-        Ok(())
+    /// What the searches for the material move: its parameters, and the velocity if too few frames of flight have shown it.
+    fn free(&self, run: &Run, config: &Config) -> Result<Free> {
+        let all = Free::all_but(self.law, &config.held(self.law)?, false);
+        let unsure = run.state.contact.is_some_and(|contact| contact < SURE);
+        Ok(if unsure { all.with_velocity(self.law) } else { all })
     }
 
-    /// The material on the full grid; the velocity stays what the flight has shown.
-    pub fn fine(&self, run: &mut Run, stage: &str, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
-        let method = run.config.method(self.law);
-        let budget = match method {
-            Method::Descent => 2 * run.config.estimate.fine,
-            Method::GaussNewton => run.config.estimate.fine,
-        };
-        let free = Free::all_but(self.law, &run.config.held(self.law)?, false);
+    /// The material from near it, in so many Gauss–Newton steps or twice as many evaluations of a descent.
+    pub fn fine(&self, run: &mut Run, effort: &Effort<'_>, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
+        let method = run.config.estimate.method;
+        let Effort { stage, budget } = *effort;
+        let free = self.free(run, &run.config)?;
         let particles = self.particles(run)?;
         self.search(run, &Effort { stage, budget }, &particles, unknowns, &mut |problem, search, each, notes| {
             let Search { start, answers, .. } = search;
             match method {
-                Method::Descent => estimate(problem, start, free, frames, budget, answers, each, notes),
+                Method::Descent => estimate(problem, start, free, frames, 2 * budget, answers, each, notes),
                 Method::GaussNewton => gauss_newton(problem, start, free, frames, budget, answers, each, notes),
             }
         })
+    }
+
+    /// What the material would be on a grid of twice the spacing.
+    pub fn coarse(&self, run: &mut Run, frames: usize, unknowns: &Unknowns) -> Result<()> {
+        let budget = run.config.estimate.coarse;
+        let free = self.free(run, &run.config)?;
+        let particles = self.particles(run)?.coarsened();
+        let mut there = unknowns.clone();
+        self.search(
+            run,
+            &Effort { stage: COARSE, budget },
+            &particles,
+            &mut there,
+            &mut |problem, search, each, notes| {
+                gauss_newton(problem, &search.start, free, frames, budget, &search.answers, each, notes)
+            },
+        )?;
+        run.state.unknowns = Some(unknowns.clone());
+        run.save()
     }
 
     /// How sure the estimates are. The height at which the ground is felt was held; that it may be another counts here.
@@ -152,23 +143,21 @@ impl Stages<'_> {
         let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
         let mut notes = Vec::new();
         let linearised = problem.linearise(unknowns, free, frames, &mut 0, &mut |note| notes.push(note))?;
-        // what a descent leaves alone on the coarse grid says nothing of the grid's error
-        let magnitudes = run.best_of(MAGNITUDES).map(|(mut coarse, loss)| {
-            let parameters = self.law.parameters().iter().zip(&mut coarse.parameters).zip(&unknowns.parameters);
-            parameters.filter(|((p, _), _)| p.map != Map::Log10).for_each(|((_, coarse), fine)| *coarse = *fine);
-            (coarse, loss)
-        });
-        let coarse = run.best_of(CHOICE).or(magnitudes).map(|(coarse, _)| coarse.coordinates(self.law, free));
         let fine = unknowns.coordinates(self.law, free);
-        let coarse = coarse.unwrap_or_else(|| fine.clone());
-        // the grid's error, estimated from that of one of twice the spacing; the coarse grid holds the velocity
+        let from = |stage: &str| {
+            let other = run.best_of(stage).map(|(other, _)| other.coordinates(self.law, free));
+            let apart = |other: Vec<f64>| fine.iter().zip(other).map(|(a, b)| (a - b).abs()).collect::<Vec<_>>();
+            other.map_or_else(|| vec![0.0; fine.len()], apart)
+        };
+        // what all pictures have in common: the grid's error, estimated from that of one of twice the spacing, and the shape's,
+        // estimated from what it was before the whole motion was known; both held the height of contact
         let bias: Vec<f64> = free
             .list(self.law)
             .iter()
-            .zip(fine.iter().zip(&coarse))
-            .map(|(unknown, (fine, coarse))| match unknown {
+            .zip(from(COARSE).iter().zip(from(MATERIAL)))
+            .map(|(unknown, (grid, shape))| match unknown {
                 Unknown::Velocity(_) | Unknown::Contact => 0.0,
-                Unknown::Parameter(_) => GRID_ERROR * (fine - coarse).abs(),
+                Unknown::Parameter(_) => (GRID_ERROR * grid).hypot(SHAPE_ERROR * shape),
             })
             .collect();
         run.state.intervals = intervals(unknowns, self.law, free, &linearised, &bias)?;
@@ -230,19 +219,17 @@ impl Stages<'_> {
 /// How the stages of the choice among families begin.
 pub(super) const AUTO: &str = "auto";
 
-const AROUND: &str = "magnitudes around contact, coarse";
-const MAGNITUDES: &str = "magnitudes, coarse";
-/// Frames after first contact that the first estimate of magnitudes sees.
-const WARM_UP: usize = 3;
-const SCAN: &str = "what is plausible, coarse";
-const CHOICE: &str = "which of them";
-const COARSE: &str = "material, coarse, start";
+const SCAN: &str = "what is plausible";
+const START: &str = "material, start";
+const COARSE: &str = "material, coarse";
 const INTERVALS: &str = "intervals";
 
-/// How many of the materials that were scanned on the coarse grid are tried again on the full one, beside the ends of the
-/// searches: what looks best on a coarse grid may lie beyond a hill on the full one.
-const TRIED_AGAIN: usize = 6;
+/// Frames before contact that show the velocity well enough to hold it afterwards.
+const SURE: usize = 3;
 
 /// The error of the full grid as a share of its difference to that of twice the spacing: a third if it falls with the square
 /// of the spacing, all of it if it falls with the spacing.
 const GRID_ERROR: f64 = 0.5;
+
+/// The error of the shape as a share of what its last improvement did.
+const SHAPE_ERROR: f64 = 0.5;

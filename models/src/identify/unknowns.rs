@@ -86,6 +86,14 @@ impl Free {
         Self::Chosen { velocity: world, parameters: free.map(|(k, _)| 1 << k).sum(), contact: world }
     }
 
+    /// The same with the velocity.
+    #[must_use]
+    pub fn with_velocity(self, law: &Law) -> Self {
+        let bits = law.parameters().iter().enumerate().take(64).filter(|(k, p)| self.parameter(*k, p.map));
+        let contact = matches!(self, Self::Chosen { contact: true, .. });
+        Self::Chosen { velocity: true, parameters: bits.map(|(k, _)| 1 << k).sum(), contact }
+    }
+
     /// The free unknowns in the order of their coordinates.
     pub fn list(self, law: &Law) -> Vec<Unknown> {
         let velocity = (0..3).filter(|_| self.velocity()).map(Unknown::Velocity);

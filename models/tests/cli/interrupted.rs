@@ -15,11 +15,8 @@ fn history(state: &Value) -> Vec<Value> {
 #[test]
 fn a_run_goes_on_where_it_was_stopped() {
     let scene = Scene::with_clip(&[0, 2, 4], 8);
-    // Many iterations of an estimate: only a stop ends it before long.
-    scene.write(
-        "long.toml",
-        QUICK.replace("velocity = 2", "velocity = 100000").replace("coarse = 2", "coarse = 100000"),
-    );
+    // Many materials to try: only a stop ends it before long.
+    scene.write("long.toml", QUICK.replace("scan = 2", "scan = 100000"));
     let mut child = scene.command("reconstruct clip --out out --config long.toml").spawn().unwrap();
     let mut stderr = BufReader::new(child.stderr.take().unwrap());
     let mut line = String::new();

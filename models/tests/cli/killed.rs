@@ -16,7 +16,7 @@ use crate::scene::{Scene, bundled, text};
 
 /// Fits long enough to be saved half-way, searches of a few evaluations.
 const TINY: &str = "[clip]\nshrink = 12\n[geometry]\ndx = 0.12\n[geometry.fit]\niterations = 22\nin_motion = 2\n\
-                    [estimate]\nvelocity = 1\nscan = 1\nstarts = 1\ncoarse = 1\nfine = 1\nrounds = 1\n";
+                    [estimate]\nvelocity = 1\nscan = 1\nstarts = 1\nfirst = 1\ncoarse = 1\nfine = 1\nrounds = 1\n";
 
 /// What a run has found: everything in its state but how long it took, and its voxels.
 fn found(folder: &Path) -> (Value, Vec<u8>) {
@@ -46,11 +46,11 @@ fn run(clip: &Clip, folder: &Path, config: &Config, writes: Option<u64>) -> bool
 }
 
 /// Between any two writes, of which none leaves half a file behind.
-fn killed_between_writes(material: &str, moments: impl Iterator<Item = u64>) {
+fn killed_between_writes(material: &str, method: &str, moments: impl Iterator<Item = u64>) {
     let scene = Scene::new();
     let options = OpenOptions { cameras: Some(vec![0, 3]), max_frames: Some(7), ..OpenOptions::default() };
     let clip = Clip::open(&bundled(), &options).unwrap();
-    let config = Config::parse(&format!("{TINY}[material]\nname = '{material}'\n")).unwrap();
+    let config = Config::parse(&format!("{TINY}method = '{method}'\n[material]\nname = '{material}'\n")).unwrap();
     let whole = scene.path("whole");
     assert!(run(&clip, &whole, &config, None));
     let wanted = found(&whole);
@@ -76,12 +76,12 @@ fn killed_between_writes(material: &str, moments: impl Iterator<Item = u64>) {
 #[test]
 fn between_writes_of_a_descent() {
     // all of the first fit, and some of every stage after it
-    killed_between_writes("elastic", (0..8).chain((8..).step_by(4)));
+    killed_between_writes("elastic", "descent", (0..8).chain((8..).step_by(4)));
 }
 
 #[test]
 fn between_writes_of_least_squares() {
-    killed_between_writes("newtonian", (6..).step_by(7));
+    killed_between_writes("newtonian", "gauss_newton", (6..).step_by(7));
 }
 
 /// Waits until the run in `out` satisfies `reached`; whether it did before it ended.
