@@ -12,7 +12,7 @@ use crate::render::{Rays, Splat, Surface, Target, render};
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FitSettings {
-    /// Adam iterations.
+    /// Adam iterations on the first frame; half as many on those of free flight.
     pub iterations: usize,
     /// Adam iterations once the motion through all frames is known.
     pub in_motion: usize,

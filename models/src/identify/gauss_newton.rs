@@ -61,7 +61,8 @@ pub fn gauss_newton(
                 (decrease, here) = (value - new, there);
                 // far from the minimum pictures change only at the edges of things, and a step is far too short: on along it
                 let mut far = 2.0;
-                while gain > KEPT && far <= FARTHEST {
+                let long = step.iter().zip(&longest).any(|(h, longest)| h.abs() > LONG * longest);
+                while long && gain > KEPT && far <= FARTHEST {
                     let along = from.iter().zip(&step).map(|(x, h)| x + far * h);
                     let there = start.moved(law, free, &along.zip(&limits).map(clamped).collect::<Vec<_>>());
                     let new = oracle.loss(&there)?.unwrap_or(f64::INFINITY);
@@ -90,8 +91,11 @@ pub fn gauss_newton(
 /// Trials of one step at most, each shorter.
 const TRIALS: usize = 5;
 
-/// A step that keeps this share of what it promises is followed farther.
+/// A step that keeps this share of what it promises is followed farther…
 const KEPT: f64 = 0.75;
+
+/// …if it is at least this share of the longest: near the minimum a step is right as it is.
+const LONG: f64 = 0.1;
 
 /// How many times its length at most.
 const FARTHEST: f64 = 4.0;

@@ -8,9 +8,9 @@
 //! 2. **velocity**: frames before contact, where the motion does not depend on the material: as the middles of the silhouettes
 //!    move, then by Gauss–Newton;
 //! 3. **family**: if it was not said, which of them foretells the frames that it was not fitted to;
-//! 4. **coarse**: on a grid of twice the spacing, a scan of what is plausible, then Gauss–Newton from the best of it; or, for
-//!    elastic materials, their magnitudes by L-BFGS;
-//! 5. **fine**: the material on the full grid and all frames, by the same [`Method`];
+//! 4. **material**: a scan of what is plausible, Gauss–Newton from the best of it, and on from the best of these; then, in
+//!    rounds, the voxels are fitted to the whole motion and the material to the new shape;
+//! 5. **grid**: what the material would be on a grid of twice the spacing;
 //! 6. **intervals**: how sure all that is.
 //!
 //! [`dynamic_step`] is the published forward model on the particles of a radiance field; [`RangePenalty`] keeps parameters

@@ -64,7 +64,8 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     stages.contact(run, &unknowns)?;
     let flight = run.state.contact.unwrap_or(frames).clamp(1, frames);
     let flying = Moved::Flying { frames: flight, velocity: unknowns.velocity };
-    stages.shape(run, "shape in flight", iterations, flying)?;
+    // the shape is nearly there
+    stages.shape(run, "shape in flight", iterations.div_ceil(2), flying)?;
     stages.velocity(run, "velocity in flight", flight.max(2).min(frames), &mut unknowns)?;
     if run.config.chooses_family() {
         stages.choose_family(run, flight, frames, &unknowns)?;

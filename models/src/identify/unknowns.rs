@@ -37,8 +37,7 @@ pub struct Unknowns {
 pub enum Free {
     /// The velocity only.
     Velocity,
-    /// The material's parameters that are known to an order of magnitude only: those fitted as logarithms. A coarse grid
-    /// tells these well enough to start from; the others it would bias.
+    /// The material's parameters that are known to an order of magnitude only: those fitted as logarithms.
     Magnitudes,
     /// All parameters of the material.
     Material,
