@@ -102,7 +102,7 @@ pub struct MaterialConfig {
     pub name: String,
     /// Starting values by parameter name, in SI units; the law's own for those not named.
     pub start: std::collections::BTreeMap<String, f64>,
-    /// Parameters that stay where they start; if not given, sand's cohesion.
+    /// Parameters that stay where they start; if not given, all of sand's but its angle of friction.
     pub held: Option<Vec<String>>,
 }
 
@@ -120,6 +120,16 @@ pub const FAMILIES: [(&str, &str); 5] = [
     ("non_newtonian", "viscoplastic"),
     ("sand", "drucker_prager"),
 ];
+
+/// What of sand is held unless told otherwise, and at which value, as published: grains hardly deform, and how far sand can be
+/// pulled is next to nothing; any sign of either drowns in the shape's error.
+const SAND: [(&str, f64); 3] = [("young", 1e6), ("poisson", 0.3), ("cohesion", 0.0)];
+
+/// The published value of a parameter that the motion does not show.
+fn published(law: &Law, parameter: &crate::physics::Parameter) -> Option<f64> {
+    let known = SAND.iter().find(|(name, _)| law.name() == "drucker_prager" && *name == parameter.name);
+    known.map(|(_, value)| *value)
+}
 
 /// How a material is searched once its neighbourhood is known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -231,8 +241,8 @@ impl Config {
     /// [`ErrorKind::Input`] for a parameter that the law does not have.
     pub fn held<'a>(&'a self, law: &'a Law) -> Result<Vec<&'a str>> {
         let Some(held) = &self.material.held else {
-            // how far sand can be pulled is next to nothing, and any sign of it drowns in the shape's error
-            return Ok(law.parameters().iter().map(|p| p.name).filter(|name| *name == "cohesion").collect());
+            let grains = SAND.iter().map(|(name, _)| *name).filter(|_| law.name() == "drucker_prager");
+            return Ok(grains.collect());
         };
         let known: Vec<_> = law.parameters().iter().map(|p| p.name).collect();
         if let Some(unknown) = held.iter().find(|name| !known.contains(&name.as_str())) {
@@ -287,7 +297,7 @@ impl Config {
                 .fix("correct the name in the file of --config"));
         }
         let value = |p: &crate::physics::Parameter| {
-            let value = start.get(p.name).copied().unwrap_or(p.start);
+            let value = start.get(p.name).copied().or_else(|| published(law, p)).unwrap_or(p.start);
             let (low, high) = match p.map {
                 Map::Log10 => (p.prior[0] / 100.0, p.prior[1] * 100.0),
                 Map::Linear => (100.0 * p.prior[0], 100.0 * p.prior[1]),

@@ -224,8 +224,8 @@ const START: &str = "material, start";
 const COARSE: &str = "material, coarse";
 const INTERVALS: &str = "intervals";
 
-/// Frames before contact that show the velocity well enough to hold it afterwards.
-const SURE: usize = 3;
+/// Frames before contact that show the velocity better than those after it, which show the shape's error as well.
+const SURE: usize = 2;
 
 /// The error of the full grid as a share of its difference to that of twice the spacing: a third if it falls with the square
 /// of the spacing, all of it if it falls with the spacing.
