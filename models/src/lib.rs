@@ -3,6 +3,7 @@
 //! ```text
 //! video → views → field → particles → physics → render → identify → report
 //!                          scenes → physics → report
+//! ablation: what the parts of it are worth
 //! ```
 
 mod constant;
@@ -18,4 +19,5 @@ pub mod render;
 pub mod identify;
 pub mod scenes;
 pub mod report;
+pub mod ablation;
 pub mod cli;

@@ -8,6 +8,8 @@ mod errors;
 mod foregrounds;
 #[path = "video/geometry.rs"]
 mod geometry;
+#[path = "video/imagined.rs"]
+mod imagined;
 #[path = "video/layouts.rs"]
 mod layouts;
 #[path = "video/matting.rs"]

@@ -22,7 +22,8 @@ Layouts of clips, recognised by the files in the folder:
   COLMAP        sparse/0/cameras.txt and images.txt, and frames/{camera}/{number}.png
   Spring-Gaus   camera.json and {camera}/{number}.png; of a real capture give …/dynamic/sequences/{object}/{number}.json
 All but PAC-NeRF's need transparent images, or masks under masks/ (white on the object). A file clip.toml in the folder says what
-a layout leaves open: up, metres_per_unit, origin, frames_per_s or duration_s, layout. What is assumed, `gradreel check` prints.";
+a layout leaves open: up, metres_per_unit, origin, frames_per_s or duration_s, layout, and which cameras are imagined (synthesized
+views that nobody filmed), as in imagined = [1, 2]. What is assumed, `gradreel check` prints.";
 
 /// Prints what is there, what is missing and what will be assumed.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {

@@ -1,5 +1,6 @@
 //! The command line.
 
+mod bench;
 mod check;
 mod gradcheck;
 mod reconstruct;
@@ -50,6 +51,8 @@ enum Command {
     Gradcheck(gradcheck::Arguments),
     /// Train a model that synthesizes views, or its spatial-aware module, on objects made here
     Train(train::Arguments),
+    /// Measure what the parts of the method are worth
+    Bench(bench::Arguments),
     /// Check and convert files of the multi-view model's weights
     Weights(weights::Arguments),
 }
@@ -63,6 +66,7 @@ pub fn main() -> u8 {
         Command::Gradcheck(arguments) => gradcheck::run(&arguments),
         Command::Synthesize(arguments) => synthesize::run(&arguments),
         Command::Train(arguments) => train::run(&arguments),
+        Command::Bench(arguments) => bench::run(&arguments),
         Command::Weights(arguments) => weights::run(&arguments),
     };
     exit_code(outcome)

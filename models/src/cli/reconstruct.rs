@@ -75,8 +75,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let progress = Progress::new(arguments.quiet);
     let (mut run, clip) = if arguments.resume { resume(arguments)? } else { begin(arguments)? };
     if !arguments.quiet {
+        let imagined = match clip.imagined.iter().filter(|imagined| **imagined).count() {
+            0 => String::new(),
+            count => format!(" ({count} imagined)"),
+        };
         eprintln!(
-            "{}: {} cameras, {} frames → {}",
+            "{}: {} cameras{imagined}, {} frames → {}",
             clip.name,
             clip.cameras.len(),
             clip.frame_count(),
@@ -100,12 +104,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
 fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     let mut config = match &arguments.config {
         None => Config::default(),
-        Some(path) => {
-            let text = std::fs::read_to_string(path).map_err(|e| {
-                Error::io(path, "read the configuration", &e).fix("give the path of a TOML file to --config")
-            })?;
-            Config::parse(&text).map_err(|e| e.at(path.display()))?
-        }
+        Some(path) => read_config(path)?,
     };
     if let Some(cameras) = &arguments.cameras {
         config.clip.cameras.clone_from(cameras);
@@ -136,11 +135,18 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     Ok((Run::create(folder, config, &clip)?, clip))
 }
 
+/// The configuration in a file.
+pub(super) fn read_config(path: &Path) -> Result<Config> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|e| Error::io(path, "read the configuration", &e).fix("give the path of a TOML file to --config"))?;
+    Config::parse(&text).map_err(|e| e.at(path.display()))
+}
+
 fn resume(arguments: &Arguments) -> Result<(Run, Clip)> {
     let folder = arguments.out.as_deref().unwrap_or(Path::new("."));
-    let run = Run::open(RunFolder::open(folder)?)?;
+    let mut run = Run::open(RunFolder::open(folder)?)?;
     let clip = open(&arguments.clip, &run.config)?;
-    run.belongs_to(&clip)?;
+    run.go_on(&clip)?;
     Ok((run, clip))
 }
 
@@ -171,7 +177,10 @@ pub(super) fn open(path: &Path, config: &Config) -> Result<Clip> {
         max_frames: Some(config.clip.frames).filter(|&frames| frames > 0),
         ..OpenOptions::default()
     };
-    let clip = Clip::open(path, &options)?;
+    let mut clip = Clip::open(path, &options)?;
+    if let Some(imagined) = &config.clip.imagined {
+        clip.imagine(imagined)?;
+    }
     if clip.frame_count() < 2 {
         return Err(Error::new(ErrorKind::Input, "a clip needs at least two frames to show motion")
             .at(path.display())

@@ -61,8 +61,8 @@ pub fn bounding_sphere(clip: &Clip, frame: usize) -> Result<Sphere> {
     }
     let pull = if views.len() == 1 { 1e-9 } else { 0.0 };
     let central = views.iter().map(|(camera, silhouette)| (*camera, silhouette.mean));
-    let centre = meeting_point(central, [0.0; 3], pull)
-        .ok_or_else(|| no_object("the cameras' central rays are parallel"))?;
+    let centre =
+        meeting_point(central, [0.0; 3], pull).ok_or_else(|| no_object("the cameras' central rays are parallel"))?;
     let mut radius = 0.0f64;
     for (camera, silhouette) in &views {
         let [.., depth] = camera.project(centre).ok_or_else(|| no_object("the silhouettes meet behind a camera"))?;
@@ -126,7 +126,8 @@ fn silhouette(frame: &Frame) -> Option<Silhouette> {
 
 /// Carves the hull of one frame out of a ball, on voxels of this spacing \[m\] at odd multiples of half of it.
 ///
-/// A voxel stays if every camera that has it in its image sees coverage of at least `threshold` there.
+/// A voxel stays if every real camera that has it in its image sees coverage of at least `threshold` there, and at least half
+/// of the imagined ones do.
 ///
 /// # Errors
 /// [`ErrorKind::Input`] when nothing stays: masks and cameras contradict each other.
@@ -147,15 +148,20 @@ pub fn hull(clip: &Clip, frame: usize, sphere: &Sphere, spacing: f64, threshold:
         let point: [f64; 3] = std::array::from_fn(|a| lattice.origin[a] + node[a] as f64 * spacing);
         let from_centre: f64 = (0..3).map(|a| (point[a] - sphere.centre[a]).powi(2)).sum();
         from_centre <= sphere.radius * sphere.radius && {
-            let mut views = clip.cameras.iter().zip(&clip.frames).filter_map(|(camera, frames)| {
+            let views = clip.cameras.iter().zip(&clip.frames).zip(&clip.imagined);
+            let mut views = views.filter_map(|((camera, frames), imagined)| {
                 let [u, v, _] = camera.project(point)?;
-                coverage(&frames[frame], u, v)
+                Some((coverage(&frames[frame], u, v)?, *imagined))
             });
-            let mut seen = false;
-            views.all(|alpha| {
+            let (mut seen, mut for_it, mut against) = (false, 0, 0);
+            views.all(|(alpha, imagined)| {
                 seen = true;
-                alpha >= threshold
+                let inside = alpha >= threshold;
+                for_it += usize::from(imagined && inside);
+                against += usize::from(imagined && !inside);
+                inside || imagined
             }) && seen
+                && for_it >= against
         }
     };
     let voxels: Vec<u32> = (0..lattice.len()).into_par_iter().filter(|&i| inside(i)).map(|i| i as u32).collect();

@@ -4,6 +4,7 @@ use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
 use crate::field::FitSettings;
+use crate::identify::{LossConfig, TemporalConfig};
 use crate::physics::{Law, Map, materials};
 use crate::render::{Surface, Weights};
 
@@ -21,8 +22,12 @@ pub struct Config {
     pub material: MaterialConfig,
     /// What a pixel's residual counts.
     pub weights: Weights,
+    /// What else counts in the loss, above all where views are imagined.
+    pub loss: LossConfig,
     /// How occupancy becomes opacity.
     pub surface: Surface,
+    /// The temporal field, if the velocity is to start from it.
+    pub temporal: TemporalConfig,
     /// Effort of the estimates.
     pub estimate: EstimateConfig,
 }
@@ -35,6 +40,8 @@ pub struct ClipConfig {
     pub cameras: Vec<i64>,
     /// At most so many frames; all if 0.
     pub frames: usize,
+    /// Numbers of the cameras that nobody filmed with; if not given, those that the clip's `clip.toml` names.
+    pub imagined: Option<Vec<i64>>,
     /// Images are shrunk by this integer factor; 0 chooses one whose pixels are about a third of a grid cell.
     pub shrink: usize,
 }
@@ -159,16 +166,7 @@ pub struct EstimateConfig {
 
 impl Default for EstimateConfig {
     fn default() -> Self {
-        Self {
-            method: Method::GaussNewton,
-            velocity: 10,
-            scan: 8,
-            starts: 2,
-            first: 3,
-            fine: 5,
-            rounds: 2,
-            coarse: 4,
-        }
+        Self { method: Method::GaussNewton, velocity: 10, scan: 8, starts: 2, first: 3, fine: 5, rounds: 2, coarse: 4 }
     }
 }
 
@@ -230,6 +228,8 @@ impl Config {
                     .fix("correct it in the file of --config or on the command line, or leave it out"));
             }
         }
+        self.loss.check()?;
+        self.temporal.check()?;
         let law = self.law()?;
         self.held(&law)?;
         self.starting_values(&law).map(|_| ())

@@ -73,6 +73,8 @@ impl Stages<'_> {
         };
         let family = winner.family.clone();
         run.note(format!("the family was chosen by how well each foretold frames {seen} to {}: {family}", frames - 1));
+        // what the run has found so far is of the material that its file names
+        run.state.unknowns = Some(winner.unknowns.clone());
         run.config.material = MaterialConfig { name: family, ..MaterialConfig::default() };
         run.state.candidates = candidates;
         run.save()?;

@@ -7,12 +7,15 @@ use crate::identify::problem::is_stress;
 use crate::identify::unknowns::Unknown;
 use crate::identify::{Free, Problem, Unknowns};
 use crate::physics::{Rollout, Schedule};
+use crate::render::trajectory::Middle;
 use crate::render::{Splat, render_jvp};
 
 /// The loss around a point, to second order in the sense of Gauss and Newton.
 ///
 /// With the residuals `r = rendered − filmed` of all pixels and channels, their weights `w` and their Jacobian `J` in the
-/// coordinates of the free unknowns, over `m` frames: loss `Σ w r²/m`, gradient `2 Jᵀ w r/m`, curvature `2 Jᵀ w J/m`.
+/// coordinates of the free unknowns, over `m` frames: loss `Σ w r²/m`, gradient `2 Jᵀ w r/m`, curvature `2 Jᵀ w J/m`. A residual
+/// beyond the `δ` of a robust pixel counts `2 δ |r| − δ²` and has `w δ/|r|` for its weight in the derivatives (iteratively
+/// reweighted least squares). Middles of a trajectory are two more residuals of a picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Linearised {
     /// The loss.
@@ -44,16 +47,27 @@ impl Linearised {
 
     /// Adds one picture: rendered and filmed values and weights of its pixels `[rays, 4]`, and the changes of the rendered
     /// ones `[rays, unknowns, 4]`.
-    fn add_picture<T: gradreel::scalar::Real>(&mut self, [pixels, filmed, weight, changes]: [&[T]; 4], share: f64) {
+    fn add_picture<T: gradreel::scalar::Real>(
+        &mut self,
+        [pixels, filmed, weight, changes]: [&[T]; 4],
+        share: f64,
+        robust: Option<f64>,
+    ) {
         let unknowns = self.gradient.len();
         let mut row = vec![0.0; unknowns];
         for r in 0..pixels.len() / 4 {
             let changes = &changes[r * 4 * unknowns..][..4 * unknowns];
             let moves = changes.iter().any(|&c| c != T::ZERO);
             for c in 0..4 {
-                let w = weight[4 * r + c].to_f64() * share;
+                let mut w = weight[4 * r + c].to_f64() * share;
                 let residual = pixels[4 * r + c].to_f64() - filmed[4 * r + c].to_f64();
-                self.loss += w * residual * residual;
+                match robust.filter(|delta| residual.abs() > *delta) {
+                    None => self.loss += w * residual * residual,
+                    Some(delta) => {
+                        self.loss += w * delta * (2.0 * residual.abs() - delta);
+                        w *= delta / residual.abs();
+                    }
+                }
                 if !moves || w == 0.0 {
                     continue;
                 }
@@ -65,6 +79,20 @@ impl Linearised {
                     for l in 0..=k {
                         self.curvature[k][l] += 2.0 * w * row[k] * row[l];
                     }
+                }
+            }
+        }
+    }
+
+    /// Adds the object's middle in a picture.
+    fn add_middle(&mut self, middle: &Middle, share: f64) {
+        let w = middle.weight * share;
+        for (residual, changes) in middle.residual.iter().zip(&middle.changes) {
+            self.loss += w * residual * residual;
+            for k in 0..self.gradient.len() {
+                self.gradient[k] += 2.0 * w * residual * changes[k];
+                for l in 0..=k {
+                    self.curvature[k][l] += 2.0 * w * changes[k] * changes[l];
                 }
             }
         }
@@ -135,6 +163,12 @@ impl Problem<'_> {
                 total.curvature[l][k] = total.curvature[k][l];
             }
         }
+        if let Some(ranges) = &self.ranges {
+            let (penalty, slopes, bends) = ranges.derivatives(&self.law, unknowns, free);
+            total.loss += penalty;
+            total.gradient.iter_mut().zip(slopes).for_each(|(g, slope)| *g += slope);
+            total.curvature.iter_mut().zip(bends).enumerate().for_each(|(k, (row, bend))| row[k] += bend);
+        }
         Ok(total)
     }
 
@@ -155,14 +189,19 @@ impl Problem<'_> {
             first - rays..first
         });
         let ranges: Vec<std::ops::Range<usize>> = ranges.collect();
-        let picture = |rays: &std::ops::Range<usize>| {
+        let picture = |(view, rays): (usize, &std::ops::Range<usize>)| {
+            let robust = target.robust.as_ref().filter(|robust| robust.rays.slice::<T>()[rays.start] > T::ZERO);
             let mut sums = Linearised::zero(unknowns);
             let [pixels, filmed, weight] = values.map(|values| &values[4 * rays.start..4 * rays.end]);
             let changes = &changes[4 * unknowns * rays.start..4 * unknowns * rays.end];
-            sums.add_picture([pixels, filmed, weight, changes], share);
+            sums.add_picture([pixels, filmed, weight, changes], share, robust.map(|robust| robust.delta));
+            let middle = target.trajectory.as_ref().and_then(|trajectory| trajectory.middle(view, pixels, changes));
+            if let Some(middle) = middle {
+                sums.add_middle(&middle, share);
+            }
             sums
         };
-        ranges.par_iter().map(picture).collect()
+        ranges.par_iter().enumerate().map(picture).collect()
     }
 
     /// Positions at every frame `[frames, particles, 3]` \[m\], and their tangents along the free unknowns' coordinates.
@@ -226,7 +265,9 @@ impl Problem<'_> {
         let shape = [schedule.frames, self.particles.len(), 3];
         let moved = |of: &dyn Fn(f64, [f64; 3], usize) -> f64| {
             let at = |frame: usize| frame as f64 * schedule.frame_dt;
-            let each = |frame| self.particles.positions.iter().flat_map(move |x| [0, 1, 2].map(|axis| of(at(frame), *x, axis)));
+            let each = |frame| {
+                self.particles.positions.iter().flat_map(move |x| [0, 1, 2].map(|axis| of(at(frame), *x, axis)))
+            };
             Tensor::from_vec((0..schedule.frames).flat_map(each).collect(), shape).cast(self.dtype)
         };
         let (v, g) = (unknowns.velocity, self.world.gravity);

@@ -14,7 +14,7 @@
 //! 6. **intervals**: how sure all that is.
 //!
 //! [`dynamic_step`] is the published forward model on the particles of a radiance field; [`RangePenalty`] keeps parameters
-//! plausible. [`Changes`] makes a reconstructed object move under other
+//! plausible, and [`LossConfig`] says what else counts where views are imagined. [`Changes`] makes a reconstructed object move under other
 //! conditions. Where the particles themselves were tracked, [`Tracks`] finds velocity and material without pictures.
 
 mod again;
@@ -22,10 +22,12 @@ mod config;
 mod contact;
 mod estimate;
 mod family;
+mod field_file;
 mod flight;
 mod gauss_newton;
 mod interval;
 mod linearise;
+mod loss;
 mod oracle;
 mod penalty;
 mod pixels;
@@ -34,6 +36,7 @@ mod problem;
 mod reconstruct;
 mod run;
 mod stages;
+mod temporal_start;
 mod tracks;
 mod unknowns;
 
@@ -42,15 +45,18 @@ pub use config::{ClipConfig, Config, EstimateConfig, FAMILIES, GeometryConfig, M
 pub use contact::first_contact;
 pub use estimate::{Evaluation, estimate};
 pub use family::{Candidate, choose};
+pub use field_file::Reached;
 pub use flight::velocity_of_silhouettes;
 pub use gauss_newton::{apart, gauss_newton, scan};
 pub use interval::{Interval, intervals};
 pub use linearise::{Linearised, Score};
+pub use loss::LossConfig;
 pub use oracle::{Answer, Listener};
 pub use penalty::RangePenalty;
 pub use pixels::{FramePixels, MotionLoss, MotionSettings, body_of, dynamic_step, is_stiffness, motion_loss};
 pub use problem::{Observed, Problem};
 pub use reconstruct::{Reconstruction, reconstruct};
 pub use run::{ClipIdentity, HistoryRow, Run, Search, State};
+pub use temporal_start::TemporalConfig;
 pub use tracks::{TANGENT_COST, Tracks, TracksFit};
 pub use unknowns::{Bound, Free, Unknown, Unknowns};

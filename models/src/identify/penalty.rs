@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 
 use gradreel::Var;
 
+use crate::identify::unknowns::Unknown;
+use crate::identify::{Free, Unknowns};
 use crate::physics::{Law, Map, Parameter};
 
 /// Penalty of parameters by how far they are from plausible ranges.
@@ -88,6 +90,32 @@ impl RangePenalty {
             }
         };
         if self.enabled { law.parameters().iter().zip(values).map(one).sum() } else { 0.0 }
+    }
+
+    /// The penalty, its gradient and the diagonal of its curvature in the coordinates of the free unknowns.
+    pub fn derivatives(&self, law: &Law, at: &Unknowns, free: Free) -> (f64, Vec<f64>, Vec<f64>) {
+        let derivatives = |unknown| {
+            let Unknown::Parameter(k) = unknown else { return (0.0, 0.0) };
+            let (parameter, value) = (&law.parameters()[k], at.parameters[k]);
+            let (centre, half) = scale(parameter.map, self.range(law, parameter));
+            let (p, slope) = match parameter.map {
+                Map::Log10 => (value.log10(), 1.0 / (value * std::f64::consts::LN_10)),
+                _ => (value, 1.0),
+            };
+            let (u, rate) = ((p - centre) / half, slope * at.slope(law, unknown) / half);
+            let beyond = u.abs() - 1.0;
+            let (first, second) = match beyond <= 0.0 {
+                true => (2.0 * self.inside * u, 2.0 * self.inside),
+                false => (u.signum() * 2.0 * (self.inside + self.outside * beyond), 2.0 * self.outside),
+            };
+            (first * rate, second * rate * rate)
+        };
+        let unknowns = free.list(law).into_iter();
+        let (gradient, curvature) = match self.enabled {
+            true => unknowns.map(derivatives).unzip(),
+            false => unknowns.map(|_| (0.0, 0.0)).unzip(),
+        };
+        (self.of(law, &at.parameters), gradient, curvature)
     }
 
     /// The same of variables, `[1]` each in SI units; `None` when there is nothing to add.

@@ -4,10 +4,11 @@ use std::sync::Arc;
 
 use gradreel::{DType, ErrorKind, Result, Tape, Tensor, Var};
 
-use crate::identify::{Bound, Config, Free, Unknowns};
+use crate::field::bounding_sphere;
+use crate::identify::{Bound, Config, Free, RangePenalty, Unknowns};
 use crate::particles::Particles;
 use crate::physics::{Body, Collider, Law, Parameter, Remat, Schedule, World, rollout};
-use crate::render::{Rays, Splat, Surface, Target, render};
+use crate::render::{Rays, Robust, Splat, Surface, Target, Trajectory, render};
 use crate::video::Clip;
 
 /// How far the step may exceed what the unknowns ask for before it is made smaller; the recommended step leaves more room
@@ -24,20 +25,34 @@ pub struct Observed {
     pub targets: Vec<Target>,
     /// Time between frames \[s\].
     pub frame_dt: f64,
+    /// Whether each camera is one that nobody filmed with.
+    pub imagined: Vec<bool>,
 }
 
 impl Observed {
     /// All pixels of a clip.
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// [`ErrorKind::Input`] when views count by their angles and no camera sees the object in the first frame.
     pub fn of(clip: &Clip, config: &Config, dtype: DType) -> Result<Self> {
-        let targets = (0..clip.frame_count()).map(|f| Target::of(clip, f, &config.weights, dtype));
+        let loss = &config.loss;
+        let views = match clip.imagined.contains(&true) {
+            true => loss.view_weights(clip, bounding_sphere(clip, 0)?.centre),
+            false => vec![1.0; clip.cameras.len()],
+        };
+        let robust = loss.robust_beyond(&clip.imagined).map(|delta| Robust::of(clip, delta, dtype)).transpose()?;
+        let targets = (0..clip.frame_count()).map(|f| {
+            let trajectory = || Trajectory::of(clip, f, loss.trajectory, &views, dtype);
+            let trajectory = (loss.trajectory > 0.0).then(trajectory).transpose()?;
+            let target = Target::of_views(clip, f, &config.weights, &views, dtype)?;
+            Ok(Target { robust: robust.clone(), trajectory, ..target })
+        });
         Ok(Self {
             rays: Arc::new(Rays::of_cameras(&clip.cameras)),
             views: clip.cameras.iter().map(|camera| camera.width * camera.height).collect(),
             targets: targets.collect::<Result<_>>()?,
             frame_dt: clip.frame_dt(),
+            imagined: clip.imagined.clone(),
         })
     }
 }
@@ -62,6 +77,8 @@ pub struct Problem<'a> {
     pub cfl: f64,
     /// Waves and particles are taken to be at least so fast \[m/s\].
     pub least_speed: f64,
+    /// What implausible parameters cost, if they do.
+    pub ranges: Option<RangePenalty>,
     /// Whether the body keeps its shape and meets nothing: free flight, which needs no simulation.
     pub flying: bool,
     /// Memory for states.
@@ -89,6 +106,7 @@ impl<'a> Problem<'a> {
             density: config.world.density,
             cfl: config.world.cfl,
             least_speed: config.world.least_speed,
+            ranges: config.loss.range_penalty(&observed.imagined),
             flying: false,
             remat: Remat::Auto { bytes: config.world.memory_mib << 20 },
             dtype,
@@ -98,7 +116,9 @@ impl<'a> Problem<'a> {
     /// The same in free flight.
     #[must_use]
     pub fn flying(&self) -> Self {
-        Self { world: self.world.clone(), law: self.law.clone(), surface: self.surface.clone(), flying: true, ..*self }
+        let (world, law, surface) = (self.world.clone(), self.law.clone(), self.surface.clone());
+        // flight says nothing of the material
+        Self { world, law, surface, ranges: None, flying: true, ..*self }
     }
 
     /// A schedule for `frames` frames that is stable for these unknowns: for the sound in the material, and for the speed that
@@ -217,7 +237,7 @@ impl<'a> Problem<'a> {
         render(positions, opacity, colour, &self.observed.rays, &splat, &self.surface)
     }
 
-    /// Loss and gradient in the coordinates of the free unknowns, on the tape.
+    /// Loss and gradient in the coordinates of the free unknowns, on the tape; with what implausible parameters cost.
     ///
     /// `substeps` and `notes` as in [`Problem::with_step`].
     ///
@@ -234,7 +254,10 @@ impl<'a> Problem<'a> {
         self.with_step(unknowns, frames, substeps, notes, &mut |schedule| {
             let tape = Tape::new();
             let bound = unknowns.bind(&tape, &self.law, free, self.dtype)?;
-            let loss = self.loss(&self.motion(&tape, &bound, schedule)?, frames)?;
+            let mut loss = self.loss(&self.motion(&tape, &bound, schedule)?, frames)?;
+            if let Some(penalty) = self.ranges.as_ref().and_then(|r| r.on_tape(&self.law, &bound.parameters)) {
+                loss = &loss + &penalty;
+            }
             Ok((loss.item()?, bound.gradient(&loss)?))
         })
     }

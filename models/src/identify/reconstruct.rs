@@ -9,7 +9,7 @@ use gradreel::{DType, Error, ErrorKind, Result, Tensor};
 use crate::field::{Field, Pose, bounding_sphere, fit, hull};
 use crate::identify::run::Run;
 use crate::identify::stages::Effort;
-use crate::identify::{Observed, Problem, Unknowns, first_contact, velocity_of_silhouettes};
+use crate::identify::{Observed, Problem, Reached, Unknowns, first_contact, velocity_of_silhouettes};
 use crate::particles::Particles;
 use crate::physics::Law;
 use crate::render::Splat;
@@ -56,7 +56,10 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     let iterations = run.config.geometry.fit.iterations;
     stages.shape(run, "shape", iterations, Moved::Flying { frames: 1, velocity: [0.0; 3] })?;
     let few = frames.min(3);
-    unknowns.velocity = velocity_of_silhouettes(clip, run.config.world.gravity, few).unwrap_or_default();
+    unknowns.velocity = match stages.flight_of_field(run)? {
+        Some(velocity) => velocity,
+        None => velocity_of_silhouettes(clip, run.config.world.gravity, few).unwrap_or_default(),
+    };
     stages.velocity(run, "velocity", few, &mut unknowns)?;
     stages.contact(run, &unknowns)?;
     let flight = run.state.contact.unwrap_or(frames).clamp(1, frames);
@@ -118,7 +121,8 @@ impl Stages<'_> {
             let shape = format!("shape in motion, round {round}");
             let material = format!("{MATERIAL}, round {round}");
             let (before, loss_before) = run.best_of(&fitted).unwrap_or((unknowns.clone(), f64::INFINITY));
-            if !run.has_finished(&shape) {
+            // once the new shape is written there is nothing to keep
+            if !run.has_finished(&shape) && !run.reached(&shape)?.ended {
                 run.keep_field()?;
             }
             self.shape(run, &shape, run.config.geometry.fit.in_motion, Moved::Simulated(&before))?;
@@ -147,9 +151,13 @@ impl Stages<'_> {
             return Ok(());
         }
         let since = Instant::now();
+        let reached = run.reached(stage)?;
+        if reached.ended {
+            return run.finish(stage, since);
+        }
         let settings = run.config.geometry.fit.clone();
         let mut adam = Adam::new(settings.colour_rate).with_rate("field.density", settings.density_rate);
-        let (mut field, mut params) = match (run.state.finished.is_empty(), run.state.fitted) {
+        let (mut field, mut params) = match (run.state.finished.is_empty(), reached.iterations) {
             (true, 0) => self.hull(run)?,
             _ => run.load_field(&mut adam)?,
         };
@@ -164,7 +172,8 @@ impl Stages<'_> {
         let bar = self.progress.stage(stage, iterations as u64);
         let mut last = f64::NAN;
         let surface = run.config.surface.clone();
-        let left = run.state.fitted..iterations;
+        let left = reached.iterations..iterations;
+        let reached = |iterations: usize, ended: bool| Reached { stage: stage.to_owned(), iterations, ended };
         let fitted = fit(&field, params, adam, left, &poses, &self.observed.rays, &surface, &splat, |s| {
             last = s.loss;
             bar.set(s.iteration as u64, &format!("loss {:.5}, {} voxels", s.loss, field.len()));
@@ -172,13 +181,11 @@ impl Stages<'_> {
             // a simulated motion belongs to the voxels it started from: such a stage is repeated as a whole
             let resumable = matches!(moved, Moved::Flying { .. });
             if resumable && (stop.is_err() || s.iteration % SAVE_EVERY == 0) {
-                run.state.fitted = s.iteration;
-                run.save_field(&field, s.params, Some(s.adam))?;
-                run.save()?;
+                run.save_field(&field, s.params, Some(s.adam), &reached(s.iteration, false))?;
             }
             stop
         })?;
-        run.save_field(&field, &fitted, None)?;
+        run.save_field(&field, &fitted, None, &reached(iterations, true))?;
         bar.finish(&format!("loss {last:.5}, {} voxels", field.len()));
         run.finish(stage, since)
     }
@@ -220,7 +227,7 @@ impl Stages<'_> {
         }
         let hull = hull(self.clip, 0, &sphere, self.spacing, run.config.geometry.hull_coverage)?;
         let (field, params) = Field::filling(hull, self.clip);
-        run.save_field(&field, &params, None)?;
+        run.save()?;
         Ok((field, params))
     }
 

@@ -3,13 +3,11 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use gradreel::io::safetensors::TensorFile;
-use gradreel::ops::Lattice;
-use gradreel::optim::{Adam, Params};
-use gradreel::{Error, ErrorKind, Result, Tensor};
+use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
-use crate::field::Field;
+use crate::field::temporal::Flight;
+use crate::identify::field_file::FIELD;
 use crate::identify::{Answer, Candidate, Config, Evaluation, Interval, Unknowns};
 use crate::report::run_folder::RunFolder;
 use crate::video::Clip;
@@ -28,8 +26,9 @@ pub struct State {
     pub seconds: Vec<f64>,
     /// The best unknowns so far.
     pub unknowns: Option<Unknowns>,
-    /// Iterations of the voxels' current fit that are done.
-    pub fitted: usize,
+    /// What the temporal field says of the flight, if it was asked.
+    #[serde(default)]
+    pub flight: Option<Flight>,
     /// First frame in contact with the ground, once known.
     pub contact: Option<usize>,
     /// Every evaluation of the estimates.
@@ -113,8 +112,6 @@ pub struct Run {
 
 const STATE: &str = "state.json";
 const CONFIG: &str = "config.toml";
-const FIELD: &str = "field.safetensors";
-const KEPT_FIELD: &str = "field_before_motion.safetensors";
 
 impl Run {
     /// A new run in an empty folder.
@@ -149,7 +146,11 @@ impl Run {
         if let Some(lost) = lost_setting(&written, &config.to_toml()?) {
             return Err(damaged(&folder, CONFIG, &format!("no setting {lost}")));
         }
-        let state: State = serde_json::from_str(&text(STATE)?).map_err(|e| damaged(&folder, STATE, &e))?;
+        // an interruption between the first two files leaves a run that knows its settings and nothing else
+        let state: State = match folder.has(STATE) {
+            true => serde_json::from_str(&text(STATE)?).map_err(|e| damaged(&folder, STATE, &e))?,
+            false => State::default(),
+        };
         let parameters = config.law()?.parameters().len();
         // a family that is still to be chosen may leave any number
         if !config.chooses_family() && state.unknowns.as_ref().is_some_and(|u| u.parameters.len() != parameters) {
@@ -175,6 +176,22 @@ impl Run {
         self.folder.write(CONFIG, self.config.to_toml()?.as_bytes())?;
         self.folder.write(FIELD, &other.folder.read(FIELD)?)?;
         self.save()
+    }
+
+    /// Makes the run go on with a clip: clears away what an interrupted write left, and checks that the clip is the one that the
+    /// run was begun with.
+    ///
+    /// # Errors
+    /// As [`Run::belongs_to`]; what writing returns.
+    pub fn go_on(&mut self, clip: &Clip) -> Result<()> {
+        if self.state.clip == ClipIdentity::default() {
+            self.state.clip = ClipIdentity::of(clip);
+            self.state.clip_path = Some(clip.root.canonicalize().unwrap_or_else(|_| clip.root.clone()));
+            self.save()?;
+        }
+        self.belongs_to(clip)?;
+        self.folder.sweep();
+        Ok(())
     }
 
     /// Whether a clip is the one that the run was begun with.
@@ -246,7 +263,6 @@ impl Run {
     pub fn finish(&mut self, stage: &str, since: Instant) -> Result<()> {
         self.state.finished.push(stage.to_owned());
         self.state.seconds.push(since.elapsed().as_secs_f64());
-        self.state.fitted = 0;
         self.state.search = None;
         self.save()
     }
@@ -258,38 +274,6 @@ impl Run {
         }
     }
 
-    /// Writes the voxels with their raw values, and the optimiser if a fit is under way.
-    ///
-    /// # Errors
-    /// What writing returns.
-    pub fn save_field(&self, field: &Field, params: &Params, adam: Option<&Adam>) -> Result<()> {
-        let Lattice { origin, spacing, dims } = field.lattice;
-        let mut file = TensorFile::default();
-        file.metadata.insert("lattice".into(), serde_json::json!([origin, spacing, dims]).to_string());
-        file.tensors.insert("voxels".into(), Tensor::from_vec(field.voxels.clone(), [field.len()]));
-        file.tensors.extend(params.iter().map(|(path, value)| (path.to_owned(), value.clone())));
-        if let Some(adam) = adam {
-            adam.save(&mut file);
-        }
-        self.folder.write(FIELD, &file.to_bytes()?)
-    }
-
-    /// Keeps a copy of the voxels as they are.
-    ///
-    /// # Errors
-    /// What reading and writing return.
-    pub fn keep_field(&self) -> Result<()> {
-        self.folder.write(KEPT_FIELD, &self.folder.read(FIELD)?)
-    }
-
-    /// Goes back to the copy that [`Run::keep_field`] made.
-    ///
-    /// # Errors
-    /// What reading and writing return.
-    pub fn restore_field(&self) -> Result<()> {
-        self.folder.write(FIELD, &self.folder.read(KEPT_FIELD)?)
-    }
-
     /// The evaluations of a stage.
     pub fn rows<'a>(&'a self, stage: &'a str) -> impl Iterator<Item = &'a HistoryRow> {
         self.state.history.iter().filter(move |row| row.stage == stage)
@@ -299,36 +283,6 @@ impl Run {
     pub fn best_of(&self, stage: &str) -> Option<(Unknowns, f64)> {
         let known = self.rows(stage).filter_map(|row| Some((row.unknowns.clone(), row.loss?)));
         known.min_by(|a, b| a.1.total_cmp(&b.1))
-    }
-
-    /// Reads what [`Run::save_field`] wrote; the optimiser goes on if its state is there.
-    ///
-    /// # Errors
-    /// [`ErrorKind::Input`] when the file is missing or damaged.
-    pub fn load_field(&self, adam: &mut Adam) -> Result<(Field, Params)> {
-        let file = TensorFile::from_bytes(&self.folder.read(FIELD)?).map_err(|e| damaged(&self.folder, FIELD, &e))?;
-        let lattice = file.metadata.get("lattice").map_or("", String::as_str);
-        let (origin, spacing, dims): ([f64; 3], f64, [usize; 3]) =
-            serde_json::from_str(lattice).map_err(|e| damaged(&self.folder, FIELD, &e))?;
-        let lattice = Lattice { origin, spacing, dims };
-        for name in ["voxels", "field.density", "field.colour"] {
-            file.get(name).map_err(|e| damaged(&self.folder, FIELD, &e))?;
-        }
-        let voxels = file.get("voxels")?;
-        let nodes = dims.iter().try_fold(1usize, |n, d| n.checked_mul(*d)).unwrap_or(0);
-        let fits = voxels.dtype() == gradreel::DType::U32
-            && voxels.slice::<u32>().iter().all(|v| (*v as usize) < nodes)
-            && file.get("field.density")?.dims() == [voxels.len(), 1]
-            && file.get("field.colour")?.dims() == [voxels.len(), 3];
-        if !fits {
-            return Err(damaged(&self.folder, FIELD, &"tensors that do not belong together"));
-        }
-        if Adam::is_saved_in(&file) {
-            adam.restore(&file).map_err(|e| damaged(&self.folder, FIELD, &e))?;
-        }
-        let field = Field { lattice, voxels: voxels.slice::<u32>().to_vec() };
-        let params = file.tensors.into_iter().filter(|(path, _)| path.starts_with("field.")).collect();
-        Ok((field, params))
     }
 }
 
@@ -346,7 +300,7 @@ fn lost_setting(written: &str, resolved: &str) -> Option<String> {
     lost(&written.parse().ok()?, &resolved.parse().ok()?)
 }
 
-fn damaged(folder: &RunFolder, name: &str, found: &dyn std::fmt::Display) -> Error {
+pub(super) fn damaged(folder: &RunFolder, name: &str, found: &dyn std::fmt::Display) -> Error {
     Error::new(ErrorKind::Input, "a file of the run is damaged")
         .at(folder.path(name).display())
         .found(found)

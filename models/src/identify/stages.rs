@@ -1,5 +1,6 @@
 //! The stages that estimate unknowns, each resumable evaluation by evaluation.
 
+use std::cell::RefCell;
 use std::time::Instant;
 
 use gradreel::{Error, ErrorKind, Result};
@@ -116,11 +117,17 @@ impl Stages<'_> {
         let budget = run.config.estimate.coarse;
         let free = self.free(run, &run.config)?;
         let particles = self.particles(run)?.coarsened();
-        let (found, mut there) = (run.state.unknowns.clone(), unknowns.clone());
-        self.search(run, &Effort { stage: COARSE, budget }, &particles, &mut there, &mut |problem, search, each, notes| {
-            gauss_newton(problem, &search.start, free, frames, budget, &search.answers, each, notes)
-        })?;
-        run.state.unknowns = found;
+        let mut there = unknowns.clone();
+        self.search(
+            run,
+            &Effort { stage: COARSE, budget },
+            &particles,
+            &mut there,
+            &mut |problem, search, each, notes| {
+                gauss_newton(problem, &search.start, free, frames, budget, &search.answers, each, notes)
+            },
+        )?;
+        run.state.unknowns = Some(unknowns.clone());
         run.save()
     }
 
@@ -172,7 +179,6 @@ impl Stages<'_> {
         if run.has_finished(stage) {
             if let Some((best, _)) = run.best_of(stage) {
                 *unknowns = best;
-                run.state.unknowns = Some(unknowns.clone());
             }
             return Ok(());
         }
@@ -180,7 +186,7 @@ impl Stages<'_> {
         let problem = Problem::new(particles, self.observed, self.law.clone(), &run.config, DTYPE);
         let bar = self.progress.stage(stage, budget as u64);
         let search = run.search(stage, unknowns).clone();
-        let mut notes = Vec::new();
+        let notes = RefCell::new(Vec::new());
         let mut done = 0;
         let mut best = Evaluation { unknowns: search.start.clone(), loss: f64::INFINITY };
         let found = body(
@@ -192,14 +198,16 @@ impl Stages<'_> {
                     best = evaluation.clone();
                     run.state.unknowns = Some(best.unknowns.clone());
                 }
+                // with the answer, so that an interruption loses neither
+                notes.take().into_iter().for_each(|note: String| run.note(format!("{stage}: {note}")));
                 run.record(stage, evaluation, answer)?;
                 let shown = (done as u64).min(budget as u64);
                 bar.set(shown, &format!("loss {:.5}  {}", best.loss, describe(self.law, &best.unknowns)));
                 interrupt::check()
             },
-            &mut |note| notes.push(note),
+            &mut |note| notes.borrow_mut().push(note),
         );
-        notes.into_iter().for_each(|note| run.note(format!("{stage}: {note}")));
+        notes.take().into_iter().for_each(|note| run.note(format!("{stage}: {note}")));
         let Evaluation { unknowns: found, loss } = found?;
         *unknowns = found;
         run.state.unknowns = Some(unknowns.clone());

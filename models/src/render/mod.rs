@@ -19,6 +19,7 @@ mod rays;
 mod robust;
 mod samples;
 mod splat;
+pub(crate) mod trajectory;
 mod view_weights;
 
 use std::sync::Arc;
@@ -29,12 +30,13 @@ pub use composite::Pixels;
 pub use density_splat::{FeatureGrid, FeatureSplat, splat_features};
 pub use jvp::render_jvp;
 pub use march::{Surface, march};
-pub use photometric::{Target, Weights};
+pub use photometric::{Robust, Target, Weights};
 pub use radiance::{RadianceSettings, render_radiance};
 pub use rays::Rays;
 pub use robust::{PixelLoss, huber};
 pub use samples::{Absorption, Samples, Sampling, Visible};
 pub use splat::{Splat, splat};
+pub use trajectory::Trajectory;
 pub use view_weights::{ViewWeights, camera_angles, view_angles};
 
 /// Renders particles: rows of premultiplied red, green, blue and coverage, `[rays, 4]`, in the order of the rays.

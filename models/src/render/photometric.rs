@@ -2,6 +2,7 @@
 
 use gradreel::{DType, Result, Tensor, Var};
 
+use super::{Trajectory, huber};
 use crate::video::Clip;
 
 /// The pixels of one frame in the order of the rays: all cameras, row by row.
@@ -12,6 +13,33 @@ pub struct Target {
     /// What a squared residual of each channel counts, `[rays, 4]`: 0 for excluded pixels, and in total 1 for each pixel's
     /// worth of object, so that the loss does not depend on the image size.
     pub weight: Tensor,
+    /// Which pixels count linearly where they are far off, if some do.
+    pub robust: Option<Robust>,
+    /// Where the object is in each view, if that counts.
+    pub trajectory: Option<Trajectory>,
+}
+
+/// Pixels that count as [`huber`] says: those of imagined views, which may be misregistered.
+#[derive(Debug, Clone)]
+pub struct Robust {
+    /// Residual beyond which they count linearly.
+    pub delta: f64,
+    /// 1 for rays of such pixels, 0 for others, `[rays, 1]`.
+    pub rays: Tensor,
+}
+
+impl Robust {
+    /// All pixels of the imagined views of a clip.
+    ///
+    /// # Errors
+    /// Never for `f32` and `f64`.
+    pub fn of(clip: &Clip, delta: f64, dtype: DType) -> Result<Self> {
+        let views = clip.cameras.iter().zip(&clip.imagined);
+        let rays: Vec<f64> =
+            views.flat_map(|(camera, &imagined)| vec![f64::from(imagined); camera.width * camera.height]).collect();
+        let count = rays.len();
+        Ok(Self { delta, rays: Tensor::from_vec(rays, [count, 1]).cast(dtype)? })
+    }
 }
 
 /// What colour and coverage count in the loss.
@@ -69,13 +97,24 @@ impl Target {
         Ok(Self {
             rgba: Tensor::from_vec(rgba, [rays, 4]).cast(dtype)?,
             weight: Tensor::from_vec(weight, [rays, 4]).cast(dtype)?,
+            robust: None,
+            trajectory: None,
         })
     }
 
-    /// `Σ weight · (rendered − target)²` for rendered pixels `[rays, 4]`.
+    /// `Σ weight · (rendered − target)²` for rendered pixels `[rays, 4]`; with [`huber`] in place of the square for robust pixels,
+    /// and with the loss of the trajectory.
     pub fn loss(&self, rendered: &Var) -> Var {
         let tape = rendered.tape();
         let residual = rendered - &tape.constant(self.rgba.clone());
-        (&residual.square() * &tape.constant(self.weight.clone())).sum_all()
+        let mut each = residual.square();
+        if let Some(robust) = &self.robust {
+            each = tape.constant(robust.rays.clone()).choose(&huber(&residual, robust.delta), &each);
+        }
+        let loss = (&each * &tape.constant(self.weight.clone())).sum_all();
+        match &self.trajectory {
+            Some(trajectory) => &loss + &trajectory.loss(rendered),
+            None => loss,
+        }
     }
 }

@@ -95,7 +95,7 @@ pub fn publish(found: &Reconstruction, run: &Run, clip: &Clip, progress: &Progre
             cameras: clip.cameras.iter().map(|camera| camera.c2w).collect(),
         }),
         plots,
-        notes: notes(run, &assumed, &quality),
+        notes: notes(found, run, &assumed, &quality),
         timings: run.state.finished.iter().cloned().zip(run.state.seconds.iter().copied()).collect(),
         config_toml: run.config.to_toml()?,
         files: files(),
@@ -256,13 +256,23 @@ fn headline(quantity: &Quantity) -> Headline {
     }
 }
 
-fn notes(run: &Run, assumed: &[Quantity], quality: &BTreeMap<String, f64>) -> Vec<(String, String)> {
+fn notes(
+    found: &Reconstruction,
+    run: &Run,
+    assumed: &[Quantity],
+    quality: &BTreeMap<String, f64>,
+) -> Vec<(String, String)> {
     let mut notes: Vec<(String, String)> =
         assumed.iter().map(|q| (q.label.clone(), format!("{} (assumed)", q.readable()))).collect();
     notes.push((
         "Young's modulus and density".into(),
         "motion shows their ratio only: a body of twice the density with twice the modulus moves alike".into(),
     ));
+    let imagined = found.clip.cameras.iter().zip(&found.clip.imagined).filter(|(_, imagined)| **imagined);
+    let imagined: Vec<String> = imagined.map(|(camera, _)| camera.id.to_string()).collect();
+    if !imagined.is_empty() {
+        notes.push(("Imagined views".into(), format!("cameras {}: nobody filmed with these", imagined.join(", "))));
+    }
     if let Some(contact) = run.state.contact {
         notes.push(("First frame in contact".into(), contact.to_string()));
     }

@@ -6,6 +6,7 @@
 use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use gradreel::{Error, ErrorKind, Result};
@@ -31,6 +32,8 @@ const LONGEST_NAME: usize = 60;
 #[derive(Debug, Clone)]
 pub struct RunFolder {
     root: PathBuf,
+    /// Writes until the disk counts as full; without end if nothing is said.
+    writes_left: Option<Arc<AtomicU64>>,
 }
 
 impl RunFolder {
@@ -44,6 +47,8 @@ impl RunFolder {
             std::io::ErrorKind::AlreadyExists | std::io::ErrorKind::NotADirectory => not_a_folder(path),
             _ => Error::io(path, "make the folder of the run", &e),
         })?;
+        let run = Self { root: path.to_path_buf(), writes_left: None };
+        run.sweep();
         let entries = fs::read_dir(path).map_err(|e| Error::io(path, "look into the folder of the run", &e))?.count();
         if entries > 0 {
             return Err(Error::new(ErrorKind::Input, "the folder of the run is not empty")
@@ -52,7 +57,7 @@ impl RunFolder {
                 .wanted("a new or empty folder, so that no earlier result is written over")
                 .fix("continue the run in it with `--resume`, or name another folder with `--out`"));
         }
-        Ok(Self { root: path.to_path_buf() })
+        Ok(run)
     }
 
     /// Makes a folder of its own below `base`, named as [`next_free`] says. Of two runs that begin at once, each gets
@@ -70,7 +75,7 @@ impl RunFolder {
         loop {
             let root = next_free(base, name);
             match fs::create_dir(&root) {
-                Ok(()) => return Ok(Self { root }),
+                Ok(()) => return Ok(Self { root, writes_left: None }),
                 Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {}
                 Err(e) => return Err(failed(&root, &e)),
             }
@@ -89,7 +94,30 @@ impl RunFolder {
         if !found.is_dir() {
             return Err(not_a_folder(path));
         }
-        Ok(Self { root: path.to_path_buf() })
+        Ok(Self { root: path.to_path_buf(), writes_left: None })
+    }
+
+    /// The same folder on a disk that is full after so many writes. To what is in the folder that is what being killed there is,
+    /// so that every moment of a run can be tried.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn failing_after(self, writes: u64) -> Self {
+        Self { writes_left: Some(Arc::new(AtomicU64::new(writes))), ..self }
+    }
+
+    /// Removes what writes that were cut off have left. Only for a folder that nobody else is writing to.
+    pub fn sweep(&self) {
+        let folders = |path: &Path| fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path());
+        for path in folders(&self.root) {
+            let below = if path.is_dir() { folders(&path).collect() } else { Vec::new() };
+            for file in below.iter().chain([&path]) {
+                let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+                if name.starts_with('.') && name.ends_with(".partial") {
+                    // what cannot be removed is hidden and never read
+                    let _ = fs::remove_file(file);
+                }
+            }
+        }
     }
 
     /// The folder itself.
@@ -110,6 +138,14 @@ impl RunFolder {
     /// name). The file that was there before is then untouched.
     pub fn write(&self, relative: &str, bytes: &[u8]) -> Result<()> {
         let target = self.inside(relative)?;
+        let take = |left: u64| left.checked_sub(1);
+        if self
+            .writes_left
+            .as_ref()
+            .is_some_and(|left| left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, take).is_err())
+        {
+            return Err(Error::io(&target, "write a file of the run", &std::io::ErrorKind::StorageFull.into()));
+        }
         let parent = target.parent().expect("a name inside a folder has a parent");
         fs::create_dir_all(parent).map_err(|e| Error::io(parent, "make a folder of the run", &e))?;
         let partial = partial_name(&target);

@@ -49,6 +49,8 @@ pub struct Clip {
     pub frames: Vec<Vec<Frame>>,
     /// How each camera got its alpha.
     pub foreground: Vec<Foreground>,
+    /// Whether each camera is one that nobody filmed with: its images were imagined from those of others.
+    pub imagined: Vec<bool>,
     /// What had to be assumed about axes, unit and times.
     pub assumptions: Vec<String>,
 }
@@ -130,7 +132,7 @@ impl Clip {
             .into_iter();
         let frames: Vec<Vec<Frame>> = ids.iter().map(|_| made.by_ref().take(count).collect()).collect();
         let foreground = sources.iter().map(|source| source.foreground).collect();
-        let clip = Clip {
+        let mut clip = Clip {
             name: layout.name(),
             root: layout.root.clone(),
             cameras,
@@ -138,10 +140,39 @@ impl Clip {
             frame_numbers: numbers,
             frames,
             foreground,
+            imagined: Vec::new(),
             assumptions: layout.assumptions.clone(),
         };
+        let imagined: Vec<i64> = layout.imagined.iter().filter(|id| ids.contains(id)).copied().collect();
+        clip.imagine(&imagined)?;
         clip.check_visible()?;
         Ok(clip)
+    }
+
+    /// Calls the cameras of these numbers imagined and all others real.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] for a number that no camera of the clip has, and when no real camera is left; nothing is changed
+    /// then.
+    pub fn imagine(&mut self, ids: &[i64]) -> Result<()> {
+        let known = || self.cameras.iter().map(|camera| camera.id.to_string()).collect::<Vec<_>>().join(", ");
+        if let Some(unknown) = ids.iter().find(|id| self.cameras.iter().all(|camera| camera.id != **id)) {
+            return Err(Error::new(ErrorKind::Input, "a view is to be imagined that is not in use")
+                .at(self.root.display())
+                .found(format!("camera {unknown}"))
+                .wanted(format!("some of {}", known()))
+                .fix("correct the list of imagined cameras, or choose that camera, too"));
+        }
+        let imagined: Vec<bool> = self.cameras.iter().map(|camera| ids.contains(&camera.id)).collect();
+        if !imagined.contains(&false) {
+            return Err(Error::new(ErrorKind::Input, "no view of the clip is real")
+                .at(self.root.display())
+                .found(format!("all of cameras {} are imagined", known()))
+                .wanted("at least one camera that somebody filmed with")
+                .fix("use the real camera, too (--cameras), or correct imagined in clip.toml"));
+        }
+        self.imagined = imagined;
+        Ok(())
     }
 
     /// Number of frames of every camera.
@@ -174,6 +205,7 @@ impl Clip {
             frame_numbers: self.frame_numbers.clone(),
             frames,
             foreground: self.foreground.clone(),
+            imagined: self.imagined.clone(),
             assumptions: self.assumptions.clone(),
         }
     }

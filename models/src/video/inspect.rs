@@ -49,6 +49,8 @@ pub struct CameraInventory {
     pub has_excluded: bool,
     /// How the object will be told from the background, if there is a way.
     pub foreground: Option<Foreground>,
+    /// Whether nobody filmed with it: its images were imagined from those of others.
+    pub imagined: bool,
 }
 
 impl Inventory {
@@ -117,7 +119,8 @@ fn camera(layout: &Layout, id: i64, problems: &mut Vec<String>) -> CameraInvento
     };
     let (has_plate, has_excluded) = (layout.has(Kind::Image, id, PLATE), layout.has(Kind::Image, id, EXCLUDED));
     let name = layout.views[&id].name.clone();
-    CameraInventory { id, name, size, listed, usable, has_plate, has_excluded, foreground }
+    let imagined = layout.imagined.contains(&id);
+    CameraInventory { id, name, size, listed, usable, has_plate, has_excluded, foreground, imagined }
 }
 
 fn assumptions(layout: &Layout, cameras: &[CameraInventory], frame_dt: Option<f64>) -> Vec<String> {
@@ -163,7 +166,8 @@ impl fmt::Display for Inventory {
                 camera.id,
                 ranges(&camera.usable)
             )?;
-            writeln!(f, "{}", if camera.has_excluded { ", some pixels excluded" } else { "" })?;
+            let excluded = if camera.has_excluded { ", some pixels excluded" } else { "" };
+            writeln!(f, "{excluded}{}", if camera.imagined { ", imagined" } else { "" })?;
         }
         for (title, lines) in [("assumed", &self.assumptions), ("problem", &self.problems)] {
             for line in lines {

@@ -25,6 +25,7 @@
 //! metres_per_unit = 0.25    # length of the layout's unit [m]
 //! origin = [0.1, 0.0, 2.0]  # the point that becomes the origin, in the layout's coordinates, for example on the ground
 //! frames_per_s = 60.0       # frame rate [1/s], in place of the layout's times
+//! imagined = [1, 2, 3]      # cameras that nobody filmed with: their images were synthesized from those of the others
 //! # duration_s = 0.5        # or: time between 0 and 1 of times that are shares, or from the first frame to the last [s]
 //! ```
 //!

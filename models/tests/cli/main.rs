@@ -3,9 +3,12 @@
 mod again;
 mod bad_clips;
 mod bad_settings;
+mod bench;
 mod checks;
 #[cfg(unix)]
 mod interrupted;
+#[cfg(unix)]
+mod killed;
 mod model;
 mod resumed;
 mod results;

@@ -8,7 +8,9 @@ use gradreel::{DType, Key, Result, Tape, Tensor};
 use gradreel_models::field::temporal::{
     ClipRays, TemporalField, TemporalFit, TemporalFitSettings, TemporalSettings, TemporalWeights,
 };
-use gradreel_models::field::{Occupancy, RadianceSizes, StaticFit, StaticFitSettings, static_step};
+use gradreel_models::field::{
+    Occupancy, RadianceSizes, StaticFit, StaticFitSettings, bounding_sphere, hull, static_step,
+};
 use gradreel_models::particles::Jitter;
 use gradreel_models::render::{Rays, Splat, Surface, ViewWeights, render};
 use gradreel_models::video::{Camera, Clip, Foreground, Frame};
@@ -80,6 +82,7 @@ fn clip_of(cameras: Vec<Camera>) -> Clip {
         frame_numbers: (0..FRAMES as i64).collect(),
         frames: cameras.iter().map(|c| (0..FRAMES).map(|f| picture(c, f)).collect()).collect(),
         foreground: vec![Foreground::ImageAlpha; cameras.len()],
+        imagined: vec![false; cameras.len()],
         cameras,
         assumptions: Vec::new(),
     }
@@ -224,6 +227,13 @@ fn silhouettes_leave_room_for_the_object_in_every_frame() {
     };
     assert_eq!(with(&[]), 0);
     assert!(with(&[1, 2, 3]) > 0);
+    // nor from the voxels of the first frame, unless it is real
+    let ball = bounding_sphere(&clip, 0).unwrap();
+    let carved = |clip: &Clip| hull(clip, 0, &ball, 0.05, 0.3).map(|hull| hull.voxels.len());
+    let whole = carved(&clip).unwrap();
+    assert!(carved(&wrong).is_err());
+    wrong.imagine(&[1, 2, 3]).unwrap();
+    assert!((whole..2 * whole).contains(&carved(&wrong).unwrap()), "{whole}, {:?}", carved(&wrong));
 }
 
 #[test]

@@ -178,6 +178,7 @@ fn gradients_of_every_switch_agree_with_central_differences() {
     let variants = [
         sharp.clone(),
         TemporalSettings { time: false, ..sharp.clone() },
+        TemporalSettings { merged: false, ..sharp.clone() },
         TemporalSettings { explicit_density: false, feature_levels: 1, normalised: false, ..sharp },
     ];
     for settings in variants {

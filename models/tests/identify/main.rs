@@ -5,4 +5,5 @@ mod gradient;
 mod interval;
 mod recovery;
 mod scene;
+mod switches;
 mod tracks;

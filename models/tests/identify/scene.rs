@@ -10,7 +10,7 @@ use gradreel_models::render::{Rays, Target};
 use gradreel_models::video::Camera;
 
 /// A camera of `size`² pixels that looks from `angle` \[rad\] at a point above the origin.
-fn camera(id: i64, angle: f64, size: usize) -> Camera {
+pub fn camera(id: i64, angle: f64, size: usize) -> Camera {
     let (sin, cos) = angle.sin_cos();
     let centre = [1.6 * sin, 0.45, 1.6 * cos];
     // columns: right, up, backwards
@@ -71,9 +71,15 @@ pub fn film_of(
     let cameras: Vec<Camera> = (0..3).map(|i| camera(i, 0.4 + 2.1 * i as f64, size)).collect();
     let rays = Arc::new(Rays::of_cameras(&cameras));
     let blank = Tensor::zeros([rays.len(), 4], dtype);
-    let empty = Target { rgba: blank.clone(), weight: blank };
+    let empty = Target { rgba: blank.clone(), weight: blank, robust: None, trajectory: None };
     let views = vec![size * size; cameras.len()];
-    let unfilmed = Observed { rays, views, targets: vec![empty; frames], frame_dt: 1.0 / 24.0 };
+    let unfilmed = Observed {
+        rays,
+        views,
+        targets: vec![empty; frames],
+        frame_dt: 1.0 / 24.0,
+        imagined: vec![false; cameras.len()],
+    };
     let problem = problem_of(law, particles, &unfilmed, config, dtype);
     let motion = problem.positions(truth).unwrap();
     let targets = (0..frames).map(|frame| {
@@ -83,7 +89,7 @@ pub fn film_of(
         let colour = tape.constant(particles.colour(dtype).unwrap());
         let rgba = problem.render(&positions, &opacity, &colour).unwrap().value().unwrap().clone();
         let weight = Tensor::full(1.0 / 100.0, rgba.shape(), dtype);
-        Target { rgba, weight }
+        Target { rgba, weight, robust: None, trajectory: None }
     });
     let targets = targets.collect();
     Observed { targets, ..unfilmed }

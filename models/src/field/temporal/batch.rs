@@ -154,6 +154,14 @@ impl<'c> ClipRays<'c> {
         self.batch(&pixels.collect::<Vec<_>>(), dtype)
     }
 
+    /// What share of each pixel of a picture the object covers, row by row.
+    ///
+    /// # Panics
+    /// When there is no such camera or frame.
+    pub fn coverage(&self, camera: usize, frame: usize) -> Vec<f64> {
+        self.clip.frames[camera][frame].alpha.iter().map(|&alpha| f64::from(alpha)).collect()
+    }
+
     fn batch(&self, pixels: &[(usize, usize, usize, usize)], dtype: DType) -> Result<RayBatch> {
         let mut rays = Rays::default();
         let (mut colours, mut weight, mut imagined) = (Vec::new(), Vec::new(), Vec::new());

@@ -7,11 +7,12 @@
 //!
 //! [`TemporalField`] renders, [`TemporalFit`] fits it to a clip, [`FieldMotion`] is what it says of the motion: where the
 //! object is in each frame, when it first touches the ground, and how fast it was before. [`Agreement`] says which pictures
-//! contradict it.
+//! contradict it. [`FirstFrames`] is a small fit of what a clip shows before contact.
 
 mod batch;
 mod consistency;
 mod distances;
+mod first_frames;
 mod fit;
 mod losses;
 mod motion;
@@ -22,6 +23,7 @@ mod silhouettes;
 
 pub use batch::{ClipRays, RayBatch};
 pub use consistency::Agreement;
+pub use first_frames::{FirstFrames, FirstFramesClip, Flight};
 pub use fit::{TemporalFit, TemporalFitSettings, TemporalProgress};
 pub use losses::{RayTargets, TemporalLoss, TemporalWeights};
 pub use motion::FieldMotion;

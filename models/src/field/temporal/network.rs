@@ -75,7 +75,8 @@ impl TemporalNet {
             density = Some(scope.weight("density", [x, y, z, 1], Init::Zeros)?);
             last = Some([Init::Zeros; 2]);
         }
-        let inputs = encoded(3 * channels, settings.feature_levels) + position + known;
+        let merged = if settings.merged { position + known } else { 0 };
+        let inputs = encoded(3 * channels, settings.feature_levels) + merged;
         let view = encoded(3, settings.view_levels);
         let colours = scope.at("rgbnet");
         Ok(Self {
@@ -143,7 +144,8 @@ impl TemporalNet {
         let interpolated = self.features.lookup(&bent)?;
         let levels = interpolated.positional_encoding(self.settings.feature_levels);
         let others: Vec<&Var> = std::iter::once(&encoded).chain(&known).collect();
-        let hidden = self.hidden.forward(&levels.concat(&others, 1)).relu();
+        let merged = if self.settings.merged { levels.concat(&others, 1) } else { levels };
+        let hidden = self.hidden.forward(&merged).relu();
         let mut density = self.head.forward(&hidden);
         if let Some(values) = &self.density {
             density = density + self.grid.lookup(values, &bent)?;

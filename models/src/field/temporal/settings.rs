@@ -20,6 +20,9 @@ pub struct TemporalSettings {
     /// Whether there is time at all. Without it nothing is bent and no network knows the time: one still field for all frames,
     /// the ablation of the temporal encoding.
     pub time: bool,
+    /// Whether interpolated features are merged with encoded positions and the time feature before density and colour are read
+    /// from them; without it coordinates are bent and nothing else.
+    pub merged: bool,
     /// At which time coordinates are those of the grid.
     pub canonical: Canonical,
     /// Whether density is an explicit grid to which the network adds (nothing at first), or the network's alone.
@@ -60,6 +63,7 @@ impl Default for TemporalSettings {
     fn default() -> Self {
         Self {
             time: true,
+            merged: true,
             canonical: Canonical::FirstFrame,
             explicit_density: true,
             normalised: true,

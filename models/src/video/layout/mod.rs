@@ -132,6 +132,8 @@ pub(super) struct Layout {
     pub list: PathBuf,
     /// What had to be assumed about axes, unit and times.
     pub assumptions: Vec<String>,
+    /// Cameras that nobody filmed with.
+    pub imagined: Vec<i64>,
     files: Files,
     name: String,
 }
@@ -173,7 +175,16 @@ impl Layout {
         world::settle(&mut reading, &side)?;
         assumptions.append(&mut reading.assumptions);
         let Reading { views, files, list, .. } = reading;
-        Ok(Layout { root, format, views, list, assumptions, files, name })
+        let imagined = side.imagined;
+        if let Some(unknown) = imagined.iter().find(|id| !views.contains_key(id)) {
+            let known: Vec<String> = views.keys().map(i64::to_string).collect();
+            return Err(Error::new(ErrorKind::Input, "clip.toml calls a camera imagined that the clip does not have")
+                .at(root.join(side::NAME).display())
+                .found(format!("camera {unknown}"))
+                .wanted(format!("some of {}", known.join(", ")))
+                .fix("correct imagined, or leave it out if every view was filmed"));
+        }
+        Ok(Layout { root, format, views, list, assumptions, imagined, files, name })
     }
 
     /// Path of an image or mask, whether or not it exists; `None` if the layout has no place for it.

@@ -25,6 +25,7 @@ struct Written {
     origin: Option<[f64; 3]>,
     frames_per_s: Option<f64>,
     duration_s: Option<f64>,
+    imagined: Option<Vec<i64>>,
 }
 
 #[derive(Deserialize)]
@@ -49,6 +50,8 @@ pub(super) struct Side {
     pub frames_per_s: Option<f64>,
     /// Time from the first frame to the last, or from 0 to 1 in times that are shares \[s\].
     pub duration_s: Option<f64>,
+    /// Numbers of the cameras that nobody filmed with.
+    pub imagined: Vec<i64>,
 }
 
 impl Side {
@@ -69,7 +72,7 @@ impl Side {
         let text = fs::read_to_string(&path).map_err(|e| {
             Error::io(&path, "read the clip's side file", &e).fix("make it a readable text file, or remove it")
         })?;
-        let keys = "layout, up, metres_per_unit, origin, frames_per_s, duration_s";
+        let keys = "layout, up, metres_per_unit, origin, frames_per_s, duration_s, imagined";
         let written: Written = toml::from_str(&text).map_err(|e| {
             let fix = suggestion(&e.to_string()).unwrap_or_else(|| "correct it, or leave it out".into());
             unusable(e.to_string().trim().to_owned(), keys, &fix)
@@ -106,8 +109,9 @@ impl Side {
             let wanted = "one of the two";
             return Err(unusable("both frames_per_s and duration_s".to_owned(), wanted, "leave one of them out"));
         }
-        let Written { layout, metres_per_unit, frames_per_s, duration_s, .. } = written;
-        Ok(Side { layout, up, metres_per_unit, origin, frames_per_s, duration_s })
+        let Written { layout, metres_per_unit, frames_per_s, duration_s, imagined, .. } = written;
+        let imagined = imagined.unwrap_or_default();
+        Ok(Side { layout, up, metres_per_unit, origin, frames_per_s, duration_s, imagined })
     }
 }
 

@@ -1,0 +1,46 @@
+//! Reconstructions from imagined views.
+
+use std::path::Path;
+
+use gradreel::Result;
+
+use super::{AblationSettings, Cell, CellResult};
+use crate::identify::{Config, Run, reconstruct};
+use crate::report::progress::Progress;
+use crate::report::reconstruction::{publish, quantities};
+use crate::report::run_folder::RunFolder;
+use crate::video::Clip;
+
+impl AblationSettings {
+    /// The configuration of a cell.
+    fn config_of(&self, cell: Cell, clip: &Clip) -> Config {
+        let mut config = self.config.clone();
+        let imagined = clip.cameras.iter().zip(&clip.imagined).filter(|(_, imagined)| **imagined);
+        config.clip.imagined = Some(imagined.map(|(camera, _)| camera.id).collect());
+        if matches!(cell, Cell::WithoutLva | Cell::Plain) {
+            config.loss.views.alpha = 0.0;
+        }
+        if cell == Cell::Plain {
+            config.loss.pixels.robust = false;
+            config.loss.ranges.enabled = false;
+        }
+        config
+    }
+
+    /// Reconstructs and compares with the views as they were filmed, all of them.
+    pub(super) fn identify(&self, cell: Cell, clip: &Clip, folder: &Path, progress: &Progress) -> Result<CellResult> {
+        let seen = match cell {
+            Cell::Real => Clip { imagined: vec![false; clip.cameras.len()], ..clip.clone() },
+            _ => self.perturbation.of(clip, self.primary_of(clip)),
+        };
+        let mut run = match folder.join("config.toml").is_file() {
+            true => Run::open(RunFolder::open(folder)?)?,
+            false => Run::create(RunFolder::create(folder)?, self.config_of(cell, &seen), &seen)?,
+        };
+        run.go_on(&seen)?;
+        let found = reconstruct(&seen, &mut run, progress)?;
+        let quality = publish(&found, &run, clip, progress)?;
+        let estimates = quantities(&found, &run).into_iter().map(|quantity| (quantity.name, quantity.value)).collect();
+        Ok(CellResult { estimates, quality, ..CellResult::default() })
+    }
+}

@@ -1,0 +1,140 @@
+//! What a clip was made of, where somebody wrote it down beside the clip.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::identify::FAMILIES;
+use crate::physics::{Law, Map, materials};
+use crate::scenes::SceneFile;
+
+/// The truth about a clip.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Truth {
+    /// Family of materials, or name of a law.
+    pub family: String,
+    /// Parameters by name, in SI units.
+    pub parameters: BTreeMap<String, f64>,
+    /// Initial velocity \[m/s\], if it is known.
+    pub velocity: Option<[f64; 3]>,
+}
+
+/// Symbols that parameters are also known by; μ is a viscosity or a shear modulus.
+const SYMBOLS: [(&str, &str); 6] = [
+    ("E", "young"),
+    ("nu", "poisson"),
+    ("kappa", "bulk"),
+    ("tau_Y", "yield_stress"),
+    ("eta", "plastic_viscosity"),
+    ("theta_fric", "friction_angle"),
+];
+
+impl Truth {
+    /// What is known of the clip in a folder: from `truth.json` in it, from the `scene.toml` of the simulation that filmed it into
+    /// `clip/`, or from a JSON file beside it that has its name. `None` if there is no such file, or it cannot be understood.
+    pub fn beside(clip: &Path) -> Option<Self> {
+        let clip = clip.canonicalize().ok()?;
+        let json = |path: &Path| Self::of_json(&serde_json::from_slice(&std::fs::read(path).ok()?).ok()?);
+        json(&clip.join("truth.json"))
+            .or_else(|| {
+                Self::of_scene(
+                    &SceneFile::parse(&std::fs::read_to_string(clip.parent()?.join("scene.toml")).ok()?).ok()?,
+                )
+            })
+            .or_else(|| json(&clip.with_extension("json")))
+    }
+
+    /// From `{"parameters": {name: number or {"value": number}}, "initial_velocity": …}`.
+    fn of_json(truth: &Value) -> Option<Self> {
+        let plain = |value: &Value| value.get("value").unwrap_or(value).clone();
+        let given = truth["parameters"].as_object()?;
+        let fluid = !given.contains_key("eta") && !given.contains_key("plastic_viscosity");
+        let name = |symbol: &str| match (symbol, SYMBOLS.iter().find(|(known, _)| *known == symbol)) {
+            (_, Some((_, name))) => (*name).to_owned(),
+            ("mu", _) => if fluid { "viscosity" } else { "shear" }.to_owned(),
+            _ => symbol.to_owned(),
+        };
+        let parameters: BTreeMap<String, f64> =
+            given.iter().filter_map(|(symbol, value)| Some((name(symbol), plain(value).as_f64()?))).collect();
+        let telling = [
+            ("friction_angle", "sand"),
+            ("plastic_viscosity", "non_newtonian"),
+            ("yield_stress", "plasticine"),
+            ("viscosity", "newtonian"),
+            ("young", "elastic"),
+        ];
+        let family = telling.iter().find(|(parameter, _)| parameters.contains_key(*parameter))?.1.to_owned();
+        let velocity = serde_json::from_value(plain(&truth["initial_velocity"])).ok();
+        Some(Self { family, parameters, velocity })
+    }
+
+    /// From the scene of a single object.
+    fn of_scene(scene: &SceneFile) -> Option<Self> {
+        let [object] = &scene.objects[..] else { return None };
+        let stuff = scene.materials.get(&object.material)?;
+        let family =
+            FAMILIES.iter().find(|(_, law)| *law == stuff.law).map_or(stuff.law.as_str(), |(family, _)| family);
+        let (parameters, velocity) = (stuff.parameters.clone(), Some(object.velocity_m_s));
+        Some(Self { family: family.to_owned(), parameters, velocity })
+    }
+
+    /// The law of its material.
+    pub fn law(&self) -> Option<Law> {
+        let law =
+            FAMILIES.iter().find(|(family, _)| *family == self.family).map_or(self.family.as_str(), |(_, law)| law);
+        materials::find(law)
+    }
+
+    /// The errors of estimates by their names: decades for magnitudes, the parameter's unit for others; `velocity` is the
+    /// length of the difference over that of the true velocity.
+    pub fn errors(&self, estimates: &BTreeMap<String, f64>) -> BTreeMap<String, f64> {
+        let mut errors = BTreeMap::new();
+        for parameter in self.law().iter().flat_map(|law| law.parameters()) {
+            if let (Some(found), Some(truth)) = (estimates.get(parameter.name), self.parameters.get(parameter.name)) {
+                let off = if parameter.map == Map::Log10 { (found / truth).log10() } else { found - truth };
+                // no magnitude is known of what is not there
+                if off.is_finite() {
+                    errors.insert(parameter.name.to_owned(), off);
+                }
+            }
+        }
+        let found = ["velocity_x", "velocity_y", "velocity_z"].map(|name| estimates.get(name).copied());
+        if let ([Some(x), Some(y), Some(z)], Some(truth)) = (found, self.velocity) {
+            let length = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+            if length(truth) > 0.0 {
+                errors.insert("velocity".into(), length([x - truth[0], y - truth[1], z - truth[2]]) / length(truth));
+            }
+        }
+        errors
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_form_is_understood() {
+        let bird = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/clips/bird");
+        let truth = Truth::beside(&bird).unwrap();
+        assert_eq!((truth.family.as_str(), truth.parameters["young"]), ("elastic", 3e5));
+        assert_eq!(truth.velocity, Some([-0.4, -0.6, 0.1]));
+        let symbols = serde_json::json!({"parameters": {"mu": 1e4, "kappa": 1e6, "tau_Y": 3e3, "eta": 10.0}});
+        let truth = Truth::of_json(&symbols).unwrap();
+        assert_eq!((truth.family.as_str(), truth.parameters["shear"], truth.velocity), ("non_newtonian", 1e4, None));
+        let scene = "[time]\nduration_s = 0.5\n[grid]\nspacing_m = 0.04\n[ground]\n[materials.m]\nlaw = 'newtonian'\n\
+                     density_kg_m3 = 1e3\nviscosity = 50.0\nbulk = 1e5\n[[objects]]\nmaterial = 'm'\nvelocity_m_s = [0.0, -2.0, 0.0]\n\
+                     shape.sphere = { centre_m = [0.0, 0.3, 0.0], radius_m = 0.1 }\n";
+        let truth = Truth::of_scene(&SceneFile::parse(scene).unwrap()).unwrap();
+        assert_eq!(truth.family, "newtonian");
+        let found =
+            [("viscosity", 500.0), ("bulk", 1e5), ("velocity_x", 0.0), ("velocity_y", -1.9), ("velocity_z", 0.0)];
+        let errors = truth.errors(&found.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect());
+        approx::assert_relative_eq!(errors["viscosity"], 1.0, max_relative = 1e-12);
+        approx::assert_relative_eq!(errors["velocity"], 0.05, max_relative = 1e-12);
+        assert_eq!(errors["bulk"], 0.0);
+        assert!(Truth::beside(Path::new("nowhere")).is_none());
+    }
+}

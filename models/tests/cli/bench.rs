@@ -1,0 +1,72 @@
+//! `gradreel bench ablation`: a table, cells that are not run twice, and what cannot be used.
+
+use std::fs;
+
+use serde_json::Value;
+
+use crate::scene::{Scene, text};
+
+#[test]
+fn a_quick_ablation_and_one_that_goes_on() {
+    let scene = Scene::with_clip(&[0, 2, 5], 4);
+    // what the table compares with
+    fs::copy(crate::scene::bundled().join("truth.json"), scene.path("clip/truth.json")).unwrap();
+    let cells = "--cells still,without_lva,time";
+    let printed = scene.succeeds(&format!("bench ablation clip --quick --out out {cells} --shift 2 --seed 7"));
+    let table = fs::read_to_string(scene.path("out/ablation.md")).unwrap();
+    assert!(printed.contains(&table), "{printed}");
+    let label = printed.lines().find(|line| line.starts_with("## ")).unwrap();
+    assert!(label.ends_with("(elastic)"), "{label}");
+    for row in ["truth", "imagined views, without L_va", "merged time features", "no encoding of time"] {
+        assert!(table.contains(row), "no {row:?} in\n{table}");
+    }
+    assert!(!table.contains(", with L_va") && !table.contains("fails"), "{table}");
+    let all: Value = serde_json::from_slice(&fs::read(scene.path("out/ablation.json")).unwrap()).unwrap();
+    let cells = all[0]["cells"].as_object().unwrap();
+    assert_eq!(cells.len(), 3);
+    assert!(
+        cells["without_lva"]["errors"]["young"].is_number() && cells["without_lva"]["errors"]["velocity"].is_number()
+    );
+    assert!(cells["time"]["quality"]["psnr_held_out_db"].as_f64().unwrap() > 3.0, "{}", cells["time"]);
+    let name = all[0]["clip"].as_str().unwrap().to_owned();
+    // each reconstruction is a run that says how it was done
+    let config = fs::read_to_string(scene.path(&format!("out/{name}/without_lva/config.toml"))).unwrap();
+    assert!(config.contains("alpha = 0.0") && config.contains("robust = true"), "{config}");
+    assert!(config.replace([' ', '\n'], "").contains("imagined=[2,5"), "{config}");
+    assert!(scene.path(&format!("out/{name}/without_lva/index.html")).is_file());
+
+    // a cell that is lost is run again, and ends alike; the others are left as they are
+    let cell = |cell: &str| scene.path(&format!("out/{name}/{cell}.json"));
+    let before = fs::read(cell("without_lva")).unwrap();
+    let number = |bytes: &[u8]| serde_json::from_slice::<Value>(bytes).unwrap()["quality"]["psnr_held_out_db"].as_f64();
+    let psnr = number(&fs::read(cell("time")).unwrap());
+    fs::remove_file(cell("time")).unwrap();
+    scene.succeeds("bench ablation --out out --resume --quiet");
+    assert_eq!(fs::read(cell("without_lva")).unwrap(), before);
+    assert_eq!(number(&fs::read(cell("time")).unwrap()), psnr);
+    fs::write(cell("still"), "{").unwrap();
+    scene.refuses("bench ablation --out out --resume", &["still.json", "damaged"]);
+}
+
+#[test]
+fn what_cannot_be_compared() {
+    let scene = Scene::with_clip(&[0, 3], 2);
+    scene.refuses("bench ablation clip --out out --quick", &["three cameras", "cameras 0, 3"]);
+    scene.copy_clip("more", &[0, 3, 5], 2);
+    scene.refuses("bench ablation more --out out --primary 4", &["camera 4 of 0, 3, 5", "--primary"]);
+    scene.refuses("bench ablation more --out out --shift=-1", &["--shift", "0 to 1000"]);
+    scene.refuses("bench ablation more --out out --tint 2", &["--tint", "0 to 1"]);
+    scene.refuses("bench ablation more nowhere --out out", &["nowhere"]);
+    scene.write("more/clip.toml", "imagined = [3]");
+    scene.refuses("bench ablation more --out out", &["imagined already"]);
+    fs::create_dir(scene.path("empty")).unwrap();
+    scene.refuses("bench ablation --out empty --resume", &["ablation.toml"]);
+    for arguments in ["bench", "bench ablation", "bench ablation more --cells best"] {
+        let output = scene.run(arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments}: {}", text(&output.stderr));
+    }
+    let help = scene.succeeds("bench ablation --help");
+    for part in ["with_lva", "without_lva", "truth.json", "--resume", "Examples:"] {
+        assert!(help.contains(part), "no {part} in {help}");
+    }
+}
