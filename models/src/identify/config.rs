@@ -152,7 +152,7 @@ pub struct EstimateConfig {
     pub velocity: usize,
     /// Materials tried for each free parameter, spread over what is plausible, besides the one to start from.
     pub scan: usize,
-    /// The best of these from which a search goes out.
+    /// The best of these from which a search goes out, if they lie apart and are alike good.
     pub starts: usize,
     /// Gauss–Newton steps at most of each of these searches; only the best goes on.
     pub first: usize,
@@ -166,7 +166,7 @@ pub struct EstimateConfig {
 
 impl Default for EstimateConfig {
     fn default() -> Self {
-        Self { method: Method::GaussNewton, velocity: 10, scan: 8, starts: 2, first: 3, fine: 5, rounds: 2, coarse: 4 }
+        Self { method: Method::GaussNewton, velocity: 10, scan: 6, starts: 2, first: 3, fine: 5, rounds: 1, coarse: 4 }
     }
 }
 

@@ -37,8 +37,8 @@ impl Stages<'_> {
         })
     }
 
-    /// The material from nothing: a scan of what is plausible, short searches from the best of it. The names of the stages
-    /// begin with `prefix`; the best of the searches' ends is what is left in `unknowns`.
+    /// The material from nothing: a scan of what is plausible, short searches from the best of it if several stand out. The names
+    /// of the stages begin with `prefix`; the best of the searches' ends is what is left in `unknowns`.
     pub fn explore(
         &self,
         run: &mut Run,
@@ -61,11 +61,19 @@ impl Stages<'_> {
             let best = all.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss));
             Ok(best.expect("the start is one of them"))
         })?;
-        let starts = apart(self.tried(run, &scanned), self.law, free, config.estimate.starts.max(1));
+        let mut tried = self.tried(run, &scanned);
+        let best = tried.iter().map(|point| point.loss).fold(f64::INFINITY, f64::min);
+        tried.retain(|point| point.loss <= HOPELESS * best);
+        let starts = apart(tried, self.law, free, config.estimate.starts.max(1));
         if starts.is_empty() {
             return Err(Error::new(ErrorKind::Physics, "the simulation breaks down with every plausible material")
                 .at(scanned)
                 .fix("check world.ground, world.density and the size of the object with `gradreel check`"));
+        }
+        if let ([only], true) = (&starts[..], config.estimate.starts > 1) {
+            // nothing to choose between: what follows goes on from here
+            *unknowns = only.clone();
+            return Ok(());
         }
         let budget = config.estimate.first;
         for (index, start) in starts.iter().enumerate() {
@@ -226,6 +234,9 @@ const INTERVALS: &str = "intervals";
 
 /// Frames before contact that show the velocity better than those after it, which show the shape's error as well.
 const SURE: usize = 2;
+
+/// A material whose loss is so many times that of the best is no start for a search.
+const HOPELESS: f64 = 4.0;
 
 /// The error of the full grid as a share of its difference to that of twice the spacing: a third if it falls with the square
 /// of the spacing, all of it if it falls with the spacing.
