@@ -5,6 +5,7 @@ use gradreel::{DType, Error, ErrorKind, Result, Tape};
 
 use super::{AblationSettings, Cell, CellResult};
 use crate::field::temporal::{ClipRays, FirstFramesClip, TemporalField, TemporalSettings};
+use crate::identify::VELOCITY;
 use crate::report::interrupt;
 use crate::report::progress::Progress;
 use crate::video::Clip;
@@ -43,7 +44,7 @@ impl AblationSettings {
         let world = &self.config.world;
         // a field that is nowhere opaque says nothing of the motion
         if let Ok(flight) = filmed.flight(&fitted, &rays, world.gravity, world.ground) {
-            let named = ["velocity_x", "velocity_y", "velocity_z"].into_iter().zip(flight.velocity);
+            let named = VELOCITY.into_iter().zip(flight.velocity);
             result.estimates = named.map(|(name, value)| (name.to_owned(), value)).collect();
         }
         bar.finish(&format!("{psnr:.1} dB in a view that was held out"));

@@ -6,6 +6,7 @@ use std::fmt::Write as _;
 use serde::{Deserialize, Serialize};
 
 use super::{Cell, CellResult, Truth};
+use crate::identify::VELOCITY;
 use crate::physics::{Map, Parameter};
 use crate::report::quantity::Quantity;
 
@@ -126,7 +127,7 @@ fn readable(parameter: &Parameter, value: f64) -> String {
 }
 
 fn velocity(result: &CellResult) -> String {
-    let found = ["velocity_x", "velocity_y", "velocity_z"].map(|name| result.estimates.get(name).copied());
+    let found = VELOCITY.map(|name| result.estimates.get(name).copied());
     let [Some(x), Some(y), Some(z)] = found else { return String::new() };
     let error = result.errors.get("velocity").map_or(String::new(), |e| format!(" ({:.1} %)", 100.0 * e));
     vector([x, y, z]) + &error

@@ -6,8 +6,8 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::identify::FAMILIES;
-use crate::physics::{Law, Map, materials};
+use crate::identify::{FAMILIES, VELOCITY, law_of};
+use crate::physics::{Law, Map};
 use crate::scenes::SceneFile;
 
 /// The truth about a clip.
@@ -82,9 +82,7 @@ impl Truth {
 
     /// The law of its material.
     pub fn law(&self) -> Option<Law> {
-        let law =
-            FAMILIES.iter().find(|(family, _)| *family == self.family).map_or(self.family.as_str(), |(_, law)| law);
-        materials::find(law)
+        law_of(&self.family)
     }
 
     /// The errors of estimates by their names: decades for magnitudes, the parameter's unit for others; `velocity` is the
@@ -100,7 +98,7 @@ impl Truth {
                 }
             }
         }
-        let found = ["velocity_x", "velocity_y", "velocity_z"].map(|name| estimates.get(name).copied());
+        let found = VELOCITY.map(|name| estimates.get(name).copied());
         if let ([Some(x), Some(y), Some(z)], Some(truth)) = (found, self.velocity) {
             let length = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
             if length(truth) > 0.0 {

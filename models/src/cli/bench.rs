@@ -198,12 +198,8 @@ fn begin(arguments: &AblationArguments) -> Result<(Plan, RunFolder)> {
 
 fn go_on(arguments: &AblationArguments) -> Result<(Plan, RunFolder)> {
     let folder = RunFolder::open(arguments.out.as_deref().unwrap_or(Path::new(".")))?;
-    if !folder.has(PLAN) {
-        return Err(Error::new(ErrorKind::Input, "there is no ablation to go on with")
-            .at(folder.path(PLAN).display())
-            .found("no such file")
-            .fix("give the folder of an interrupted ablation to --out, or begin one without --resume"));
-    }
+    let fix = "give the folder of an interrupted ablation to --out, or begin one without --resume";
+    folder.goes_on(PLAN, "there is no ablation to go on with", fix)?;
     let text = String::from_utf8_lossy(&folder.read(PLAN)?).into_owned();
     let plan: Plan = toml::from_str(&text).map_err(|e| damaged(&folder, PLAN, &e))?;
     plan.settings.config.check().map_err(|e| e.at(folder.path(PLAN).display()))?;

@@ -25,6 +25,14 @@ impl Place {
             Self::Gpu => Device::gpu(),
         }
     }
+
+    /// Views at once where memory does not limit them: more of them than threads would wait for each other.
+    pub fn at_once(self, views: usize) -> usize {
+        match self {
+            Self::Cpu => rayon::current_num_threads().min(views),
+            Self::Gpu => views,
+        }
+    }
 }
 
 /// The largest number that the file of settings can hold.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use gradreel::{Error, ErrorKind, Result};
 
-use crate::identify::{Reconstruction, Run};
+use crate::identify::{Reconstruction, Run, VELOCITY};
 use crate::nearest::nearest;
 
 /// What is to be different from what a run has found; what is left out stays.
@@ -75,7 +75,7 @@ impl Changes {
         found.unknowns = unknowns;
         found.given = self.parameters.keys().cloned().collect();
         if self.velocity.is_some() {
-            found.given.extend(["velocity_x", "velocity_y", "velocity_z"].map(str::to_owned));
+            found.given.extend(VELOCITY.map(str::to_owned));
         }
         found.changes.clone_from(&words);
         Ok(words)

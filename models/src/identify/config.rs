@@ -121,6 +121,12 @@ pub const FAMILIES: [(&str, &str); 5] = [
     ("sand", "drucker_prager"),
 ];
 
+/// The law of a family, or of that name.
+pub fn law_of(name: &str) -> Option<Law> {
+    let family = FAMILIES.iter().find(|(family, _)| *family == name);
+    materials::find(family.map_or(name, |(_, law)| law))
+}
+
 /// What of sand is held unless told otherwise, and at which value, as published: grains hardly deform, and how far sand can be
 /// pulled is next to nothing; any sign of either drowns in the shape's error.
 const SAND: [(&str, f64); 3] = [("young", 1e6), ("poisson", 0.3), ("cohesion", 0.0)];
@@ -168,6 +174,11 @@ impl Default for EstimateConfig {
     fn default() -> Self {
         Self { method: Method::GaussNewton, velocity: 10, scan: 6, starts: 2, first: 3, fine: 5, rounds: 1, coarse: 4 }
     }
+}
+
+/// A setting whose value makes no sense; what to do about it is still to be said.
+pub(super) fn outside_range(name: &str, wanted: &str) -> Error {
+    Error::new(ErrorKind::Input, format!("the setting {name} is outside its range")).at(name).wanted(wanted)
 }
 
 impl Config {
@@ -222,9 +233,7 @@ impl Config {
         ];
         for (holds, name, wanted) in rules {
             if !holds {
-                return Err(Error::new(ErrorKind::Input, format!("the setting {name} is outside its range"))
-                    .at(name)
-                    .wanted(wanted)
+                return Err(outside_range(name, wanted)
                     .fix("correct it in the file of --config or on the command line, or leave it out"));
             }
         }
@@ -268,8 +277,7 @@ impl Config {
         let name = &self.material.name;
         // until a family is chosen nothing depends on it: free flight
         let name = if self.chooses_family() { FAMILIES[0].0 } else { name };
-        let family = FAMILIES.iter().find(|(family, _)| *family == name);
-        materials::find(family.map_or(name, |(_, law)| law)).ok_or_else(|| {
+        law_of(name).ok_or_else(|| {
             let families = FAMILIES.iter().map(|(family, _)| (*family).to_owned());
             let known: Vec<_> = families.chain(materials::all().iter().map(|law| law.name().to_owned())).collect();
             Error::new(ErrorKind::Input, "there is no material of this name")

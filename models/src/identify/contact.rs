@@ -1,6 +1,7 @@
 //! When the object first touches the ground.
 
 use crate::identify::Unknowns;
+use crate::identify::flight::displacement;
 use crate::particles::Particles;
 use crate::physics::World;
 
@@ -20,8 +21,8 @@ pub fn first_contact(
     let lowest = solid.map(|(x, _)| x[1]).fold(f64::INFINITY, f64::min) - 0.5 * particles.spacing;
     (0..frames)
         .find(|&frame| {
-            let t = frame as f64 * frame_dt;
-            lowest + unknowns.velocity[1] * t + 0.5 * world.gravity[1] * t * t < ground + world.dx
+            let fallen = displacement(unknowns.velocity, world.gravity, frame as f64 * frame_dt);
+            lowest + fallen[1] < ground + world.dx
         })
         .unwrap_or(frames)
 }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::identify::reconstruct::{DTYPE, Stages};
 use crate::identify::run::Run;
 use crate::identify::stages::AUTO;
-use crate::identify::{FAMILIES, MaterialConfig, Problem, Unknowns};
+use crate::identify::{FAMILIES, MaterialConfig, Problem, Unknowns, law_of};
 use crate::physics::materials;
 
 /// What one family made of a clip.
@@ -63,10 +63,7 @@ impl Stages<'_> {
             let foretold = ((all * frames as f64 - first * seen as f64) / rest).min(f64::MAX);
             candidates.push(Candidate { family: family.to_owned(), unknowns, seen: first, foretold });
         }
-        let size = |family: &str| {
-            let law = FAMILIES.iter().find(|(name, _)| *name == family).and_then(|(_, law)| materials::find(law));
-            law.map_or(usize::MAX, |law| law.parameters().len())
-        };
+        let size = |family: &str| law_of(family).map_or(usize::MAX, |law| law.parameters().len());
         let Some(winner) = choose(&candidates, size) else {
             return Err(Error::new(ErrorKind::Physics, "no family of materials can be simulated with this object")
                 .fix("check the size of the object and the ground with `gradreel check`"));

@@ -36,6 +36,10 @@ struct Header {
 const HEADER: &str = "field";
 
 impl Run {
+    fn field_file(&self) -> Result<TensorFile> {
+        TensorFile::from_bytes(&self.folder.read(FIELD)?).map_err(|e| damaged(&self.folder, FIELD, &e))
+    }
+
     fn header(&self, file: &TensorFile) -> Result<Header> {
         let text = file.metadata.get(HEADER).map_or("", String::as_str);
         serde_json::from_str(text).map_err(|e| damaged(&self.folder, FIELD, &e))
@@ -49,8 +53,7 @@ impl Run {
         if !self.folder.has(FIELD) {
             return Ok(Reached::default());
         }
-        let file = TensorFile::from_bytes(&self.folder.read(FIELD)?).map_err(|e| damaged(&self.folder, FIELD, &e))?;
-        let reached = self.header(&file)?.reached;
+        let reached = self.header(&self.field_file()?)?.reached;
         Ok(if reached.stage == stage { reached } else { Reached::default() })
     }
 
@@ -93,7 +96,7 @@ impl Run {
     /// # Errors
     /// [`ErrorKind::Input`](gradreel::ErrorKind::Input) when the file is missing or damaged.
     pub fn load_field(&self, adam: &mut Adam) -> Result<(Field, Params)> {
-        let file = TensorFile::from_bytes(&self.folder.read(FIELD)?).map_err(|e| damaged(&self.folder, FIELD, &e))?;
+        let file = self.field_file()?;
         let (origin, spacing, dims) = self.header(&file)?.lattice;
         let lattice = Lattice { origin, spacing, dims };
         for name in ["voxels", "field.density", "field.colour"] {

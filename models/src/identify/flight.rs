@@ -6,6 +6,11 @@ use crate::video::Clip;
 /// How strongly an unseen depth is held to that of the first frame: next to nothing beside what two cameras see.
 const DEPTH_HELD: f64 = 1e-6;
 
+/// How far free flight has gone after a time \[m\]: `v t + g t²/2`.
+pub(super) fn displacement(velocity: [f64; 3], gravity: [f64; 3], t: f64) -> [f64; 3] {
+    [0, 1, 2].map(|axis| velocity[axis] * t + 0.5 * gravity[axis] * t * t)
+}
+
 /// The initial velocity \[m/s\] with which a point in free flight follows the middles of the silhouettes through the first
 /// `frames` frames: least squares of `x₀ + v t + g t²/2`.
 ///
@@ -25,8 +30,9 @@ pub fn velocity_of_silhouettes(clip: &Clip, gravity: [f64; 3], frames: usize) ->
         let after = meeting_point(pairs.iter().map(|(camera, _, to)| (*camera, *to)), before, DEPTH_HELD)?;
         let t = clip.times[frame] - clip.times[0];
         weight += t * t;
+        let fallen = displacement([0.0; 3], gravity, t);
         for axis in 0..3 {
-            moved[axis] += t * (after[axis] - before[axis] - 0.5 * gravity[axis] * t * t);
+            moved[axis] += t * (after[axis] - before[axis] - fallen[axis]);
         }
     }
     (weight > 0.0).then(|| moved.map(|sum| sum / weight))

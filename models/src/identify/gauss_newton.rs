@@ -48,8 +48,7 @@ pub fn gauss_newton(
             if step.iter().all(|h| h.abs() < NEGLIGIBLE) {
                 break 'search;
             }
-            let within = |((x, h), [low, high]): ((&f64, &f64), &[f64; 2])| (x + h).clamp(low.min(*x), high.max(*x));
-            let moved: Vec<f64> = x.iter().zip(&step).zip(&limits).map(within).collect();
+            let moved = along(&x, &step, 1.0, &limits);
             let step: Vec<f64> = moved.iter().zip(&x).map(|(moved, x)| moved - x).collect();
             let there = start.moved(law, free, &moved);
             let new = oracle.loss(&there)?.unwrap_or(f64::INFINITY);
@@ -63,14 +62,13 @@ pub fn gauss_newton(
                 let mut far = 2.0;
                 let long = step.iter().zip(&longest).any(|(h, longest)| h.abs() > LONG * longest);
                 while long && gain > KEPT && far <= FARTHEST {
-                    let along = from.iter().zip(&step).map(|(x, h)| x + far * h);
-                    let there = start.moved(law, free, &along.zip(&limits).map(clamped).collect::<Vec<_>>());
+                    let moved = along(&from, &step, far, &limits);
+                    let there = start.moved(law, free, &moved);
                     let new = oracle.loss(&there)?.unwrap_or(f64::INFINITY);
                     if new >= value - decrease {
                         break;
                     }
-                    x = there.coordinates(law, free);
-                    (decrease, here) = (value - new, there);
+                    (decrease, x, here) = (value - new, moved, there);
                     far *= 2.0;
                 }
                 break;
@@ -100,9 +98,10 @@ const LONG: f64 = 0.1;
 /// How many times its length at most.
 const FARTHEST: f64 = 4.0;
 
-/// A coordinate within its limits.
-fn clamped((x, [low, high]): (f64, &[f64; 2])) -> f64 {
-    x.clamp(*low, *high)
+/// `x + far h`, no farther beyond the limits than `x` is.
+fn along(x: &[f64], step: &[f64], far: f64, limits: &[[f64; 2]]) -> Vec<f64> {
+    let within = |((x, h), [low, high]): ((&f64, &f64), &[f64; 2])| (x + far * h).clamp(low.min(*x), high.max(*x));
+    x.iter().zip(step).zip(limits).map(within).collect()
 }
 
 /// A step is over when no coordinate moves farther than this.

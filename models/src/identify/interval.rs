@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::identify::plausible::Plausible;
 use crate::identify::unknowns::Unknown;
-use crate::identify::{Free, Linearised, Unknowns};
+use crate::identify::{Free, Linearised, Unknowns, VELOCITY};
 use crate::physics::Law;
 
 /// What is known of one unknown.
@@ -54,7 +54,7 @@ pub fn intervals(at: &Unknowns, law: &Law, free: Free, linearised: &Linearised, 
     };
     let interval = |k: usize| Interval {
         name: match list[k] {
-            Unknown::Velocity(axis) => ["velocity_x", "velocity_y", "velocity_z"][axis].to_owned(),
+            Unknown::Velocity(axis) => VELOCITY[axis].to_owned(),
             Unknown::Parameter(p) => law.parameters()[p].name.to_owned(),
             Unknown::Contact => "contact".to_owned(),
         },

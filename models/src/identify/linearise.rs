@@ -3,6 +3,8 @@
 use gradreel::{DType, Result, Tensor};
 use rayon::prelude::*;
 
+use crate::identify::flight::displacement;
+use crate::identify::penalty::add_penalty;
 use crate::identify::problem::is_stress;
 use crate::identify::unknowns::Unknown;
 use crate::identify::{Free, Problem, Unknowns};
@@ -74,12 +76,7 @@ impl Linearised {
                 for k in 0..unknowns {
                     row[k] = changes[4 * k + c].to_f64();
                 }
-                for k in 0..unknowns {
-                    self.gradient[k] += 2.0 * w * residual * row[k];
-                    for l in 0..=k {
-                        self.curvature[k][l] += 2.0 * w * row[k] * row[l];
-                    }
-                }
+                self.add_derivatives(w, residual, &row);
             }
         }
     }
@@ -89,11 +86,17 @@ impl Linearised {
         let w = middle.weight * share;
         for (residual, changes) in middle.residual.iter().zip(&middle.changes) {
             self.loss += w * residual * residual;
-            for k in 0..self.gradient.len() {
-                self.gradient[k] += 2.0 * w * residual * changes[k];
-                for l in 0..=k {
-                    self.curvature[k][l] += 2.0 * w * changes[k] * changes[l];
-                }
+            self.add_derivatives(w, *residual, changes);
+        }
+    }
+
+    /// Adds what a residual of weight `w` has in gradient and curvature, from how it changes with each unknown.
+    #[inline(always)]
+    fn add_derivatives(&mut self, w: f64, residual: f64, changes: &[f64]) {
+        for k in 0..changes.len() {
+            self.gradient[k] += 2.0 * w * residual * changes[k];
+            for l in 0..=k {
+                self.curvature[k][l] += 2.0 * w * changes[k] * changes[l];
             }
         }
     }
@@ -164,10 +167,8 @@ impl Problem<'_> {
             }
         }
         if let Some(ranges) = &self.ranges {
-            let (penalty, slopes, bends) = ranges.derivatives(&self.law, unknowns, free);
-            total.loss += penalty;
-            total.gradient.iter_mut().zip(slopes).for_each(|(g, slope)| *g += slope);
-            total.curvature.iter_mut().zip(bends).enumerate().for_each(|(k, (row, bend))| row[k] += bend);
+            let penalty = ranges.derivatives(&self.law, unknowns, free);
+            total.loss += add_penalty(penalty, &mut total.gradient, &mut total.curvature);
         }
         Ok(total)
     }
@@ -271,7 +272,7 @@ impl Problem<'_> {
             Tensor::from_vec((0..schedule.frames).flat_map(each).collect(), shape).cast(self.dtype)
         };
         let (v, g) = (unknowns.velocity, self.world.gravity);
-        let motion = moved(&|t, x, axis| x[axis] + v[axis] * t + 0.5 * g[axis] * t * t)?;
+        let motion = moved(&|t, x, axis| x[axis] + displacement(v, g, t)[axis])?;
         let tangent = |unknown| match unknown {
             Unknown::Velocity(along) => {
                 let slope = unknowns.slope(&self.law, unknown);

@@ -1,9 +1,10 @@
 //! What counts in the loss beside squared residuals of real views, with a switch for each.
 
-use gradreel::{Error, ErrorKind, Result};
+use gradreel::Result;
 use serde::{Deserialize, Serialize};
 
 use crate::identify::RangePenalty;
+use crate::identify::config::outside_range;
 use crate::physics::materials;
 use crate::render::{PixelLoss, ViewWeights, camera_angles};
 use crate::video::Clip;
@@ -68,7 +69,7 @@ impl LossConfig {
     /// Whether the values make sense.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] naming the first that does not.
+    /// [`gradreel::ErrorKind::Input`] naming the first that does not.
     pub fn check(&self) -> Result<()> {
         let least = |x: f64| x >= 0.0 && x.is_finite();
         let Self { trajectory, views, pixels, ranges, .. } = self;
@@ -81,10 +82,7 @@ impl LossConfig {
             (least(ranges.outside), "loss.ranges.outside", "0 or a positive number"),
         ];
         let refused = |name: String, wanted: String| {
-            Err(Error::new(ErrorKind::Input, format!("the setting {name} is outside its range"))
-                .at(name)
-                .wanted(wanted)
-                .fix("correct it in the file of --config, or leave it out"))
+            Err(outside_range(&name, &wanted).fix("correct it in the file of --config, or leave it out"))
         };
         if let Some((_, name, wanted)) = rules.into_iter().find(|(holds, ..)| !holds) {
             return refused(name.to_owned(), wanted.to_owned());

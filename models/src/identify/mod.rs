@@ -41,7 +41,9 @@ mod tracks;
 mod unknowns;
 
 pub use again::Changes;
-pub use config::{ClipConfig, Config, EstimateConfig, FAMILIES, GeometryConfig, MaterialConfig, Method, WorldConfig};
+pub use config::{
+    ClipConfig, Config, EstimateConfig, FAMILIES, GeometryConfig, MaterialConfig, Method, WorldConfig, law_of,
+};
 pub use contact::first_contact;
 pub use estimate::{Evaluation, estimate};
 pub use family::{Candidate, choose};
@@ -59,4 +61,4 @@ pub use reconstruct::{Reconstruction, reconstruct};
 pub use run::{ClipIdentity, HistoryRow, Run, Search, State};
 pub use temporal_start::TemporalConfig;
 pub use tracks::{TANGENT_COST, Tracks, TracksFit};
-pub use unknowns::{Bound, Free, Unknown, Unknowns};
+pub use unknowns::{Bound, Free, Unknown, Unknowns, VELOCITY};

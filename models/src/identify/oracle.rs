@@ -3,6 +3,7 @@
 use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
+use crate::identify::penalty::add_penalty;
 use crate::identify::plausible::Plausible;
 use crate::identify::{Evaluation, Free, Linearised, Problem, Unknowns};
 
@@ -102,10 +103,7 @@ impl<'a, 'b> Oracle<'a, 'b> {
             None => {
                 let mut computed = compute(self.problem, self.frames, &mut self.substeps, self.notes);
                 if let (Ok((loss, gradient, curvature)), Some(plausible)) = (&mut computed, &self.plausible) {
-                    let (penalty, slopes, bends) = plausible.penalty(at);
-                    *loss += penalty;
-                    gradient.iter_mut().zip(slopes).for_each(|(g, slope)| *g += slope);
-                    curvature.iter_mut().zip(bends).enumerate().for_each(|(k, (row, bend))| row[k] += bend);
+                    *loss += add_penalty(plausible.penalty(at), gradient, curvature);
                 }
                 let (loss, gradient, curvature) = match computed {
                     Ok((loss, gradient, curvature)) if loss.is_finite() => (Some(loss), gradient, curvature),

@@ -135,3 +135,14 @@ impl RangePenalty {
         all.flatten().map(|sum| sum.sum_all())
     }
 }
+/// Adds the gradient and the diagonal of the curvature of a penalty to those of a loss, where they were asked for, and returns
+/// the penalty itself.
+pub(super) fn add_penalty(
+    (penalty, slopes, bends): (f64, Vec<f64>, Vec<f64>),
+    gradient: &mut [f64],
+    curvature: &mut [Vec<f64>],
+) -> f64 {
+    gradient.iter_mut().zip(slopes).for_each(|(g, slope)| *g += slope);
+    curvature.iter_mut().zip(bends).enumerate().for_each(|(k, (row, bend))| row[k] += bend);
+    penalty
+}

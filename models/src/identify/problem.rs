@@ -5,6 +5,7 @@ use std::sync::Arc;
 use gradreel::{DType, ErrorKind, Result, Tape, Tensor, Var};
 
 use crate::field::bounding_sphere;
+use crate::identify::flight::displacement;
 use crate::identify::{Bound, Config, Free, RangePenalty, Unknowns};
 use crate::particles::Particles;
 use crate::physics::{Body, Collider, Law, Parameter, Remat, Schedule, World, rollout};
@@ -173,7 +174,7 @@ impl<'a> Problem<'a> {
         let start = tape.constant(self.particles.positions(self.dtype)?);
         let frame = |frame: usize| {
             let t = frame as f64 * schedule.frame_dt;
-            let fallen = self.world.gravity.map(|g| 0.5 * g * t * t);
+            let fallen = displacement([0.0; 3], self.world.gravity, t);
             let fallen = tape.constant(Tensor::from_vec(fallen.to_vec(), [3]).cast(self.dtype)?);
             Ok(&start + &(&bound.velocity * t) + fallen)
         };

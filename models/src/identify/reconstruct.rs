@@ -7,6 +7,7 @@ use gradreel::optim::{Adam, Params};
 use gradreel::{DType, Error, ErrorKind, Result, Tensor};
 
 use crate::field::{Field, Pose, bounding_sphere, fit, hull};
+use crate::identify::flight::displacement;
 use crate::identify::run::Run;
 use crate::identify::stages::Effort;
 use crate::identify::{Observed, Problem, Reached, Unknowns, first_contact, velocity_of_silhouettes};
@@ -195,7 +196,7 @@ impl Stages<'_> {
         let centres = field.centres();
         let pose = |frame: usize| {
             let t = frame as f64 * self.observed.frame_dt;
-            let shift: [f64; 3] = std::array::from_fn(|a| velocity[a] * t + 0.5 * gravity[a] * t * t);
+            let shift = displacement(velocity, gravity, t);
             let moved = centres.rows().into_iter().flat_map(|x| [0, 1, 2].map(|a| (x[a] + shift[a]) as f32));
             let positions = Tensor::from_vec(moved.collect(), [field.len(), 3]);
             Pose { positions, target: &self.observed.targets[frame] }

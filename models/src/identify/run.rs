@@ -133,12 +133,8 @@ impl Run {
     /// [`ErrorKind::Input`] when the folder holds no run, or its files are damaged.
     pub fn open(folder: RunFolder) -> Result<Self> {
         let text = |name: &str| -> Result<String> {
-            if !folder.has(name) {
-                return Err(Error::new(ErrorKind::Input, "there is no run in this folder")
-                    .at(folder.path(name).display())
-                    .found("no such file")
-                    .fix("give the folder of an interrupted run to --out, or leave --resume out"));
-            }
+            let fix = "give the folder of an interrupted run to --out, or leave --resume out";
+            folder.goes_on(name, "there is no run in this folder", fix)?;
             String::from_utf8(folder.read(name)?).map_err(|e| damaged(&folder, name, &e))
         };
         let written = text(CONFIG)?;

@@ -2,10 +2,11 @@
 
 use std::time::Instant;
 
-use gradreel::{Error, ErrorKind, Result};
+use gradreel::{ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
 use crate::field::temporal::{FirstFrames, Flight};
+use crate::identify::config::outside_range;
 use crate::identify::reconstruct::Stages;
 use crate::identify::run::Run;
 use crate::report::interrupt;
@@ -43,10 +44,7 @@ impl TemporalConfig {
         ];
         let Some((_, name, wanted)) = rules.into_iter().find(|(holds, ..)| !holds) else { return Ok(()) };
         let name = format!("temporal.first.{name}");
-        Err(Error::new(ErrorKind::Input, format!("the setting {name} is outside its range"))
-            .at(name)
-            .wanted(wanted)
-            .fix("correct it in the file of --config, or leave it out"))
+        Err(outside_range(&name, wanted).fix("correct it in the file of --config, or leave it out"))
     }
 }
 

@@ -19,6 +19,9 @@ pub(crate) fn unit(parameter: &Parameter) -> f64 {
     }
 }
 
+/// Names of the velocity's components, beside those of parameters.
+pub const VELOCITY: [&str; 3] = ["velocity_x", "velocity_y", "velocity_z"];
+
 /// Velocity \[m/s\] and material parameters (SI units).
 #[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Unknowns {

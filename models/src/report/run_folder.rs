@@ -105,6 +105,17 @@ impl RunFolder {
         Self { writes_left: Some(Arc::new(AtomicU64::new(writes))), ..self }
     }
 
+    /// Whether there is something to go on with: `missing` says what there is not when this file is not here.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] when it is not.
+    pub fn goes_on(&self, name: &str, missing: &str, fix: &str) -> Result<()> {
+        if self.has(name) {
+            return Ok(());
+        }
+        Err(Error::new(ErrorKind::Input, missing).at(self.path(name).display()).found("no such file").fix(fix))
+    }
+
     /// Removes what writes that were cut off have left. Only for a folder that nobody else is writing to.
     pub fn sweep(&self) {
         let folders = |path: &Path| fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path());

@@ -3,9 +3,6 @@
 use gradreel::{Error, ErrorKind, Key, Result, Tensor};
 use serde::{Deserialize, Serialize};
 
-/// How far a colour must be from white for its pixel to belong to the object, in −1..1.
-const WHITE: f64 = 0.2;
-
 /// A box in an image, in shares of the image's sides: (0, 0) is the left upper corner, (1, 1) the right lower one.
 ///
 /// A pixel covers an area: the box of a mask ends after its last pixel.
@@ -60,8 +57,7 @@ impl ImageBox {
     pub fn of_picture(picture: &Tensor) -> Result<Option<Self>> {
         let [1, 3, height, width] = picture.dims()[..] else { panic!("a picture is [1, 3, h, w]") };
         let (values, area) = (picture.to_vec()?, height * width);
-        let darkest = |i: usize| (0..3).map(|c| values[c * area + i]).fold(1.0, f64::min);
-        let coverage: Vec<f32> = (0..area).map(|i| f32::from(u8::from(darkest(i) < 1.0 - WHITE))).collect();
+        let coverage: Vec<f32> = (0..area).map(|i| f32::from(u8::from(not_white(&values, i)))).collect();
         Ok(Self::of_coverage(&coverage, width))
     }
 
@@ -109,4 +105,12 @@ impl ImageBox {
             .found(format!("{self:?}"))
             .wanted("left below right and top below bottom, in shares of the image"))
     }
+}
+
+/// Whether a pixel of a picture `[3, h, w]` in −1..1 belongs to an object on white.
+pub(super) fn not_white(values: &[f64], pixel: usize) -> bool {
+    /// How far a colour must be from white.
+    const WHITE: f64 = 0.2;
+    let area = values.len() / 3;
+    (0..3).any(|c| values[c * area + pixel] < 1.0 - WHITE)
 }

@@ -3,10 +3,8 @@
 use gradreel::{Result, Tensor};
 
 use super::ImageBox;
+use super::image_box::not_white;
 use super::objects::View;
-
-/// How far a colour must be from white for its pixel to belong to the object, in −1..1.
-const WHITE: f64 = 0.2;
 
 /// Agreement of one view, or the mean of several.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -37,8 +35,7 @@ impl Score {
         let (size, area) = (truth.size, truth.size * truth.size);
         assert_eq!(found.dims(), [3, size, size], "the picture has another size than the view");
         let values: Vec<f64> = found.to_vec()?.into_iter().map(|v| v.clamp(-1.0, 1.0)).collect();
-        let darkest = |i: usize| (0..3).map(|c| values[c * area + i]).fold(1.0, f64::min);
-        let object = largest_part(&(0..area).map(|i| darkest(i) < 1.0 - WHITE).collect::<Vec<bool>>(), size);
+        let object = largest_part(&(0..area).map(|i| not_white(&values, i)).collect::<Vec<bool>>(), size);
         let covered: Vec<bool> = truth.coverage.iter().map(|share| *share >= 0.5).collect();
         let count = |pixel: &dyn Fn(usize) -> bool| (0..area).filter(|i| pixel(*i)).count() as f64;
         let (common, all) = (count(&|i| object[i] && covered[i]), count(&|i| object[i] || covered[i]));

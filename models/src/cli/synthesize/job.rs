@@ -103,12 +103,8 @@ impl Job {
     pub fn resume(arguments: &Arguments, weights: &Path) -> Result<Self> {
         let folder = RunFolder::open(arguments.out.as_deref().unwrap_or(Path::new(".")))?;
         let place = folder.path(SETTINGS);
-        if !folder.has(SETTINGS) {
-            return Err(Error::new(ErrorKind::Input, "there is no run of synthesize to go on with")
-                .at(place.display())
-                .found("no such file")
-                .fix("give the folder of an interrupted run to --out, or begin one without --resume"));
-        }
+        let fix = "give the folder of an interrupted run to --out, or begin one without --resume";
+        folder.goes_on(SETTINGS, "there is no run of synthesize to go on with", fix)?;
         let text = String::from_utf8_lossy(&folder.read(SETTINGS)?).into_owned();
         let mut settings: Settings = toml::from_str(&text).map_err(|e| {
             Error::new(ErrorKind::Input, "the settings of the run are damaged")

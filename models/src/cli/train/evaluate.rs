@@ -8,7 +8,6 @@ use super::NovelView;
 use super::feed::unseen;
 use super::sampled::{rows, sampled, score};
 use super::settings::{Settings, Stage};
-use crate::cli::source::Place;
 use crate::report::animation::Picture;
 use crate::report::progress::Progress;
 use crate::report::run_folder::RunFolder;
@@ -40,10 +39,7 @@ pub(super) fn run(arguments: &NovelView, count: usize, progress: &Progress) -> R
         Some(_) => vec![("with the module", sizes), ("without", &bare)],
         None => vec![("the model", sizes)],
     };
-    let at_once = match settings.device {
-        Place::Cpu => rayon::current_num_threads(),
-        Place::Gpu => sizes.denoiser.ring.views,
-    };
+    let at_once = settings.device.at_once(sizes.denoiser.ring.views);
     let folder = match &arguments.out {
         Some(folder) => RunFolder::create(folder)?,
         None => RunFolder::create_free(Path::new("runs"), "novel-view-evaluation")?,

@@ -13,7 +13,6 @@ use super::log::Log;
 use super::page::page;
 use super::sampled::{rows, sampled, score};
 use super::settings::Settings;
-use crate::cli::source::Place;
 use crate::layers::initialise;
 use crate::report::animation::Picture;
 use crate::report::interrupt;
@@ -78,12 +77,8 @@ impl Job {
     /// The training that was begun in a folder.
     pub fn resume(arguments: &NovelView) -> Result<Self> {
         let folder = RunFolder::open(arguments.out.as_deref().unwrap_or(Path::new(".")))?;
-        if !folder.has(SETTINGS) {
-            return Err(Error::new(ErrorKind::Input, "there is no training to go on with")
-                .at(folder.path(SETTINGS).display())
-                .found("no such file")
-                .fix("give the folder of an interrupted training to --out, or begin one without --resume"));
-        }
+        let fix = "give the folder of an interrupted training to --out, or begin one without --resume";
+        folder.goes_on(SETTINGS, "there is no training to go on with", fix)?;
         let text = String::from_utf8_lossy(&folder.read(SETTINGS)?).into_owned();
         let settings = Settings::parse(&text).map_err(|e| e.within(folder.path(SETTINGS).display()))?;
         let path = match &settings.weights {
@@ -186,10 +181,7 @@ impl Job {
             count += samples.len();
             interrupt::check()?;
         }
-        let at_once = match self.settings.device {
-            Place::Cpu => rayon::current_num_threads(),
-            Place::Gpu => model.denoiser.ring.views,
-        };
+        let at_once = self.settings.device.at_once(model.denoiser.ring.views);
         let ensemble = self.training.ensemble(at_once)?;
         let columns = SHOWN.min(model.denoiser.ring.views);
         let (mut scores, mut shown) = (Vec::new(), Vec::new());
