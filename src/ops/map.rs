@@ -176,8 +176,14 @@ impl Map {
 
     /// The common shape of operands.
     fn shape<'a>(&self, mut operands: impl Iterator<Item = &'a Shape>) -> Result<Shape> {
-        let first = operands.next().cloned().unwrap_or_default();
-        operands.try_fold(first, |shape, x| shape.broadcast(x)).map_err(|e| e.at(self.name()))
+        let mut shape = operands.next().cloned().unwrap_or_default();
+        // most operands are alike, and numbers on the tape must not pay for those that are not
+        for x in operands {
+            if *x != shape {
+                shape = shape.broadcast(x).map_err(|e| e.at(self.name()))?;
+            }
+        }
+        Ok(shape)
     }
 
     /// The result for operands of one element each.

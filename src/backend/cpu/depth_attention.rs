@@ -8,7 +8,7 @@
 
 use rayon::prelude::*;
 
-use super::{Places, buffer, vectorised};
+use super::{Places, buffer, prefetch, vectorised};
 use crate::scalar::{Job, Lane, Real};
 
 /// Pixels of a strip at most.
@@ -17,6 +17,9 @@ const STRIP: usize = 1024;
 const NARROW: usize = 256;
 /// Channels, or depths, that one pass over a row of scores takes in.
 const GROUP: usize = 4;
+/// Values by which volumes are asked for ahead of their use: the processor's own guesses end with a page of 4 KiB.
+const READ_AHEAD: usize = 1024;
+const WRITTEN_AHEAD: usize = 192;
 
 /// Sizes: queries are `[heads, channels, pixels]`, keys and values `[heads / shared_by, channels, depths, pixels]`, where
 /// `heads` counts those of all images.
@@ -208,6 +211,7 @@ impl<T: Real> Job<T> for Backward<'_, T> {
                     let mut x = 0;
                     while x < width {
                         let left = width - x;
+                        prefetch::to_write(to.wrapping_add(x + WRITTEN_AHEAD));
                         let before = if first { V::splat(T::ZERO) } else { V::load_part(to.add(x), left) };
                         let sum = V::load_part(weight.add(x), left).mul_add(V::load_part(g.add(x), left), before);
                         sum.store_part(to.add(x), left);
@@ -237,6 +241,7 @@ impl<T: Real> Job<T> for Backward<'_, T> {
                     let mut x = 0;
                     while x < width {
                         let left = width - x;
+                        prefetch::to_write(to.wrapping_add(x + WRITTEN_AHEAD));
                         let before = if first { V::splat(T::ZERO) } else { V::load_part(to.add(x), left) };
                         let slope = V::load(slopes.add(depth * STRIP + x));
                         slope.mul_add(V::load_part(query.add(x), left), before).store_part(to.add(x), left);
@@ -276,6 +281,7 @@ unsafe fn add_products<V: Lane, const N: usize>(
                 let left = strip.width - x;
                 let mut sum = if channel == 0 { V::splat(V::Element::ZERO) } else { V::load(scores.add(x)) };
                 for n in 0..N {
+                    prefetch::to_read::<true, _>(rows[n].wrapping_add(x + READ_AHEAD));
                     sum = V::load_part(factors[n].add(x), left).mul_add(V::load_part(rows[n].add(x), left), sum);
                 }
                 sum.store(scores.add(x));
@@ -307,6 +313,7 @@ unsafe fn mix<V: Lane>(
                 let mut sum = if depth == 0 { V::splat(V::Element::ZERO) } else { V::load_part(to.add(x), left) };
                 if count == GROUP {
                     for n in 0..GROUP {
+                        prefetch::to_read::<true, _>(row.wrapping_add(n * sizes.pixels + x + READ_AHEAD));
                         let weight = V::load(weights.add((depth + n) * STRIP + x));
                         sum = weight.mul_add(V::load_part(row.add(n * sizes.pixels + x), left), sum);
                     }

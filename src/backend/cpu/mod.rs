@@ -9,6 +9,7 @@ pub(crate) mod mlp;
 pub(crate) mod normalise;
 mod partition;
 pub mod pool;
+mod prefetch;
 pub(crate) mod rays;
 pub(crate) mod reduce;
 pub(crate) mod rows;

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::walk::{Tap, Walk};
 use crate::backend::cpu::gemm::{Gemm, Out, Panel, Par, Strided};
-use crate::backend::cpu::{Temporary, buffer, vectorised};
+use crate::backend::cpu::{Temporary, buffer, prefetch, vectorised};
 use crate::ops::Geometry;
 use crate::scalar::{Job, Lane, Real};
 
@@ -18,18 +18,6 @@ const FEW: usize = 256;
 
 /// Rows of patches that are fetched ahead.
 const AHEAD: usize = 16;
-
-/// Asks for a line of memory that will be read soon; any address will do.
-#[inline(always)]
-fn prefetch<T>(at: *const T) {
-    #[cfg(target_arch = "x86_64")]
-    // SAFETY: every x86-64 processor has the instruction, which never faults.
-    unsafe {
-        std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(at.cast());
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    let _ = at;
-}
 
 /// Patches of the source as the right factor: a line for each place of some images, along it the channels and their taps.
 struct Patches<'a, T> {
@@ -87,7 +75,7 @@ impl<T: Real> Job<T> for CopyPatches<'_, '_, T> {
             let at = channel * plane + taps[tap].offset;
             let (row, source) = (&mut into[row * width..][..width], &source[at..=at + furthest]);
             for i in (0..width).step_by(V::WIDTH) {
-                prefetch(source.as_ptr().wrapping_add(bases[i] + ahead));
+                prefetch::to_read::<true, _>(source.as_ptr().wrapping_add(bases[i] + ahead));
                 if near[i] {
                     // SAFETY: both slices reach to the last of these places.
                     unsafe { V::load(source.as_ptr().add(bases[i])).store(row.as_mut_ptr().add(i)) };

@@ -127,15 +127,13 @@ impl<T: Real> Part<'_, T> {
 
     fn pack_right(&mut self, block: Range<usize>, depth: Range<usize>) {
         let Extent { columns: tile_columns, vector, .. } = self.task.tile;
-        for start in (0..block.len()).step_by(tile_columns) {
-            let lines = block.start + start..block.end.min(block.start + start + tile_columns);
-            // the last strip is as wide as the vectors that its columns fill
-            let width = lines.len().next_multiple_of(vector);
-            let packed = &mut self.right[start * depth.len()..][..width * depth.len()];
-            if width > lines.len() {
-                packed.fill(T::ZERO);
-            }
-            self.task.right.pack(lines, depth.clone(), width, packed);
+        // the last strip is as wide as the vectors that its columns fill
+        let last = block.len() / tile_columns * tile_columns;
+        let width = (block.len() - last).next_multiple_of(vector);
+        if last + width > block.len() {
+            self.right[last * depth.len()..][..width * depth.len()].fill(T::ZERO);
         }
+        let packed = &mut self.right[..(last + width) * depth.len()];
+        self.task.right.pack_strips(block, depth, [tile_columns, vector], packed);
     }
 }

@@ -49,23 +49,6 @@ pub(crate) enum Par {
     Threads,
 }
 
-/// Asks for a cache line, into the first-level cache if `NEAR`, else into the second. A hint: any address will do.
-#[inline(always)]
-fn prefetch<const NEAR: bool, T>(at: *const T) {
-    #[cfg(target_arch = "x86_64")]
-    // SAFETY: a prefetch of any address has no effect that a program could see.
-    unsafe {
-        use std::arch::x86_64::{_MM_HINT_T0, _MM_HINT_T1, _mm_prefetch};
-        if NEAR {
-            _mm_prefetch::<_MM_HINT_T0>(at.cast());
-        } else {
-            _mm_prefetch::<_MM_HINT_T1>(at.cast());
-        }
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    let _ = at;
-}
-
 /// A product `[m, k] · [k, n]` with its settings; [`Gemm::run`] makes it.
 ///
 /// ```text
@@ -236,8 +219,8 @@ impl<T: Real> Task<'_, T> {
         if threads == 1 {
             return part;
         }
-        // a few parts for each thread, where they are large, so that none waits long for the last one
-        let wanted = threads * (m * n * k / (threads << 25)).clamp(1, 4);
+        // two parts for each thread, where they are large, so that none waits long for the other; each packs its own factors
+        let wanted = threads * (m * n * k / (threads << 25)).clamp(1, 2);
         let mut count = 1;
         while count < wanted {
             let axis = if part[0] >= part[1] { 0 } else { 1 };

@@ -2,11 +2,13 @@
 
 use std::ops::Range;
 
-use super::prefetch;
+use crate::backend::cpu::prefetch;
 use crate::scalar::{Job, Lane, Path, Real};
 
 /// Places along the depth by which lines that lie side by side are asked for ahead of their use.
 const ROWS_AHEAD: usize = 24;
+/// The same where many strips are packed together.
+const ROWS_BELOW: usize = 4;
 
 /// One factor of a product, read as lines along the depth: a left factor's lines are its rows, a right factor's are its
 /// columns, and both are summed over the depth.
@@ -21,9 +23,30 @@ pub(crate) trait Panel<T>: Sync {
     /// `lines.len()` and `width` has no effect.
     fn pack(&self, lines: Range<usize>, depth: Range<usize>, width: usize, into: &mut [T]);
 
+    /// Packs many lines: strips of `width` lines one after another, the last one as wide as the vectors that its lines
+    /// fill.
+    fn pack_strips(&self, lines: Range<usize>, depth: Range<usize>, [width, vector]: [usize; 2], into: &mut [T]) {
+        each_strip(self, lines, depth, [width, vector], into);
+    }
+
     /// The factor itself where it lies in memory at fixed distances, which may save packing it.
     fn strided(&self) -> Option<Strided<'_, T>> {
         None
+    }
+}
+
+/// Packs lines strip by strip.
+fn each_strip<T>(
+    panel: &(impl Panel<T> + ?Sized),
+    lines: Range<usize>,
+    depth: Range<usize>,
+    [width, vector]: [usize; 2],
+    into: &mut [T],
+) {
+    for start in (0..lines.len()).step_by(width) {
+        let strip = lines.start + start..lines.end.min(lines.start + start + width);
+        let reach = strip.len().next_multiple_of(vector);
+        panel.pack(strip, depth.clone(), reach, &mut into[start * depth.len()..][..reach * depth.len()]);
     }
 }
 
@@ -65,8 +88,56 @@ impl<T: Real> Panel<T> for Strided<'_, T> {
         unsafe { T::dispatch(Path::best(), job) }
     }
 
+    fn pack_strips(&self, lines: Range<usize>, depth: Range<usize>, [width, vector]: [usize; 2], into: &mut [T]) {
+        let whole = if self.line == 1 && width.is_multiple_of(vector) { lines.len() / width * width } else { 0 };
+        let (rows, rest) = into.split_at_mut(whole * depth.len());
+        if !rows.is_empty() {
+            let last = (depth.end - 1) * self.depth + lines.start + whole;
+            assert!(last <= self.values.len(), "a factor is too short");
+            let job = CopyRows { from: *self, first: lines.start, depth: depth.clone(), width, into: rows };
+            // SAFETY: the best path is available, a vector of it divides a strip's width, and the sizes were checked above.
+            unsafe { T::dispatch(Path::best(), job) };
+        }
+        each_strip(self, lines.start + whole..lines.end, depth, [width, vector], rest);
+    }
+
     fn strided(&self) -> Option<Strided<'_, T>> {
         Some(*self)
+    }
+}
+
+/// Packs whole strips of lines that lie side by side, all strips of one place along the depth before the next place: what
+/// is read lies together.
+struct CopyRows<'a, 'b, T> {
+    from: Strided<'a, T>,
+    first: usize,
+    depth: Range<usize>,
+    width: usize,
+    into: &'b mut [T],
+}
+
+impl<T: Real> Job<T> for CopyRows<'_, '_, T> {
+    type Output = ();
+
+    /// # Safety
+    /// The matrix must reach as far as the strips and the depth, and a strip must be whole vectors wide.
+    #[inline(always)]
+    unsafe fn run<V: Lane<Element = T>>(self) {
+        let Self { from, first, depth, width, into } = self;
+        let strip = width * depth.len();
+        for (i, d) in depth.enumerate() {
+            let row = from.values.as_ptr().wrapping_add(d * from.depth + first);
+            for start in 0..into.len() / strip {
+                let mut v = 0;
+                while v < width {
+                    let at = row.wrapping_add(start * width + v);
+                    prefetch::to_read::<false, T>(at.wrapping_add(ROWS_BELOW * from.depth));
+                    // SAFETY: the caller's promise.
+                    unsafe { V::load(at).store(into.as_mut_ptr().add(start * strip + i * width + v)) };
+                    v += V::WIDTH;
+                }
+            }
+        }
     }
 }
 
@@ -132,7 +203,7 @@ impl<T: Real> CopyStrip<'_, '_, T> {
                 // SAFETY: both ends were checked above.
                 unsafe {
                     let from = self.from.values.as_ptr().add(at + i);
-                    prefetch::<false, T>(from.wrapping_add(ROWS_AHEAD * self.from.depth));
+                    prefetch::to_read::<false, T>(from.wrapping_add(ROWS_AHEAD * self.from.depth));
                     V::load(from).store(self.into.as_mut_ptr().add(to + i));
                 }
                 i += V::WIDTH;
@@ -163,7 +234,7 @@ impl<T: Real> CopyStrip<'_, '_, T> {
                     // lines beyond the last one are copies of it
                     let line = if first + r < lines { first + r } else { lines - 1 };
                     rows[r] = rows[r].wrapping_add((self.lines.start + line) * self.from.line + d);
-                    prefetch::<false, T>(rows[r].wrapping_add(256 / size_of::<T>()));
+                    prefetch::to_read::<false, T>(rows[r].wrapping_add(256 / size_of::<T>()));
                 }
                 // SAFETY: the lines reach to the end of this square by the promise of `run`, and the strip does, too.
                 unsafe { V::transpose(&rows, self.into.as_mut_ptr().add(to + first), self.width) };

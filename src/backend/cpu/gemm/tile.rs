@@ -7,7 +7,7 @@
 use std::mem::MaybeUninit;
 
 use super::epilogue::{Activation, Epilogue, Finish};
-use super::prefetch;
+use crate::backend::cpu::prefetch;
 use crate::scalar::{Job, Lane, Path, Real};
 
 /// The most rows that a tile has on any processor, and the most values in one of its rows.
@@ -253,7 +253,7 @@ impl<T: Real, const ROWS: usize, const VECTORS: usize, const SIDE_BY_SIDE: bool>
             let mut sums = [[V::splat(T::ZERO); VECTORS]; ROWS];
             for r in 0..ROWS {
                 for v in 0..VECTORS {
-                    prefetch::<false, T>(out.wrapping_add(r * out_row + v * V::WIDTH));
+                    prefetch::to_read::<false, T>(out.wrapping_add(r * out_row + v * V::WIDTH));
                 }
             }
             let mut rest = depth;
@@ -261,8 +261,8 @@ impl<T: Real, const ROWS: usize, const VECTORS: usize, const SIDE_BY_SIDE: bool>
                 while rest >= 2 {
                     let mut b = [[V::splat(T::ZERO); VECTORS]; 2];
                     for v in 0..VECTORS {
-                        prefetch::<true, T>(right.wrapping_add(AHEAD * step + v * V::WIDTH));
-                        prefetch::<true, T>(right.wrapping_add((AHEAD + 1) * step + v * V::WIDTH));
+                        prefetch::to_read::<true, T>(right.wrapping_add(AHEAD * step + v * V::WIDTH));
+                        prefetch::to_read::<true, T>(right.wrapping_add((AHEAD + 1) * step + v * V::WIDTH));
                         b[0][v] = V::load(right.add(v * V::WIDTH));
                         b[1][v] = V::load(right.add(step + v * V::WIDTH));
                     }
@@ -287,7 +287,7 @@ impl<T: Real, const ROWS: usize, const VECTORS: usize, const SIDE_BY_SIDE: bool>
             for _ in 0..rest {
                 let mut b = [V::splat(T::ZERO); VECTORS];
                 for v in 0..VECTORS {
-                    prefetch::<true, T>(right.wrapping_add(AHEAD * step + v * V::WIDTH));
+                    prefetch::to_read::<true, T>(right.wrapping_add(AHEAD * step + v * V::WIDTH));
                     b[v] = V::load(right.add(v * V::WIDTH));
                 }
                 for r in 0..ROWS {

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::{Cells, TILE, by_blocks};
-use crate::backend::cpu::{Places, Work, buffer, widest};
+use crate::backend::cpu::{Places, Work, buffer, prefetch, widest};
 use crate::ops::grid::Extent;
 use crate::scalar::Real;
 
@@ -121,7 +121,7 @@ fn rows<T: Real, const D: usize, const K: usize>(
             for offset in &mut offsets {
                 *offset *= channels;
                 assert!(*offset + channels <= values.len(), "the nodes of a cell lie in the grid");
-                prefetch(values, *offset);
+                prefetch::to_read::<true, _>(values.as_ptr().wrapping_add(*offset));
             }
             found[p] = Some((offsets, weights));
         }
@@ -137,19 +137,6 @@ fn rows<T: Real, const D: usize, const K: usize>(
         }
         first += len;
     }
-}
-
-/// Asks for the line of the cache with this element.
-#[inline(always)]
-fn prefetch<T>(values: &[T], place: usize) {
-    #[cfg(target_arch = "x86_64")]
-    {
-        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        // SAFETY: it is a hint, which touches no memory of the program, whatever the address.
-        unsafe { _mm_prefetch::<_MM_HINT_T0>(values.as_ptr().wrapping_add(place).cast()) };
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    let _ = (values, place);
 }
 
 /// `W` channels at one point.
