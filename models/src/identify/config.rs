@@ -168,11 +168,24 @@ pub struct EstimateConfig {
     pub rounds: usize,
     /// Gauss–Newton steps at most on a grid of twice the spacing, which shows how much the grid matters.
     pub coarse: usize,
+    /// Gauss–Newton steps at most to the most probable material, where what the clip hardly shows is pulled to the middle of
+    /// what is plausible; 0 leaves what fits the clip best.
+    pub weigh: usize,
 }
 
 impl Default for EstimateConfig {
     fn default() -> Self {
-        Self { method: Method::GaussNewton, velocity: 10, scan: 6, starts: 2, first: 3, fine: 5, rounds: 1, coarse: 4 }
+        Self {
+            method: Method::GaussNewton,
+            velocity: 10,
+            scan: 6,
+            starts: 2,
+            first: 3,
+            fine: 5,
+            rounds: 1,
+            coarse: 4,
+            weigh: 3,
+        }
     }
 }
 

@@ -29,19 +29,34 @@ pub fn gauss_newton(
     each: &mut Listener<'_>,
     notes: &mut dyn FnMut(String),
 ) -> Result<Evaluation> {
-    let law = &problem.law;
+    search_most_probable(problem, Plausible::new(&problem.law, free), start, frames, steps, known, each, notes)
+}
+
+/// The same, of the loss and what is said to be plausible.
+#[expect(clippy::too_many_arguments, reason = "as above")]
+pub(super) fn search_most_probable(
+    problem: &Problem<'_>,
+    plausible: Plausible<'_>,
+    start: &Unknowns,
+    frames: usize,
+    steps: usize,
+    known: &[Answer],
+    each: &mut Listener<'_>,
+    notes: &mut dyn FnMut(String),
+) -> Result<Evaluation> {
+    let (law, free) = (&problem.law, plausible.free);
     let mut oracle = Oracle::new(problem, frames, known, each, notes);
-    oracle.plausible = Some(Plausible { law, free });
+    oracle.plausible = Some(plausible);
     let mut here = start.clone();
     let mut x = start.coordinates(law, free);
-    let limits = Plausible { law, free }.limits();
+    let limits = Plausible::new(law, free).limits();
     let (mut damping, mut growth) = (1e-3, 2.0);
     'search: for _ in 0..steps {
         // the step of the simulation that the unknowns need now: that of a stiffer start would damp the motion otherwise
         oracle.substeps = 0;
         let Answer { loss, gradient, curvature, .. } = oracle.linearised(&here, free)?;
         let (Some(value), false) = (loss, curvature.is_empty()) else { break };
-        let longest = Plausible { law, free }.longest_step(&here);
+        let longest = Plausible::new(law, free).longest_step(&here);
         let mut decrease = 0.0;
         for _ in 0..TRIALS {
             let Some(step) = damped_step(&gradient, &curvature, damping, &longest) else { break 'search };
@@ -168,7 +183,7 @@ pub fn scan(
     notes: &mut dyn FnMut(String),
 ) -> Result<Vec<Evaluation>> {
     let mut oracle = Oracle::new(problem, frames, known, each, notes);
-    oracle.plausible = Some(Plausible { law: &problem.law, free });
+    oracle.plausible = Some(Plausible::new(&problem.law, free));
     oracle.lenient = true;
     let mut all = Vec::with_capacity(points.len());
     for point in points {

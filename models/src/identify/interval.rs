@@ -37,8 +37,7 @@ pub struct Interval {
 pub fn intervals(at: &Unknowns, law: &Law, free: Free, linearised: &Linearised, bias: &[f64]) -> Result<Vec<Interval>> {
     let list = free.list(law);
     let n = list.len();
-    let plausible = Plausible { law, free };
-    let prior = plausible.deviations(at);
+    let prior = Plausible::new(law, free).deviations(at);
     let deviations = deviations(linearised, &prior, bias)?;
     let student = student(clusters(linearised));
     let x = at.coordinates(law, free);
@@ -64,35 +63,73 @@ pub fn intervals(at: &Unknowns, law: &Law, free: Free, linearised: &Linearised, 
     Ok((0..n).map(interval).collect())
 }
 
+/// The noise of the loss along each free unknown's coordinate, `(C⁻¹ M C⁻¹)_kk / (C⁻¹)_kk` with curvature and scatter as for
+/// [`intervals`]: a loss of so much noise that is curved like this one leaves an unknown as unsure as the pictures do.
+/// Nowhere less than that of the clip as a whole, `tr M / tr C` in units of what is plausible. What all pictures have in common
+/// does not count: it is no reason to leave what they show together.
+///
+/// # Errors
+/// As [`intervals`].
+pub(super) fn noise(plausible: &Plausible<'_>, at: &Unknowns, linearised: &Linearised) -> Result<Vec<f64>> {
+    let prior = plausible.deviations(at);
+    let known = Known::of(linearised, &prior, &vec![0.0; prior.len()])?;
+    let of = |k: usize| (known.covariance[(k, k)] / known.inverse[(k, k)]).max(known.noise);
+    Ok((0..prior.len()).map(of).collect())
+}
+
+/// What the clip alone tells of the unknowns, in units of the prior's deviations, so that everything is of one kind.
+struct Known {
+    /// The inverse of the curvature; directions that no picture shows at all have a huge one.
+    inverse: Mat<f64>,
+    /// The sandwich of the curvature and the scatter, and the bias.
+    covariance: Mat<f64>,
+    /// Directions that no picture shows.
+    unseen: Vec<Vec<f64>>,
+    /// Trace of the scatter over that of the curvature.
+    noise: f64,
+}
+
+impl Known {
+    fn of(at: &Linearised, prior: &[f64], bias: &[f64]) -> Result<Self> {
+        let n = prior.len();
+        let curvature = Mat::from_fn(n, n, |i, j| at.curvature[i][j] * prior[i] * prior[j]);
+        let scatter = scatter(at);
+        let scatter = Mat::from_fn(n, n, |i, j| scatter[i][j] * prior[i] * prior[j]);
+        let eigen = curvature.self_adjoint_eigen(Side::Lower).map_err(failed)?;
+        let (u, s) = (eigen.U(), eigen.S().column_vector());
+        let most = (0..n).fold(0.0f64, |m, k| m.max(s[k]));
+        if !(most.is_finite()) {
+            return Err(Error::new(ErrorKind::NonFinite, "the curvature of the loss is not finite").at("intervals"));
+        }
+        let floor = (1e-12 * most).max(f64::MIN_POSITIVE);
+        let inverse = Mat::from_fn(n, n, |i, j| (0..n).map(|k| u[(i, k)] * u[(j, k)] / s[k].max(floor)).sum::<f64>());
+        let mut covariance = &inverse * &scatter * &inverse;
+        for k in 0..n {
+            covariance[(k, k)] += (bias[k] / prior[k]).powi(2);
+        }
+        let direction = |k: usize| (0..n).map(|i| u[(i, k)]).collect();
+        let unseen = (0..n).filter(|&k| s[k] <= floor).map(direction).collect();
+        let trace = |matrix: &Mat<f64>| (0..n).map(|k| matrix[(k, k)]).sum::<f64>();
+        let noise = trace(&scatter) / trace(&curvature).max(f64::MIN_POSITIVE);
+        Ok(Self { inverse, covariance, unseen, noise })
+    }
+}
+
+fn failed(_: faer::linalg::evd::EvdError) -> Error {
+    Error::new(ErrorKind::NonFinite, "no eigenvalues of the curvature of the loss").at("intervals")
+}
+
 /// The standard deviation of each coordinate.
 fn deviations(at: &Linearised, prior: &[f64], bias: &[f64]) -> Result<Vec<f64>> {
     let n = prior.len();
-    // in units of the prior's deviations, so that everything is of one kind
-    let curvature = Mat::from_fn(n, n, |i, j| at.curvature[i][j] * prior[i] * prior[j]);
-    let scatter = scatter(at);
-    let scatter = Mat::from_fn(n, n, |i, j| scatter[i][j] * prior[i] * prior[j]);
-    let failed = |_| Error::new(ErrorKind::NonFinite, "no eigenvalues of the curvature of the loss").at("intervals");
-    let eigen = curvature.self_adjoint_eigen(Side::Lower).map_err(failed)?;
-    let (u, s) = (eigen.U(), eigen.S().column_vector());
-    let most = (0..n).fold(0.0f64, |m, k| m.max(s[k]));
-    if !(most.is_finite()) {
-        return Err(Error::new(ErrorKind::NonFinite, "the curvature of the loss is not finite").at("intervals"));
-    }
-    // C⁻¹ with directions that no picture shows at all at a floor: they come out far wider than the prior
-    let floor = (1e-12 * most).max(f64::MIN_POSITIVE);
-    let inverse = Mat::from_fn(n, n, |i, j| (0..n).map(|k| u[(i, k)] * u[(j, k)] / s[k].max(floor)).sum::<f64>());
-    let mut sandwich = &inverse * &scatter * &inverse;
-    for k in 0..n {
-        sandwich[(k, k)] += (bias[k] / prior[k]).powi(2);
-    }
+    let known = Known::of(at, prior, bias)?;
     // (Σ⁻¹ + I)⁻¹ = U diag(σ/(σ+1)) Uᵀ; directions without any score are not known, not known exactly
-    let eigen = sandwich.self_adjoint_eigen(Side::Lower).map_err(failed)?;
+    let eigen = known.covariance.self_adjoint_eigen(Side::Lower).map_err(failed)?;
     let (v, sigma) = (eigen.U(), eigen.S().column_vector());
-    let unseen: Vec<bool> = (0..n).map(|k| s[k] <= floor).collect();
     let variance = |i: usize| {
-        let known: f64 = (0..n).map(|k| v[(i, k)].powi(2) * share(sigma[k])).sum();
-        let hidden: f64 = (0..n).filter(|&k| unseen[k]).map(|k| u[(i, k)].powi(2)).sum();
-        known.max(hidden)
+        let seen: f64 = (0..n).map(|k| v[(i, k)].powi(2) * share(sigma[k])).sum();
+        let hidden: f64 = known.unseen.iter().map(|direction| direction[i].powi(2)).sum();
+        seen.max(hidden)
     };
     Ok((0..n).map(|i| variance(i).max(0.0).sqrt() * prior[i]).collect())
 }
@@ -175,6 +212,11 @@ mod tests {
         let wanted = (spread / cameras as f64).sqrt();
         approx::assert_relative_eq!(found[0], wanted, max_relative = 1e-3);
         approx::assert_relative_eq!(found[1], 3.0, max_relative = 1e-6);
+        // the same noise per curvature, which makes the deviation what it is
+        let noise = Known::of(&at, &[100.0, 3.0], &[0.0, 0.0]).unwrap();
+        let curvature = (cameras * frames) as f64;
+        let of_x = noise.covariance[(0, 0)] / noise.inverse[(0, 0)];
+        approx::assert_relative_eq!((of_x / curvature).sqrt(), wanted, max_relative = 1e-3);
         // an error that all pictures share adds its square
         let biased = deviations(&at, &[100.0, 3.0], &[0.5, 0.0]).unwrap();
         approx::assert_relative_eq!(biased[0], wanted.hypot(0.5), max_relative = 1e-3);

@@ -10,10 +10,14 @@ const PENALTY: f64 = 0.01;
 /// A penalty that is nothing within the plausible range of every free parameter and grows with the square of the distance
 /// from it: `0.01 (4 e/range)²`, with the excess `e` in decades for magnitudes and in the parameter's unit for others.
 ///
-/// It decides only where the clip does not: bare of it, a parameter that the motion hardly shows could wander off.
+/// It decides only where the clip does not: bare of it, a parameter that the motion hardly shows could wander off. Where the
+/// noise of the clip is known, a parameter is pulled to the middle of its range besides, as weakly as the clip shows it well:
+/// `½ noise z²` with `z` in standard deviations from the middle, the prior of a most probable estimate.
 pub(crate) struct Plausible<'a> {
     pub law: &'a Law,
     pub free: Free,
+    /// The noise of the loss along each free unknown's coordinate; empty where it is not known.
+    pub noise: Vec<f64>,
 }
 
 /// Where the ground may be felt, in grid spacings above it.
@@ -27,11 +31,19 @@ fn even(parameter: &Parameter, value: f64) -> (f64, [f64; 2], f64) {
     }
 }
 
-impl Plausible<'_> {
+/// Half the width of an interval of 90 % in standard deviations.
+const NINETY: f64 = 1.645;
+
+impl<'a> Plausible<'a> {
+    /// What is plausible of the free unknowns, without a pull.
+    pub fn new(law: &'a Law, free: Free) -> Self {
+        Self { law, free, noise: Vec::new() }
+    }
+
     /// The penalty, its gradient and the diagonal of its curvature in the coordinates of the free unknowns.
     pub fn penalty(&self, at: &Unknowns) -> (f64, Vec<f64>, Vec<f64>) {
         let (mut total, mut gradient, mut curvature) = (0.0, Vec::new(), Vec::new());
-        for unknown in self.free.list(self.law) {
+        for (i, unknown) in self.free.list(self.law).into_iter().enumerate() {
             let (value, [low, high], slope) = match unknown {
                 Unknown::Parameter(k) => even(&self.law.parameters()[k], at.parameters[k]),
                 Unknown::Contact => (at.contact, CONTACT, 1.0),
@@ -44,9 +56,13 @@ impl Plausible<'_> {
             let quarter = 0.25 * (high - low);
             let excess = ((value - high).max(0.0) + (value - low).min(0.0)) / quarter;
             let rate = slope * at.slope(self.law, unknown) / quarter;
-            total += PENALTY * excess * excess;
-            gradient.push(2.0 * PENALTY * excess * rate);
-            curvature.push(if excess == 0.0 { 0.0 } else { 2.0 * PENALTY * rate * rate });
+            let noise = self.noise.get(i).copied().unwrap_or(0.0);
+            let deviation = (high - low) / (2.0 * NINETY);
+            let (z, z_rate) = ((value - 0.5 * (low + high)) / deviation, rate * quarter / deviation);
+            total += PENALTY * excess * excess + 0.5 * noise * z * z;
+            gradient.push(2.0 * PENALTY * excess * rate + noise * z * z_rate);
+            let beyond = if excess == 0.0 { 0.0 } else { 2.0 * PENALTY * rate * rate };
+            curvature.push(beyond + noise * z_rate * z_rate);
         }
         (total, gradient, curvature)
     }
@@ -56,10 +72,10 @@ impl Plausible<'_> {
     pub fn deviations(&self, at: &Unknowns) -> Vec<f64> {
         let deviation = |unknown| match unknown {
             Unknown::Velocity(_) => 5.0 / at.slope(self.law, unknown),
-            Unknown::Contact => (CONTACT[1] - CONTACT[0]) / (2.0 * 1.645),
+            Unknown::Contact => (CONTACT[1] - CONTACT[0]) / (2.0 * NINETY),
             Unknown::Parameter(k) => {
                 let (_, [low, high], slope) = even(&self.law.parameters()[k], at.parameters[k]);
-                (high - low) / (2.0 * 1.645) / (slope * at.slope(self.law, unknown)).abs().max(f64::MIN_POSITIVE)
+                (high - low) / (2.0 * NINETY) / (slope * at.slope(self.law, unknown)).abs().max(f64::MIN_POSITIVE)
             }
         };
         self.free.list(self.law).into_iter().map(deviation).collect()
@@ -141,30 +157,39 @@ mod tests {
     #[test]
     fn penalty_and_its_derivatives() {
         let law = materials::find("von_mises").unwrap();
-        let plausible = Plausible { law: &law, free: Free::Material };
+        let plausible = Plausible::new(&law, Free::Material);
         let at = |parameters: [f64; 3]| Unknowns { parameters: parameters.to_vec(), ..Unknowns::default() };
         assert_eq!(plausible.penalty(&at([1e5, 0.2, 1e4])).0, 0.0);
         // a decade beyond a range of four: a quarter
         approx::assert_relative_eq!(plausible.penalty(&at([1e8, 0.2, 1e4])).0, 0.01, max_relative = 1e-9);
+        let pulling = Plausible { noise: vec![0.02, 0.5, 3.0], ..Plausible::new(&law, Free::Material) };
+        // two deviations from the middle of a range of four decades
+        let middle = (3.0 + 7.0) / 2.0;
+        let off = at([10f64.powf(middle + 2.0 * 4.0 / (2.0 * NINETY)), 0.2, 1e4]);
+        let more = pulling.penalty(&off).0 - pulling.penalty(&at([10f64.powf(middle), 0.2, 1e4])).0;
+        let beyond = plausible.penalty(&off).0;
+        approx::assert_relative_eq!(more - beyond, 0.5 * 0.02 * 4.0, max_relative = 1e-9);
         let far = at([3e8, -0.2, 20.0]);
         let x = far.coordinates(&law, Free::Material);
-        let (_, gradient, curvature) = plausible.penalty(&far);
-        for k in 0..3 {
-            let moved = |step: f64| {
-                let mut x = x.clone();
-                x[k] += step;
-                plausible.penalty(&far.moved(&law, Free::Material, &x)).0
-            };
-            let slope = (moved(1e-5) - moved(-1e-5)) / 2e-5;
-            approx::assert_relative_eq!(gradient[k], slope, max_relative = 1e-6);
-            assert!(curvature[k] > 0.0);
+        for plausible in [plausible, pulling] {
+            let (_, gradient, curvature) = plausible.penalty(&far);
+            for k in 0..3 {
+                let moved = |step: f64| {
+                    let mut x = x.clone();
+                    x[k] += step;
+                    plausible.penalty(&far.moved(&law, Free::Material, &x)).0
+                };
+                let slope = (moved(1e-5) - moved(-1e-5)) / 2e-5;
+                approx::assert_relative_eq!(gradient[k], slope, max_relative = 1e-6);
+                assert!(curvature[k] > 0.0);
+            }
         }
     }
 
     #[test]
     fn points_fill_the_range() {
         let law = materials::find("newtonian").unwrap();
-        let plausible = Plausible { law: &law, free: Free::Material };
+        let plausible = Plausible::new(&law, Free::Material);
         let start = Unknowns { velocity: [1.0; 3], parameters: vec![10.0, 1e5], contact: 0.0 };
         let points = plausible.points(&start, 16);
         for (k, parameter) in law.parameters().iter().enumerate() {

@@ -85,6 +85,7 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     stages.fine(run, &effort, frames, &mut unknowns)?;
     stages.refine(run, frames, &mut unknowns)?;
     stages.coarse(run, frames, &unknowns)?;
+    stages.weigh(run, frames, &mut unknowns)?;
     stages.intervals(run, frames, &unknowns)?;
     if flight >= frames {
         run.note("the object never touched the ground: the material is not determined by this clip".into());

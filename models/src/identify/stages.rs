@@ -5,6 +5,8 @@ use std::time::Instant;
 
 use gradreel::{Error, ErrorKind, Result};
 
+use crate::identify::gauss_newton::search_most_probable;
+use crate::identify::interval;
 use crate::identify::plausible::Plausible;
 use crate::identify::reconstruct::{DTYPE, MATERIAL, Stages, describe};
 use crate::identify::run::{HistoryRow, Run, Search};
@@ -51,7 +53,7 @@ impl Stages<'_> {
         let scanned = named(SCAN);
         let particles = self.particles(run)?;
         let free = self.free(run, config)?;
-        let plausible = Plausible { law: self.law, free };
+        let plausible = Plausible::new(self.law, free);
         let count = config.estimate.scan * free.list(self.law).len();
         let effort = Effort { stage: &scanned, budget: 1 + count };
         self.search(run, &effort, &particles, unknowns, &mut |problem, search, each, notes| {
@@ -139,6 +141,56 @@ impl Stages<'_> {
         run.save()
     }
 
+    /// The most probable material, given what the clip tells and what is plausible: parameters that the clip hardly shows are
+    /// pulled to the middle of their ranges.
+    pub fn weigh(&self, run: &mut Run, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
+        let budget = run.config.estimate.weigh;
+        if budget == 0 {
+            return Ok(());
+        }
+        let free = self.free(run, &run.config)?;
+        let particles = self.particles(run)?;
+        let mut noise = Vec::new();
+        if !run.has_finished(WEIGHED) {
+            let start = run.search(WEIGHED, unknowns).start.clone();
+            let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
+            let mut notes = Vec::new();
+            let here = problem.linearise(&start, free, frames, &mut 0, &mut |note| notes.push(note))?;
+            noise = interval::noise(&Plausible::new(self.law, free), &start, &here)?;
+            notes.into_iter().for_each(|note| run.note(format!("{WEIGHED}: {note}")));
+        }
+        self.search(
+            run,
+            &Effort { stage: WEIGHED, budget },
+            &particles,
+            unknowns,
+            &mut |problem, search, each, notes| {
+                let plausible = Plausible { noise: noise.clone(), ..Plausible::new(self.law, free) };
+                search_most_probable(problem, plausible, &search.start, frames, budget, &search.answers, each, notes)
+            },
+        )
+    }
+
+    /// What all pictures have in common, as a deviation of each free unknown's coordinate: the grid's error, estimated from
+    /// that of one of twice the spacing, and the shape's, estimated from what it was before the whole motion was known; both
+    /// held the height of contact.
+    fn bias(&self, run: &Run, free: Free, fitted: &Unknowns) -> Vec<f64> {
+        let fitted = fitted.coordinates(self.law, free);
+        let from = |stage: &str| {
+            let other = run.best_of(stage).map(|(other, _)| other.coordinates(self.law, free));
+            let apart = |other: Vec<f64>| fitted.iter().zip(other).map(|(a, b)| (a - b).abs()).collect::<Vec<_>>();
+            other.map_or_else(|| vec![0.0; fitted.len()], apart)
+        };
+        free.list(self.law)
+            .iter()
+            .zip(from(COARSE).iter().zip(from(MATERIAL)))
+            .map(|(unknown, (grid, shape))| match unknown {
+                Unknown::Velocity(_) | Unknown::Contact => 0.0,
+                Unknown::Parameter(_) => (GRID_ERROR * grid).hypot(SHAPE_ERROR * shape),
+            })
+            .collect()
+    }
+
     /// How sure the estimates are. The height at which the ground is felt was held; that it may be another counts here.
     pub fn intervals(&self, run: &mut Run, frames: usize, unknowns: &Unknowns) -> Result<()> {
         if run.has_finished(INTERVALS) {
@@ -151,23 +203,9 @@ impl Stages<'_> {
         let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
         let mut notes = Vec::new();
         let linearised = problem.linearise(unknowns, free, frames, &mut 0, &mut |note| notes.push(note))?;
-        let fine = unknowns.coordinates(self.law, free);
-        let from = |stage: &str| {
-            let other = run.best_of(stage).map(|(other, _)| other.coordinates(self.law, free));
-            let apart = |other: Vec<f64>| fine.iter().zip(other).map(|(a, b)| (a - b).abs()).collect::<Vec<_>>();
-            other.map_or_else(|| vec![0.0; fine.len()], apart)
-        };
-        // what all pictures have in common: the grid's error, estimated from that of one of twice the spacing, and the shape's,
-        // estimated from what it was before the whole motion was known; both held the height of contact
-        let bias: Vec<f64> = free
-            .list(self.law)
-            .iter()
-            .zip(from(COARSE).iter().zip(from(MATERIAL)))
-            .map(|(unknown, (grid, shape))| match unknown {
-                Unknown::Velocity(_) | Unknown::Contact => 0.0,
-                Unknown::Parameter(_) => (GRID_ERROR * grid).hypot(SHAPE_ERROR * shape),
-            })
-            .collect();
+        // from where the clip alone would have it
+        let fitted = run.rows(WEIGHED).next().map_or_else(|| unknowns.clone(), |row| row.unknowns.clone());
+        let bias = self.bias(run, free, &fitted);
         run.state.intervals = intervals(unknowns, self.law, free, &linearised, &bias)?;
         notes.into_iter().for_each(|note| run.note(format!("{INTERVALS}: {note}")));
         bar.finish("");
@@ -230,6 +268,7 @@ pub(super) const AUTO: &str = "auto";
 const SCAN: &str = "what is plausible";
 const START: &str = "material, start";
 const COARSE: &str = "material, coarse";
+const WEIGHED: &str = "material, most probable";
 const INTERVALS: &str = "intervals";
 
 /// Frames before contact that show the velocity better than those after it, which show the shape's error as well.
