@@ -46,10 +46,10 @@ pub(super) fn search_most_probable(
 ) -> Result<Evaluation> {
     let (law, free) = (&problem.law, plausible.free);
     let mut oracle = Oracle::new(problem, frames, known, each, notes);
+    let limits = plausible.limits();
     oracle.plausible = Some(plausible);
     let mut here = start.clone();
     let mut x = start.coordinates(law, free);
-    let limits = Plausible::new(law, free).limits();
     let (mut damping, mut growth) = (1e-3, 2.0);
     'search: for _ in 0..steps {
         // the step of the simulation that the unknowns need now: that of a stiffer start would damp the motion otherwise

@@ -101,6 +101,7 @@ impl Known {
         if !(most.is_finite()) {
             return Err(Error::new(ErrorKind::NonFinite, "the curvature of the loss is not finite").at("intervals"));
         }
+        // directions that no picture shows at all stand at a floor: they come out far wider than the prior
         let floor = (1e-12 * most).max(f64::MIN_POSITIVE);
         let inverse = Mat::from_fn(n, n, |i, j| (0..n).map(|k| u[(i, k)] * u[(j, k)] / s[k].max(floor)).sum::<f64>());
         let mut covariance = &inverse * &scatter * &inverse;

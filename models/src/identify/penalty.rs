@@ -135,6 +135,7 @@ impl RangePenalty {
         all.flatten().map(|sum| sum.sum_all())
     }
 }
+
 /// Adds the gradient and the diagonal of the curvature of a penalty to those of a loss, where they were asked for, and returns
 /// the penalty itself.
 pub(super) fn add_penalty(
