@@ -13,6 +13,7 @@ pub mod layers;
 pub mod video;
 pub mod views;
 pub mod field;
+pub mod monocular;
 pub mod particles;
 pub mod physics;
 pub mod render;

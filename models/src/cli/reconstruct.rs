@@ -6,17 +6,19 @@ use gradreel::{Error, ErrorKind, Result};
 
 use crate::field::{bounding_sphere, hull};
 use crate::identify::{Config, Reconstruction, Run, reconstruct};
+use crate::monocular;
 use crate::report::interrupt;
 use crate::report::progress::Progress;
 use crate::report::reconstruction::{publish, quantities};
 use crate::report::run_folder::RunFolder;
-use crate::video::{Clip, OpenOptions};
+use crate::video::{Clip, Film, OpenOptions};
 
 /// Arguments of `gradreel reconstruct`.
 #[derive(clap::Args)]
 #[command(after_long_help = EXAMPLES)]
 pub(super) struct Arguments {
-    /// Folder of the clip: PAC-NeRF, NeRF/D-NeRF, COLMAP or Spring-Gaus layout (see `gradreel check --help`)
+    /// A GIF, a video file or a folder of pictures from one camera; or a folder with calibrated cameras: PAC-NeRF, NeRF/D-NeRF,
+    /// COLMAP or Spring-Gaus layout (see `gradreel check --help`)
     clip: PathBuf,
     /// Folder for the results [default: runs/<clip>, runs/<clip>-2, …]
     #[arg(long, value_name = "FOLDER")]
@@ -33,6 +35,24 @@ pub(super) struct Arguments {
     /// Use the first so many frames only
     #[arg(long, value_name = "COUNT", conflicts_with = "resume")]
     frames: Option<usize>,
+    /// Number of the first frame to use
+    #[arg(long, value_name = "NUMBER", conflicts_with = "resume")]
+    first_frame: Option<i64>,
+    /// Film: frames per second, if the file does not say or is slow motion
+    #[arg(long, value_name = "RATE", help_heading = FILM, conflicts_with = "resume")]
+    fps: Option<f64>,
+    /// Film: angle of view along the longer side of the image [default: 50]
+    #[arg(long, value_name = "DEGREES", help_heading = FILM, conflicts_with = "resume")]
+    field_of_view: Option<f64>,
+    /// Film: how far the camera looks down [default: found with the fall, about 10]
+    #[arg(long, value_name = "DEGREES", help_heading = FILM, allow_negative_numbers = true, conflicts_with = "resume")]
+    elevation: Option<f64>,
+    /// Film: folder with a mask for each frame, white where the object is
+    #[arg(long, value_name = "FOLDER", help_heading = FILM, conflicts_with = "resume")]
+    masks: Option<PathBuf>,
+    /// Film: picture of the background without the object
+    #[arg(long, value_name = "FILE", help_heading = FILM, conflicts_with_all = ["resume", "masks"])]
+    background: Option<PathBuf>,
     /// What the object is made of: elastic, plasticine, newtonian, non_newtonian or sand, auto to let each of these try,
     /// or the name of a law [default: elastic]
     #[arg(long, value_name = "NAME", conflicts_with = "resume")]
@@ -59,6 +79,9 @@ pub(super) struct Arguments {
     #[arg(long, short)]
     quiet: bool,
 }
+
+/// Heading of the options for films.
+const FILM: &str = "Films (a GIF, a video, or a folder of pictures from one camera)";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -116,6 +139,15 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     start.extend(arguments.start.iter().cloned());
     arguments.young.map(|value| start.insert("young".into(), value));
     arguments.poisson.map(|value| start.insert("poisson".into(), value));
+    config.clip.first_frame = arguments.first_frame.or(config.clip.first_frame);
+    let film = &mut config.clip.film;
+    film.frames_per_s = arguments.fps.unwrap_or(film.frames_per_s);
+    film.field_of_view = arguments.field_of_view.unwrap_or(film.field_of_view);
+    film.elevation = arguments.elevation.or(film.elevation);
+    // a run can be resumed from anywhere
+    let whole = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
+    film.masks = arguments.masks.as_ref().map(whole).or(film.masks.take());
+    film.background = arguments.background.as_ref().map(whole).or(film.background.take());
     config.clip.frames = arguments.frames.unwrap_or(config.clip.frames);
     config.world.density = arguments.density.unwrap_or(config.world.density);
     config.world.ground = arguments.ground.unwrap_or(config.world.ground);
@@ -174,12 +206,19 @@ fn check_shrink(clip: &Clip, shrink: usize) -> Result<()> {
 pub(super) fn open(path: &Path, config: &Config) -> Result<Clip> {
     let options = OpenOptions {
         cameras: Some(config.clip.cameras.clone()).filter(|cameras| !cameras.is_empty()),
+        first_frame: config.clip.first_frame,
         max_frames: Some(config.clip.frames).filter(|&frames| frames > 0),
-        ..OpenOptions::default()
     };
-    let mut clip = Clip::open(path, &options)?;
+    let gravity = config.world.gravity;
+    let mut clip = match Film::is_at(path) {
+        true => monocular::clip_of_film(path, &config.clip.film, &options, gravity)?,
+        false => Clip::open(path, &options)?,
+    };
     if let Some(imagined) = &config.clip.imagined {
         clip.imagine(imagined)?;
+    }
+    if clip.flight.is_none() {
+        monocular::sight(&mut clip, gravity)?;
     }
     if clip.frame_count() < 2 {
         return Err(Error::new(ErrorKind::Input, "a clip needs at least two frames to show motion")

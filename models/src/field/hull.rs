@@ -6,6 +6,7 @@ use gradreel::ops::Lattice;
 use gradreel::{Error, ErrorKind, Result};
 use rayon::prelude::*;
 
+use crate::field::Inflated;
 use crate::video::{Camera, Clip, Frame};
 
 /// Most voxels of the box around an object.
@@ -40,7 +41,8 @@ struct Silhouette {
 /// A ball around the object of one frame, from its silhouettes: the point nearest to all central rays, and the largest
 /// reach of a silhouette at its distance.
 ///
-/// With a single camera, the point of its central ray nearest to the world's origin is taken.
+/// With a single camera, the object is where its flight says; if it was not seen to fall, where the central ray passes nearest
+/// to the world's origin.
 ///
 /// # Errors
 /// [`ErrorKind::Input`] when no camera sees the object, or the cameras' rays do not meet in front of them.
@@ -61,14 +63,19 @@ pub fn bounding_sphere(clip: &Clip, frame: usize) -> Result<Sphere> {
     }
     let pull = if views.len() == 1 { 1e-9 } else { 0.0 };
     let central = views.iter().map(|(camera, silhouette)| (*camera, silhouette.mean));
-    let centre =
-        meeting_point(central, [0.0; 3], pull).ok_or_else(|| no_object("the cameras' central rays are parallel"))?;
+    let flown = clip.flight.filter(|flight| views.len() == 1 && frame < flight.frames);
+    let centre = match flown {
+        Some(flight) => flight.at(clip.times[frame] - clip.times[0]),
+        None => {
+            meeting_point(central, [0.0; 3], pull).ok_or_else(|| no_object("the cameras' central rays are parallel"))?
+        }
+    };
     let mut radius = 0.0f64;
     for (camera, silhouette) in &views {
         let [.., depth] = camera.project(centre).ok_or_else(|| no_object("the silhouettes meet behind a camera"))?;
         radius = radius.max(silhouette.reach * depth / camera.fx.min(camera.fy));
     }
-    Ok(Sphere { centre, radius: 1.1 * radius, assumed_depth: views.len() == 1 })
+    Ok(Sphere { centre, radius: 1.1 * radius, assumed_depth: views.len() == 1 && flown.is_none() })
 }
 
 /// The point nearest to the rays through some pixels, one of each camera; a weight `pull` draws it to `towards`. `None` for
@@ -127,7 +134,8 @@ fn silhouette(frame: &Frame) -> Option<Silhouette> {
 /// Carves the hull of one frame out of a ball, on voxels of this spacing \[m\] at odd multiples of half of it.
 ///
 /// A voxel stays if every real camera that has it in its image sees coverage of at least `threshold` there, and at least half
-/// of the imagined ones do.
+/// of the imagined ones do. Of what a single camera sees, it must lie in the body that is made of balls, too: as deep as it is
+/// wide, part by part ([`half_thickness`](crate::field::half_thickness)).
 ///
 /// # Errors
 /// [`ErrorKind::Input`] when nothing stays: masks and cameras contradict each other.
@@ -142,12 +150,17 @@ pub fn hull(clip: &Clip, frame: usize, sphere: &Sphere, spacing: f64, threshold:
             .wanted(format!("at most {MOST_NODES} voxels around it"))
             .fix("raise geometry.dx (--dx), twice the spacing of the voxels"));
     }
+    let inflated = match (&clip.cameras[..], &clip.frames[..]) {
+        ([camera], [frames]) => Inflated::of(camera, &frames[frame], sphere.centre),
+        _ => None,
+    };
     let lattice = Lattice { origin: first.map(|i| (i + 0.5) * spacing), spacing, dims };
     let inside = |flat: usize| {
         let node = [flat / (dims[1] * dims[2]), flat / dims[2] % dims[1], flat % dims[2]];
         let point: [f64; 3] = std::array::from_fn(|a| lattice.origin[a] + node[a] as f64 * spacing);
         let from_centre: f64 = (0..3).map(|a| (point[a] - sphere.centre[a]).powi(2)).sum();
-        from_centre <= sphere.radius * sphere.radius && {
+        let within = inflated.as_ref().is_none_or(|body| body.contains(point, spacing));
+        from_centre <= sphere.radius * sphere.radius && within && {
             let views = clip.cameras.iter().zip(&clip.frames).zip(&clip.imagined);
             let mut views = views.filter_map(|((camera, frames), imagined)| {
                 let [u, v, _] = camera.project(point)?;

@@ -12,6 +12,7 @@
 mod dense;
 mod fit;
 mod hull;
+mod inflate;
 mod occupancy;
 mod radiance;
 mod static_fit;
@@ -25,6 +26,8 @@ pub use dense::{DenseGrid, opacity_shift};
 pub use fit::{FitSettings, FitState, Pose, fit};
 pub use hull::{Hull, Sphere, bounding_sphere, hull};
 pub(crate) use hull::{meeting_point, middle};
+pub(crate) use inflate::Inflated;
+pub use inflate::half_thickness;
 pub use occupancy::Occupancy;
 pub(crate) use occupancy::opacity;
 pub use radiance::{ColourNet, RadianceField, RadianceSizes};

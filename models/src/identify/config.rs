@@ -7,6 +7,7 @@ use crate::field::FitSettings;
 use crate::identify::{LossConfig, TemporalConfig};
 use crate::physics::{Law, Map, materials};
 use crate::render::{Surface, Weights};
+use crate::video::FilmSettings;
 
 /// Everything a reconstruction can be told. A run stores the resolved values as `config.toml`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -42,6 +43,10 @@ pub struct ClipConfig {
     pub frames: usize,
     /// Numbers of the cameras that nobody filmed with; if not given, those that the clip's `clip.toml` names.
     pub imagined: Option<Vec<i64>>,
+    /// Number of the first frame; that of the clip if not given.
+    pub first_frame: Option<i64>,
+    /// What is known of a film, if the clip is one.
+    pub film: FilmSettings,
     /// Images are shrunk by this integer factor; 0 chooses one whose pixels are about a third of a grid cell.
     pub shrink: usize,
 }
@@ -250,6 +255,7 @@ impl Config {
                     .fix("correct it in the file of --config or on the command line, or leave it out"));
             }
         }
+        self.clip.film.check()?;
         self.loss.check()?;
         self.temporal.check()?;
         let law = self.law()?;

@@ -124,6 +124,7 @@ mod tests {
             foreground: vec![],
             imagined: imagined.to_vec(),
             assumptions: vec![],
+            flight: None,
         }
     }
 

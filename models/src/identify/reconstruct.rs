@@ -222,8 +222,8 @@ impl Stages<'_> {
         let sphere = bounding_sphere(self.clip, 0)?;
         if sphere.assumed_depth {
             run.note(
-                "a single camera cannot tell distance: the object was assumed to be where its central ray passes \
-                      nearest to the world's origin, and as deep as it is wide"
+                "the single camera does not see the object fall for three frames, so that its distance is not known: it was \
+                 assumed to be where its central ray passes nearest to the world's origin"
                     .into(),
             );
         }

@@ -28,8 +28,12 @@ pub(super) struct Effort<'a> {
 type Body<'a> = dyn FnMut(&Problem<'_>, &Search, &mut Listener<'_>, &mut dyn FnMut(String)) -> Result<Evaluation> + 'a;
 
 impl Stages<'_> {
-    /// The velocity, from frames of free flight.
+    /// The velocity, from frames of free flight. That of what a single camera saw is known from its fall already: a shape that was
+    /// seen from one side only says less of how it comes nearer than the size of its silhouette does.
     pub fn velocity(&self, run: &mut Run, stage: &str, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
+        if self.clip.flight.is_some() {
+            return Ok(());
+        }
         let budget = run.config.estimate.velocity;
         let particles = self.particles(run)?;
         self.search(run, &Effort { stage, budget }, &particles, unknowns, &mut |problem, search, each, notes| {
@@ -100,11 +104,13 @@ impl Stages<'_> {
         run.rows(stage).map(point).collect()
     }
 
-    /// What the searches for the material move: its parameters, and the velocity if too few frames of flight have shown it.
+    /// What the searches for the material move: its parameters, the velocity if too few frames of flight have shown it, and the
+    /// height at which the ground is felt if a single camera leaves open how far away, and so how high, the object is.
     fn free(&self, run: &Run, config: &Config) -> Result<Free> {
         let all = Free::all_but(self.law, &config.held(self.law)?, false);
         let unsure = run.state.contact.is_some_and(|contact| contact < SURE);
-        Ok(if unsure { all.with_velocity(self.law) } else { all })
+        let all = if unsure { all.with_velocity(self.law) } else { all };
+        Ok(if self.clip.cameras.len() == 1 { all.with_contact(self.law) } else { all })
     }
 
     /// The material from near it, in so many Gauss–Newton steps or twice as many evaluations of a descent.

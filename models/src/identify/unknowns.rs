@@ -91,16 +91,29 @@ impl Free {
     /// The same with the velocity.
     #[must_use]
     pub fn with_velocity(self, law: &Law) -> Self {
-        let bits = law.parameters().iter().enumerate().take(64).filter(|(k, p)| self.parameter(*k, p.map));
-        let contact = matches!(self, Self::Chosen { contact: true, .. });
-        Self::Chosen { velocity: true, parameters: bits.map(|(k, _)| 1 << k).sum(), contact }
+        Self::Chosen { velocity: true, parameters: self.bits(law), contact: self.contact() }
+    }
+
+    /// The same with the height at which the ground is felt.
+    #[must_use]
+    pub fn with_contact(self, law: &Law) -> Self {
+        Self::Chosen { velocity: self.velocity(), parameters: self.bits(law), contact: true }
+    }
+
+    fn bits(self, law: &Law) -> u64 {
+        let free = law.parameters().iter().enumerate().take(64).filter(|(k, p)| self.parameter(*k, p.map));
+        free.map(|(k, _)| 1 << k).sum()
+    }
+
+    fn contact(self) -> bool {
+        matches!(self, Self::Chosen { contact: true, .. })
     }
 
     /// The free unknowns in the order of their coordinates.
     pub fn list(self, law: &Law) -> Vec<Unknown> {
         let velocity = (0..3).filter(|_| self.velocity()).map(Unknown::Velocity);
         let parameters = law.parameters().iter().enumerate().filter(|(k, p)| self.parameter(*k, p.map));
-        let contact = matches!(self, Self::Chosen { contact: true, .. }).then_some(Unknown::Contact);
+        let contact = self.contact().then_some(Unknown::Contact);
         velocity.chain(parameters.map(|(k, _)| Unknown::Parameter(k))).chain(contact).collect()
     }
 }

@@ -53,6 +53,23 @@ pub struct Clip {
     pub imagined: Vec<bool>,
     /// What had to be assumed about axes, unit and times.
     pub assumptions: Vec<String>,
+    /// Where the object is and how it flies, where a single camera saw it fall (see [`crate::monocular`]).
+    pub flight: Option<Flight>,
+}
+
+/// The free flight that the object begins with.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Flight {
+    /// The middle of the object in the first frame \[m\].
+    pub centre: [f64; 3],
+    /// Its velocity there \[m/s\].
+    pub velocity: [f64; 3],
+    /// Gravity \[m/s²\].
+    pub gravity: [f64; 3],
+    /// The frames that show it, from the first on.
+    pub frames: usize,
+    /// Standard deviation of the object's distance as a share of it: that of every length.
+    pub deviation: f64,
 }
 
 /// What to open of a clip; the default is everything.
@@ -64,6 +81,13 @@ pub struct OpenOptions {
     pub first_frame: Option<i64>,
     /// Largest number of frames to use; `None` for all.
     pub max_frames: Option<usize>,
+}
+
+impl Flight {
+    /// Where the middle of the object is after a time \[s\].
+    pub fn at(&self, t: f64) -> [f64; 3] {
+        [0, 1, 2].map(|axis| self.centre[axis] + self.velocity[axis] * t + 0.5 * self.gravity[axis] * t * t)
+    }
 }
 
 /// A rectangle of pixels, half open: columns `left..right`, rows `top..bottom`.
@@ -142,6 +166,7 @@ impl Clip {
             foreground,
             imagined: Vec::new(),
             assumptions: layout.assumptions.clone(),
+            flight: None,
         };
         let imagined: Vec<i64> = layout.imagined.iter().filter(|id| ids.contains(id)).copied().collect();
         clip.imagine(&imagined)?;
@@ -207,6 +232,7 @@ impl Clip {
             foreground: self.foreground.clone(),
             imagined: self.imagined.clone(),
             assumptions: self.assumptions.clone(),
+            flight: self.flight,
         }
     }
 

@@ -24,8 +24,14 @@ pub enum Foreground {
     Mask,
     /// The transparent pixels of the images themselves.
     ImageAlpha,
-    /// Difference against the background plate `r_{camera}_-1.png`.
+    /// Difference against a picture of the background without the object (`r_{camera}_-1.png` in PAC-NeRF's layout).
     Plate,
+    /// A white background.
+    White,
+    /// A background of one colour.
+    Plain,
+    /// Difference against what each pixel shows most of the time.
+    Still,
 }
 
 impl fmt::Display for Foreground {
@@ -36,6 +42,9 @@ impl fmt::Display for Foreground {
             Foreground::Mask => "given masks, white where the object is",
             Foreground::ImageAlpha => "the alpha channel of the images",
             Foreground::Plate => "difference against the background plate",
+            Foreground::White => "difference from white",
+            Foreground::Plain => "difference from the background's one colour",
+            Foreground::Still => "difference against what stays the same while it moves",
         })
     }
 }
@@ -171,7 +180,7 @@ pub(super) fn same_size(path: &Path, image: &Image, camera: i64, [width, height]
 }
 
 /// Composites an image with straight alpha on white.
-fn on_white(image: &Image) -> (Vec<[f32; 3]>, Vec<f32>) {
+pub(super) fn on_white(image: &Image) -> (Vec<[f32; 3]>, Vec<f32>) {
     image
         .pixels
         .iter()
@@ -183,7 +192,7 @@ fn on_white(image: &Image) -> (Vec<[f32; 3]>, Vec<f32>) {
 }
 
 /// Composites an image on white with the brightness of a mask.
-fn masked(image: &Image, mask: &Image) -> (Vec<[f32; 3]>, Vec<f32>) {
+pub(super) fn masked(image: &Image, mask: &Image) -> (Vec<[f32; 3]>, Vec<f32>) {
     let pixels = image.pixels.iter().zip(&mask.pixels);
     let one = |(&[r, g, b, a], &[mr, mg, mb, ma]): (&[u8; 4], &[u8; 4])| {
         let grey = (u32::from(mr) + u32::from(mg) + u32::from(mb)) as f32 / (3.0 * 255.0);

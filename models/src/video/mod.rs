@@ -54,6 +54,7 @@
 
 mod camera;
 mod clip;
+mod film;
 mod foreground;
 mod image;
 mod inspect;
@@ -64,7 +65,8 @@ mod scale;
 mod select;
 
 pub use camera::Camera;
-pub use clip::{Clip, Frame, OpenOptions, PixelRect};
+pub use clip::{Clip, Flight, Frame, OpenOptions, PixelRect};
+pub use film::{Film, FilmSettings};
 pub use foreground::Foreground;
 pub(crate) use image::Image;
 pub use inspect::{CameraInventory, Inventory, inspect};

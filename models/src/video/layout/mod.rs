@@ -52,8 +52,13 @@ pub enum Format {
 
 impl Format {
     /// In order of precedence where a folder holds the files of several.
-    const ALL: [Format; 5] =
+    pub(in crate::video) const ALL: [Format; 5] =
         [Format::PacNerf, Format::SpringGaus, Format::RealCapture, Format::Transforms, Format::Colmap];
+
+    /// Whether a folder has the file by which the layout is recognised.
+    pub(in crate::video) fn is_at(self, root: &Path) -> bool {
+        self.list(root).is_some()
+    }
 
     /// Its name in `clip.toml`.
     fn key(self) -> &'static str {

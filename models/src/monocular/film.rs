@@ -1,0 +1,107 @@
+//! A clip made of a film whose camera is not known.
+
+use std::path::Path;
+
+use gradreel::{Error, ErrorKind, Result};
+
+use super::free_fall::Down;
+use super::{ground, locate};
+use crate::vector::times;
+use crate::video::{Camera, Clip, Film, FilmSettings, Flight, OpenOptions};
+
+/// The angle of view along the longer side of the image, if nobody said \[degrees\].
+const FIELD_OF_VIEW: f64 = 50.0;
+
+/// How far the camera looks down, if nobody said, and the standard deviation of that \[degrees\].
+const ELEVATION: [f64; 2] = [10.0, 10.0];
+
+/// The film at `path` as a clip of one camera, in metres: the object's free fall tells how far away it is, and where it stops
+/// falling, where the ground is, which is at height 0. The camera stands upright at `x = z = 0`.
+///
+/// # Errors
+/// Those of [`Film::read`], and [`ErrorKind::Input`] for a film that does not show three frames of free fall first.
+pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions, gravity: [f64; 3]) -> Result<Clip> {
+    let strength = -gravity[1];
+    if !(strength > 0.0 && gravity[0] == 0.0 && gravity[2] == 0.0) {
+        return Err(Error::new(ErrorKind::Input, "a film's ground is horizontal")
+            .at("world.gravity")
+            .found(format!("{gravity:?} m/s²"))
+            .wanted("gravity along −y")
+            .fix("say by clip.film.elevation how the camera is held instead"));
+    }
+    let film = Film::read(path, settings, options)?;
+    let (height, width) = film.frames[0].alpha.dim();
+    let degrees = if settings.field_of_view > 0.0 { settings.field_of_view } else { FIELD_OF_VIEW };
+    let focal = 0.5 * width.max(height) as f64 / (0.5 * degrees.to_radians()).tan();
+    let (cx, cy) = (0.5 * width as f64, 0.5 * height as f64);
+    let upright = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
+    let camera = Camera { id: 0, width, height, fx: focal, fy: focal, cx, cy, c2w: upright };
+    let count = film.frames.len();
+    let mut clip = Clip {
+        name: film.name,
+        root: path.to_path_buf(),
+        cameras: vec![camera],
+        times: (0..count).map(|k| k as f64 / film.frames_per_s).collect(),
+        frame_numbers: (film.first..film.first + count).map(|k| k as i64).collect(),
+        frames: vec![film.frames],
+        foreground: vec![film.foreground],
+        imagined: vec![false],
+        assumptions: film.assumptions,
+        flight: None,
+    };
+    let down = match settings.elevation.map(f64::to_radians) {
+        Some(angle) => Down::Known([0.0, -angle.cos(), -angle.sin()]),
+        None => Down::Tilted { angle: ELEVATION[0].to_radians(), deviation: ELEVATION[1].to_radians() },
+    };
+    let Some(fall) = locate(&clip, down)? else {
+        return Err(Error::new(ErrorKind::Input, "the film does not begin with a free fall")
+            .at(path.display())
+            .found(format!("{count} frames, {} 1/s", film.frames_per_s))
+            .wanted("the whole object, falling freely in the first three frames at least: gravity gives the pixels their metres")
+            .fix(
+                "choose the frame where the object is let go as the first (--first-frame), give --fps if the film is slow \
+                 motion, or masks (--masks) if the background is taken for the object; a clip of calibrated cameras needs no fall",
+            ));
+    };
+    let metres = strength / fall.gravity;
+    let lowest = ground::below(&clip.cameras[0], &clip.frames[0], &clip.times, &fall, &clip.frames[0][0]);
+    // camera axes in the world, which turns about x: y goes up
+    let [_, cosine, sine] = fall.down.map(|x| -x);
+    let rotation = [[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]];
+    let start = times(&rotation, fall.start).map(|x| metres * x);
+    let ground = match lowest {
+        Some(height) => start[1] + metres * height,
+        None => start[1] + metres * FAR_BELOW,
+    };
+    let from = [0.0, -ground, 0.0];
+    clip.cameras[0].c2w = std::array::from_fn(|i| [rotation[i][0], rotation[i][1], rotation[i][2], from[i]]);
+    clip.flight = Some(Flight {
+        centre: [start[0], start[1] - ground, start[2]],
+        velocity: times(&rotation, fall.velocity).map(|v| metres * v),
+        gravity,
+        frames: fall.frames,
+        deviation: fall.deviation,
+    });
+    let mut say = |line: String| clip.assumptions.push(line);
+    let given = |given: bool| if given { "as given" } else { "assumed" };
+    say(format!(
+        "camera: stands still, {degrees:.1}° along the longer side ({}), no distortion, upright, looks down by {:.0}° ({})",
+        given(settings.field_of_view > 0.0),
+        (-fall.down[2]).asin().to_degrees(),
+        if settings.elevation.is_some() { "as given" } else { "from the fall; give --elevation if it is known" }
+    ));
+    say(format!(
+        "scale: the object is {metres:.3} m away (± {:.0} %), as it falls freely in the first {} frames with {strength} m/s²",
+        100.0 * fall.deviation,
+        fall.frames
+    ));
+    say(match lowest {
+        Some(_) => format!("ground: {:.3} m below the camera, where the fall ends", -ground),
+        None => "ground: none is seen; the object falls to the end of the film".to_owned(),
+    });
+    say("shape: as deep as it is wide, part by part".to_owned());
+    Ok(clip)
+}
+
+/// Where the ground is put that is never reached, below the start, as a share of the distance.
+const FAR_BELOW: f64 = -2.0;

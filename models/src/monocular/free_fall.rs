@@ -1,0 +1,177 @@
+//! How far away a falling object is: the parabola that fits what one camera saw.
+
+use gradreel::Result;
+use gradreel::optim::{LevenbergMarquardt, Residuals};
+
+use super::sighting::Sighting;
+use crate::video::Camera;
+
+/// Standard deviation of a silhouette's middle: a share of its side, at least so many pixels.
+const MIDDLE: [f64; 2] = [0.003, 0.25];
+
+/// Standard deviation of the logarithm of a silhouette's side.
+const SIZE: f64 = 0.02;
+
+/// How much the cost may grow by another frame of free fall, as a multiple of the residuals' variance: three numbers do so by
+/// chance one time in twenty. Half a pixel above the path, an object may have touched the ground already.
+const SURPRISE: f64 = 4.0;
+
+/// Which way gravity points, as the camera sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Down {
+    /// Known: a unit vector in camera coordinates (x right, y up, looking along −z).
+    Known([f64; 3]),
+    /// The camera is held upright and looks down by an angle \[rad\] that is known to a standard deviation only.
+    Tilted {
+        /// The expected angle.
+        angle: f64,
+        /// Its standard deviation.
+        deviation: f64,
+    },
+}
+
+impl Down {
+    /// The direction for an angle, and its derivative.
+    fn at(self, angle: f64) -> ([f64; 3], [f64; 3]) {
+        match self {
+            Self::Known(direction) => (direction, [0.0; 3]),
+            Self::Tilted { .. } => ([0.0, -angle.cos(), -angle.sin()], [0.0, angle.sin(), -angle.cos()]),
+        }
+    }
+}
+
+/// A free fall in camera coordinates, all lengths as shares of the first distance along the axis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FreeFall {
+    /// The frames it was fitted to: the first so many.
+    pub frames: usize,
+    /// Where the object was first; its third component is −1.
+    pub start: [f64; 3],
+    /// Its velocity \[1/s\].
+    pub velocity: [f64; 3],
+    /// Which way gravity points.
+    pub down: [f64; 3],
+    /// How far the camera looks down \[rad\], if that was to be found.
+    pub angle: f64,
+    /// Gravity \[1/s²\].
+    pub gravity: f64,
+    /// The standard deviation of `gravity` as a share of it: that of every length which follows from it.
+    pub deviation: f64,
+    /// `½ Σ r²`, residuals in standard deviations.
+    pub cost: f64,
+}
+
+impl FreeFall {
+    /// Where the object is at a time \[s\].
+    pub fn at(&self, t: f64) -> [f64; 3] {
+        [0, 1, 2].map(|axis| self.start[axis] + self.velocity[axis] * t + 0.5 * self.gravity * self.down[axis] * t * t)
+    }
+
+    /// Fits the first `frames` sightings. `bias` is what a sighting shows besides a point at the object's centre: its silhouette's
+    /// middle \[pixels\] and the logarithm of its side.
+    ///
+    /// # Errors
+    /// [`gradreel::ErrorKind::NonFinite`] for sightings that are not finite.
+    ///
+    /// # Panics
+    /// If there is no sighting.
+    pub fn fit(camera: &Camera, sightings: &[Sighting], bias: &[[f64; 3]], down: Down) -> Result<Self> {
+        let first = sightings.first().expect("at least one sighting");
+        let offset = |k: usize| bias.get(k).copied().unwrap_or_default();
+        let middle = (MIDDLE[0] * first.size.exp()).max(MIDDLE[1]);
+        let tilt = match down {
+            Down::Known(_) => None,
+            Down::Tilted { angle, deviation } => Some((angle, deviation)),
+        };
+        // x/d, y/d, velocity/d, gravity/d, log of the size at distance 1, and the angle
+        let columns = 7 + usize::from(tilt.is_some());
+        let mut model = |p: &[f64], _: bool| {
+            let rows = 3 * sightings.len() + usize::from(tilt.is_some());
+            let mut all =
+                Residuals { values: Vec::with_capacity(rows), columns: vec![Vec::with_capacity(rows); columns] };
+            let (direction, turned) = down.at(p.get(7).copied().unwrap_or_default());
+            for (k, sighting) in sightings.iter().enumerate() {
+                let (t, half) = (sighting.time, 0.5 * sighting.time * sighting.time);
+                let x: [f64; 3] = std::array::from_fn(|axis| {
+                    [p[0], p[1], -1.0][axis] + p[2 + axis] * t + p[5] * half * direction[axis]
+                });
+                let depth = if x[2] < 0.0 { -x[2] } else { f64::NAN };
+                let [du, dv, ds] = offset(k);
+                // each residual and its derivative with respect to x
+                let rows = [
+                    (
+                        (camera.cx + camera.fx * x[0] / depth + du - sighting.middle[0]) / middle,
+                        [camera.fx / depth / middle, 0.0, camera.fx * x[0] / (depth * depth) / middle],
+                    ),
+                    (
+                        (camera.cy - camera.fy * x[1] / depth + dv - sighting.middle[1]) / middle,
+                        [0.0, -camera.fy / depth / middle, -camera.fy * x[1] / (depth * depth) / middle],
+                    ),
+                    ((p[6] - depth.ln() + ds - sighting.size) / SIZE, [0.0, 0.0, 1.0 / depth / SIZE]),
+                ];
+                for (row, (value, by)) in rows.into_iter().enumerate() {
+                    let along = |v: [f64; 3]| by[0] * v[0] + by[1] * v[1] + by[2] * v[2];
+                    all.values.push(value);
+                    let start = [by[0], by[1], t * by[0], t * by[1], t * by[2], half * along(direction)];
+                    let size = [if row == 2 { 1.0 / SIZE } else { 0.0 }];
+                    let angle = tilt.map(|_| p[5] * half * along(turned));
+                    let derivatives = start.into_iter().chain(size).chain(angle);
+                    all.columns.iter_mut().zip(derivatives).for_each(|(column, d)| column.push(d));
+                }
+            }
+            if let Some((angle, deviation)) = tilt {
+                all.values.push((p[7] - angle) / deviation);
+                all.columns
+                    .iter_mut()
+                    .enumerate()
+                    .for_each(|(j, c)| c.push(if j == 7 { 1.0 / deviation } else { 0.0 }));
+            }
+            Ok(all)
+        };
+        let [u, v] = first.middle;
+        let mut start = vec![(u - camera.cx) / camera.fx, -(v - camera.cy) / camera.fy, 0.0, 0.0, 0.0, 0.0, first.size];
+        start.extend(tilt.map(|(angle, _)| angle));
+        let fit = LevenbergMarquardt::default().minimise(&start, &mut model)?;
+        let p = &fit.point;
+        let angle = p.get(7).copied().unwrap_or_default();
+        // residuals are in standard deviations: their own scatter counts only where it is larger
+        let variance = fit.variance.unwrap_or(1.0);
+        let spread = if fit.undetermined.is_empty() {
+            fit.covariance[5][5] / variance * variance.max(1.0)
+        } else {
+            f64::INFINITY
+        };
+        Ok(Self {
+            frames: sightings.len(),
+            start: [p[0], p[1], -1.0],
+            velocity: [p[2], p[3], p[4]],
+            down: down.at(angle).0,
+            angle,
+            gravity: p[5],
+            deviation: spread.sqrt() / p[5].abs(),
+            cost: fit.cost,
+        })
+    }
+
+    /// The longest free fall from the first sighting on: frames are added until one does not agree. `None` with fewer than three
+    /// frames, or if the object is not seen to fall.
+    ///
+    /// # Errors
+    /// Those of [`FreeFall::fit`].
+    pub fn longest(camera: &Camera, sightings: &[Sighting], bias: &[[f64; 3]], down: Down) -> Result<Option<Self>> {
+        let mut found: Option<Self> = None;
+        for frames in 3..=sightings.len() {
+            let longer = Self::fit(camera, &sightings[..frames], bias, down)?;
+            // noise is what is expected, or what there was if that was more
+            let noise = |shorter: &Self| (2.0 * shorter.cost / (3 * shorter.frames - 7) as f64).max(1.0);
+            if found.as_ref().is_some_and(|shorter| longer.cost - shorter.cost > SURPRISE * noise(shorter)) {
+                break;
+            }
+            found = Some(longer);
+        }
+        Ok(found.filter(|fall| fall.gravity > 0.0 && fall.deviation < UNSURE))
+    }
+}
+
+/// A scale that is less sure than this share of it is no scale.
+const UNSURE: f64 = 0.5;

@@ -1,0 +1,46 @@
+//! Where the ground is under a falling object.
+
+use super::free_fall::FreeFall;
+use super::locate::Body;
+use crate::vector::{dot, minus, plus};
+use crate::video::{Camera, Frame};
+
+/// Frames after the fall in which the object is looked at: it has not gone far yet.
+const LANDED: usize = 4;
+
+/// How high above the first position of the object's centre the ground is (a negative number), as a share of the first distance;
+/// `None` if the fall lasts to the end of the film.
+///
+/// In every frame after the fall the undeformed body is put where the fall would have it, and then moved up until the lower edge of
+/// its silhouette is where it was filmed. The lowest point that it ever has lies on the ground.
+pub(super) fn below(camera: &Camera, frames: &[Frame], times: &[f64], fall: &FreeFall, first: &Frame) -> Option<f64> {
+    let body = Body::of(camera, first)?;
+    let up = fall.down.map(|x| -x);
+    let lowest = body.points.iter().map(|p| dot(*p, up)).fold(f64::INFINITY, f64::min);
+    let landed = (fall.frames..frames.len()).take(LANDED);
+    let heights = landed.filter_map(|k| {
+        let edge = lower_edge(&frames[k])?;
+        let at = fall.at(times[k] - times[0]);
+        // the edge moves downwards as the body does: bisection
+        let (mut low, mut high) = (-1.0, 1.0);
+        for _ in 0..40 {
+            let lift = 0.5 * (low + high);
+            let centre = plus(at, up.map(|x| lift * x));
+            let row = |p: &[f64; 3]| {
+                let [_, y, z] = plus(*p, centre);
+                if z < 0.0 { camera.cy + camera.fy * y / z } else { f64::INFINITY }
+            };
+            let seen = body.points.iter().map(row).fold(f64::NEG_INFINITY, f64::max);
+            if seen > edge { low = lift } else { high = lift }
+        }
+        Some(dot(minus(at, fall.start), up) + low + lowest)
+    });
+    heights.reduce(f64::min)
+}
+
+/// The lower edge of the object \[pixels\]; `None` if it is that of the image.
+fn lower_edge(frame: &Frame) -> Option<f64> {
+    let inside = frame.alpha.indexed_iter().filter(|(_, alpha)| **alpha > 0.5);
+    let last = inside.map(|((row, _), _)| row).max()?;
+    (last + 1 < frame.alpha.nrows()).then_some(last as f64 + 1.0)
+}

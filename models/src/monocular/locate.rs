@@ -1,0 +1,122 @@
+//! The free fall of the object itself, not of its silhouette.
+
+use gradreel::Result;
+use ndarray::Array2;
+
+use super::free_fall::{Down, FreeFall};
+use super::sighting::Sighting;
+use crate::field::Inflated;
+use crate::vector::{minus, plus};
+use crate::video::{Camera, Clip, Frame};
+
+/// Pixels of the coarse silhouettes along the object's side.
+const FINENESS: f64 = 60.0;
+
+/// How often the body is seen anew along a better path.
+const ROUNDS: usize = 3;
+
+/// The longest free fall that the first camera of a clip saw from its first frame on. `None` if it did not see the whole object
+/// fall for three frames.
+///
+/// A silhouette's middle is not the picture of the object's centre, and its size depends on the side one sees; both change
+/// with the direction of sight while the object passes. They are corrected by those of the body that the first frame
+/// suggests.
+///
+/// # Errors
+/// Those of [`FreeFall::fit`].
+pub fn locate(clip: &Clip, down: Down) -> Result<Option<FreeFall>> {
+    let (camera, frames) = (&clip.cameras[0], &clip.frames[0]);
+    let times = clip.times.iter().map(|t| t - clip.times[0]);
+    let sightings: Vec<Sighting> = frames.iter().zip(times).map_while(|(f, t)| Sighting::of(camera, f, t)).collect();
+    if sightings.len() < 3 {
+        return Ok(None);
+    }
+    let Some(body) = Body::of(camera, &frames[0]) else { return Ok(None) };
+    let mut fall = FreeFall::longest(camera, &sightings, &[], down)?;
+    for _ in 0..ROUNDS {
+        let Some(path) = &fall else { break };
+        let bias: Vec<[f64; 3]> = sightings.iter().map(|s| body.bias(camera, path, s.time)).collect();
+        fall = FreeFall::longest(camera, &sightings, &bias, down)?;
+    }
+    Ok(fall)
+}
+
+/// A body as one frame suggests it.
+pub(super) struct Body {
+    /// Points in camera coordinates around their centre, in shares of the object's distance.
+    pub points: Vec<[f64; 3]>,
+    /// Side of a pixel of its coarse silhouettes \[pixels\].
+    side: f64,
+}
+
+/// A camera in its own coordinates.
+const EYE_AT_ORIGIN: [[f64; 4]; 3] = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
+
+/// Left, top, right and bottom of a silhouette \[pixels\].
+fn extent(frame: &Frame) -> Option<[f64; 4]> {
+    let inside = frame.alpha.indexed_iter().filter(|(_, alpha)| **alpha > 0.5);
+    inside
+        .map(|((row, column), _)| [column as f64, row as f64, column as f64 + 1.0, row as f64 + 1.0])
+        .reduce(|a, b| [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])])
+}
+
+impl Body {
+    pub fn of(camera: &Camera, frame: &Frame) -> Option<Self> {
+        let sight = Sighting::of(camera, frame, 0.0)?;
+        let rect = extent(frame)?;
+        // two points for each coarse pixel, so that a silhouette has no holes
+        let side = (sight.size.exp() / FINENESS).max(0.5);
+        let at_origin = Camera { c2w: EYE_AT_ORIGIN, ..camera.clone() };
+        let (_, centre) = at_origin.ray(sight.middle[0], sight.middle[1]);
+        let inflated = Inflated::of(&at_origin, frame, centre)?;
+        let mut points = Vec::new();
+        let reach = (rect[2] - rect[0]).max(rect[3] - rect[1]);
+        let cells = |length: f64, step: f64| (length / step) as i32 + 1;
+        for row in 0..cells(rect[3] - rect[1], 0.5 * side) {
+            for column in 0..cells(rect[2] - rect[0], 0.5 * side) {
+                let (u, v) = (rect[0] + 0.5 * side * f64::from(column), rect[1] + 0.5 * side * f64::from(row));
+                let layers = cells(0.5 * reach, side);
+                for layer in -layers..=layers {
+                    let depth = 1.0 + f64::from(layer) * side / camera.fx;
+                    let point = at_origin.ray(u, v).1.map(|x| x * depth);
+                    if inflated.contains(point, 0.0) {
+                        points.push(point);
+                    }
+                }
+            }
+        }
+        let count = points.len() as f64;
+        let centre: [f64; 3] = [0, 1, 2].map(|axis| points.iter().map(|p| p[axis]).sum::<f64>() / count);
+        points.iter_mut().for_each(|p| *p = minus(*p, centre));
+        (!points.is_empty()).then_some(Self { points, side })
+    }
+
+    /// What its silhouette shows at a time on a path, less what a point at its centre would.
+    fn bias(&self, camera: &Camera, path: &FreeFall, time: f64) -> [f64; 3] {
+        let centre = path.at(time);
+        let moved: Vec<[f64; 3]> = self
+            .points
+            .iter()
+            .map(|p| plus(*p, centre))
+            .filter(|p| p[2] < 0.0)
+            .map(|[x, y, z]| [camera.cx - camera.fx * x / z, camera.cy + camera.fy * y / z, -z])
+            .collect();
+        let low = [0, 1].map(|axis| moved.iter().map(|p| p[axis]).fold(f64::INFINITY, f64::min).floor());
+        let high = [0, 1].map(|axis| moved.iter().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max));
+        let cells = |axis: usize| ((high[axis] - low[axis]) / self.side) as usize + 1;
+        if moved.is_empty() || cells(0).saturating_mul(cells(1)) > 1 << 24 {
+            return [0.0; 3];
+        }
+        let mut seen = Array2::<f32>::zeros((cells(1), cells(0)));
+        for [u, v, _] in &moved {
+            seen[[((v - low[1]) / self.side) as usize, ((u - low[0]) / self.side) as usize]] = 1.0;
+        }
+        let Some(silhouette) = Sighting::of_coverage(camera, &seen, low, self.side, time) else { return [0.0; 3] };
+        let [x, y, z] = centre;
+        [
+            silhouette.middle[0] - (camera.cx - camera.fx * x / z),
+            silhouette.middle[1] - (camera.cy + camera.fy * y / z),
+            silhouette.size + (-z).ln(),
+        ]
+    }
+}

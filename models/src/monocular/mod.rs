@@ -1,0 +1,52 @@
+//! Monocular: where an object is that a single camera saw.
+//!
+//! One camera sees no distance, but it sees the object fall: gravity gives every pixel its metres. [`FreeFall`] fits the
+//! parabola to what the silhouettes show ([`Sighting`]), frame after frame until the object touches something; [`locate`] corrects
+//! what a silhouette shows besides the object's centre, by a body that is as deep as it is wide
+//! ([`half_thickness`](crate::field::half_thickness)).
+
+mod film;
+mod free_fall;
+mod ground;
+mod locate;
+mod sighting;
+
+pub use film::clip_of_film;
+pub use free_fall::{Down, FreeFall};
+pub use locate::locate;
+pub use sighting::Sighting;
+
+use gradreel::Result;
+
+use crate::vector::dot;
+use crate::video::{Clip, Flight};
+
+/// Gives a clip of a single calibrated camera its [`Flight`], if that camera sees the object fall, and says what follows from it;
+/// other clips are left as they are.
+///
+/// # Errors
+/// [`gradreel::ErrorKind::NonFinite`] for a camera whose matrix is not finite.
+pub fn sight(clip: &mut Clip, gravity: [f64; 3]) -> Result<()> {
+    let strength = dot(gravity, gravity).sqrt();
+    let ([camera], true) = (&clip.cameras[..], strength > 0.0) else { return Ok(()) };
+    let turn = camera.c2w.map(|row| [row[0], row[1], row[2]]);
+    let down = [0, 1, 2].map(|j| (0..3).map(|i| turn[i][j] * gravity[i]).sum::<f64>() / strength);
+    let Some(fall) = locate(clip, Down::Known(down))? else { return Ok(()) };
+    let distance = strength / fall.gravity;
+    let world = |x: [f64; 3]| turn.map(|row| distance * dot(row, x));
+    let (centre, from) = (world(fall.start), camera.centre());
+    clip.flight = Some(Flight {
+        centre: [0, 1, 2].map(|axis| centre[axis] + from[axis]),
+        velocity: world(fall.velocity),
+        gravity,
+        frames: fall.frames,
+        deviation: fall.deviation,
+    });
+    clip.assumptions.push(format!(
+        "a single camera: the object is {distance:.3} m away (± {:.0} %), as it falls freely in the first {} frames; it is taken \
+         to be as deep as it is wide, part by part",
+        100.0 * fall.deviation,
+        fall.frames
+    ));
+    Ok(())
+}

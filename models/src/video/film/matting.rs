@@ -1,0 +1,158 @@
+//! What in a film is the object.
+
+use std::path::Path;
+
+use gradreel::{Error, ErrorKind, Result};
+use ndarray::{Array2, Array3};
+use rayon::prelude::*;
+
+use super::{FilmSettings, Wanted, pictures};
+use crate::video::clip::Frame;
+use crate::video::foreground::{Foreground, masked, on_white};
+use crate::video::image::Image;
+use crate::video::matte::{self, Matte};
+
+/// How far the border of a plain background may be from its median in every channel, and the share of it that is not farther.
+const PLAIN: (u8, f64) = (12, 0.95);
+
+/// A background that is at least so bright in every channel is white.
+const WHITE: u8 = 248;
+
+/// A frame that shows less than this share of what frames usually show has lost the object.
+const LOST: f64 = 0.25;
+
+/// The frames of a film with the object alone on white, and what tells it: given masks, the pictures' own transparency, a given
+/// background, a plain one (white, or a colour), or what stays the same while the object moves.
+pub(super) fn frames(
+    path: &Path,
+    images: &[Image],
+    settings: &FilmSettings,
+    wanted: Wanted,
+) -> Result<(Foreground, Vec<Frame>)> {
+    let (width, height) = (images[0].width, images[0].height);
+    if let Some((k, other)) =
+        images.iter().enumerate().find(|(_, image)| (image.width, image.height) != (width, height))
+    {
+        return Err(Error::new(ErrorKind::Input, "the frames of the film differ in size")
+            .at(path.display())
+            .found(format!("{} × {} pixels in frame {}", other.width, other.height, wanted.first + k))
+            .wanted(format!("{width} × {height} pixels, like the first"))
+            .fix("export all frames at one size"));
+    }
+    let (foreground, mattes) = mattes(images, settings, wanted)?;
+    check_seen(path, &mattes, foreground, wanted)?;
+    let frame = |(rgb, alpha): Matte| Frame {
+        rgb: Array3::from_shape_vec((height, width, 3), rgb.into_iter().flatten().collect())
+            .expect("three values a pixel"),
+        alpha: Array2::from_shape_vec((height, width), alpha).expect("one value a pixel"),
+        weight: Array2::ones((height, width)),
+    };
+    Ok((foreground, mattes.into_iter().map(frame).collect()))
+}
+
+fn mattes(images: &[Image], settings: &FilmSettings, wanted: Wanted) -> Result<(Foreground, Vec<Matte>)> {
+    let against = |plate: &Image| {
+        let weight = vec![1.0; plate.pixels.len()];
+        images.par_iter().map(|image| matte::against_plate(image, plate, &weight)).collect()
+    };
+    if let Some(folder) = &settings.masks {
+        let masks = masks(folder, images, wanted)?;
+        return Ok((Foreground::Mask, images.iter().zip(&masks).map(|(image, mask)| masked(image, mask)).collect()));
+    }
+    if images.iter().any(Image::is_transparent_somewhere) {
+        return Ok((Foreground::ImageAlpha, images.iter().map(on_white).collect()));
+    }
+    if let Some(file) = &settings.background {
+        let plate = Image::read_any(file)?;
+        same_size(file, &plate, &images[0])?;
+        return Ok((Foreground::Plate, against(&plate)));
+    }
+    Ok(match plain(images) {
+        Some(colour) if colour.iter().all(|v| *v >= WHITE) => {
+            (Foreground::White, images.par_iter().map(matte::from_white).collect())
+        }
+        Some([r, g, b]) => {
+            let plate = Image { pixels: vec![[r, g, b, 255]; images[0].pixels.len()], ..images[0].clone() };
+            (Foreground::Plain, against(&plate))
+        }
+        None => (Foreground::Still, against(&median(images))),
+    })
+}
+
+/// The colour of the border of all frames, if it is one.
+fn plain(images: &[Image]) -> Option<[u8; 3]> {
+    let border = |image: &Image| {
+        let (w, h) = (image.width, image.height);
+        let at_edge = move |i: &usize| i % w < 2 || i % w + 2 >= w || i / w < 2 || i / w + 2 >= h;
+        (0..w * h).filter(at_edge).map(|i| image.pixels[i]).collect::<Vec<_>>()
+    };
+    let pixels: Vec<[u8; 4]> = images.iter().flat_map(border).collect();
+    let middle = [0, 1, 2].map(|c| median_of(pixels.iter().map(|p| p[c]).collect()));
+    let near = |p: &&[u8; 4]| (0..3).all(|c| p[c].abs_diff(middle[c]) <= PLAIN.0);
+    (pixels.iter().filter(near).count() as f64 >= PLAIN.1 * pixels.len() as f64).then_some(middle)
+}
+
+/// What each pixel shows most of the time.
+fn median(images: &[Image]) -> Image {
+    let count = images[0].pixels.len();
+    let at = |i: usize| {
+        let [r, g, b] = [0, 1, 2].map(|c| median_of(images.iter().map(|image| image.pixels[i][c]).collect()));
+        [r, g, b, 255]
+    };
+    Image { pixels: (0..count).into_par_iter().map(at).collect(), ..images[0].clone() }
+}
+
+fn median_of(mut values: Vec<u8>) -> u8 {
+    let middle = values.len() / 2;
+    *values.select_nth_unstable(middle).1
+}
+
+fn masks(folder: &Path, images: &[Image], wanted: Wanted) -> Result<Vec<Image>> {
+    let files = pictures::list(folder)?;
+    let chosen: Vec<_> = files.iter().skip(wanted.first).take(images.len()).collect();
+    if chosen.len() < images.len() {
+        return Err(Error::new(ErrorKind::Input, "the film has more frames than masks")
+            .at(folder.display())
+            .found(format!("{} PNG or JPEG files", files.len()))
+            .wanted(format!("one for each of the frames {} to {}", wanted.first, wanted.first + images.len() - 1))
+            .fix("add the missing masks, numbered as the frames are, or take fewer frames (--frames)"));
+    }
+    let read = |file: &&std::path::PathBuf| {
+        let mask = Image::read_any(file)?;
+        same_size(file, &mask, &images[0])?;
+        Ok(mask)
+    };
+    chosen.iter().map(read).collect()
+}
+
+fn same_size(file: &Path, image: &Image, wanted: &Image) -> Result<()> {
+    if (image.width, image.height) == (wanted.width, wanted.height) {
+        return Ok(());
+    }
+    Err(Error::new(ErrorKind::Input, "the picture has another size than the film")
+        .at(file.display())
+        .found(format!("{} × {} pixels", image.width, image.height))
+        .wanted(format!("{} × {} pixels", wanted.width, wanted.height))
+        .fix("export it at the film's size"))
+}
+
+/// Every frame must show about as much of an object as the others do.
+fn check_seen(path: &Path, mattes: &[Matte], foreground: Foreground, wanted: Wanted) -> Result<()> {
+    let areas: Vec<usize> = mattes.iter().map(|(_, alpha)| alpha.iter().filter(|a| **a > 0.5).count()).collect();
+    let mut sorted = areas.clone();
+    let middle = sorted.len() / 2;
+    let usual = *sorted.select_nth_unstable(middle).1;
+    let least = ((LOST * usual as f64) as usize).max(16);
+    let Some(k) = areas.iter().position(|area| *area < least) else { return Ok(()) };
+    let still = foreground == Foreground::Still;
+    Err(Error::new(ErrorKind::Input, "the object cannot be told from the background")
+        .at(format!("{}, frame {}", path.display(), wanted.first + k))
+        .found(format!("{} pixels of an object, {usual} in other frames; it is told by {foreground}", areas[k]))
+        .wanted("an object that is in every frame")
+        .fix(if still {
+            "give a picture of the background without the object (--background FILE), or masks (--masks FOLDER): where the \
+             object stays for half of the film, it looks like the background"
+        } else {
+            "choose the frames that show it (--first-frame, --frames), or give masks (--masks FOLDER)"
+        }))
+}
