@@ -159,7 +159,7 @@ pub fn hull(clip: &Clip, frame: usize, sphere: &Sphere, spacing: f64, threshold:
         let node = [flat / (dims[1] * dims[2]), flat / dims[2] % dims[1], flat % dims[2]];
         let point: [f64; 3] = std::array::from_fn(|a| lattice.origin[a] + node[a] as f64 * spacing);
         let from_centre: f64 = (0..3).map(|a| (point[a] - sphere.centre[a]).powi(2)).sum();
-        let within = inflated.as_ref().is_none_or(|body| body.contains(point, spacing));
+        let within = inflated.as_ref().is_none_or(|body| body.contains(point, 1.0, spacing));
         from_centre <= sphere.radius * sphere.radius && within && {
             let views = clip.cameras.iter().zip(&clip.frames).zip(&clip.imagined);
             let mut views = views.filter_map(|((camera, frames), imagined)| {

@@ -30,8 +30,9 @@ impl<'a> Inflated<'a> {
         Some(Self { camera, half_thickness: half_thickness(frame), centre, away, pixel })
     }
 
-    /// Whether the body fills a point; a body thinner than `least` \[m\] is taken to be as thick.
-    pub fn contains(&self, point: [f64; 3], least: f64) -> bool {
+    /// Whether the body fills a point, were it `share` times as deep; where it is thinner than `least` \[m\] it is taken to be as
+    /// thick.
+    pub fn contains(&self, point: [f64; 3], share: f64, least: f64) -> bool {
         let deep = dot(minus(point, self.centre), self.away);
         let foot = [0, 1, 2].map(|axis| point[axis] - deep * self.away[axis]);
         let Some([u, v, _]) = self.camera.project(foot) else { return false };
@@ -39,7 +40,7 @@ impl<'a> Inflated<'a> {
             return false;
         }
         let half = self.half_thickness.get([v as usize, u as usize]).copied().unwrap_or(0.0);
-        half > 0.0 && deep.abs() <= (half * self.pixel).max(0.5 * least)
+        half > 0.0 && deep.abs() <= (share * half * self.pixel).max(0.5 * least)
     }
 }
 

@@ -65,14 +65,19 @@ pub fn intervals(at: &Unknowns, law: &Law, free: Free, linearised: &Linearised, 
 
 /// The noise of the loss along each free unknown's coordinate, `(C⁻¹ M C⁻¹)_kk / (C⁻¹)_kk` with curvature and scatter as for
 /// [`intervals`]: a loss of so much noise that is curved like this one leaves an unknown as unsure as the pictures do.
-/// Nowhere less than that of the clip as a whole, `tr M / tr C` in units of what is plausible. What all pictures have in common
-/// does not count: it is no reason to leave what they show together.
+/// Nowhere less than that of the clip as a whole, `tr M / tr C` in units of what is plausible. `bias` is a deviation of each
+/// coordinate that all pictures share and that counts as noise, too.
 ///
 /// # Errors
 /// As [`intervals`].
-pub(super) fn noise(plausible: &Plausible<'_>, at: &Unknowns, linearised: &Linearised) -> Result<Vec<f64>> {
+pub(super) fn noise(
+    plausible: &Plausible<'_>,
+    at: &Unknowns,
+    linearised: &Linearised,
+    bias: &[f64],
+) -> Result<Vec<f64>> {
     let prior = plausible.deviations(at);
-    let known = Known::of(linearised, &prior, &vec![0.0; prior.len()])?;
+    let known = Known::of(linearised, &prior, bias)?;
     let of = |k: usize| (known.covariance[(k, k)] / known.inverse[(k, k)]).max(known.noise);
     Ok((0..prior.len()).map(of).collect())
 }

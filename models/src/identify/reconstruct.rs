@@ -84,7 +84,7 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     let effort = Effort { stage: MATERIAL, budget: run.config.estimate.fine };
     stages.fine(run, &effort, frames, &mut unknowns)?;
     stages.refine(run, frames, &mut unknowns)?;
-    stages.coarse(run, frames, &unknowns)?;
+    stages.otherwise(run, frames, &unknowns)?;
     stages.weigh(run, frames, &mut unknowns)?;
     stages.intervals(run, frames, &unknowns)?;
     if flight >= frames {

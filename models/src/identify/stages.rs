@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use gradreel::{Error, ErrorKind, Result};
 
+use crate::field::{Inflated, bounding_sphere};
 use crate::identify::gauss_newton::search_most_probable;
 use crate::identify::interval;
 use crate::identify::plausible::Plausible;
@@ -16,6 +17,7 @@ use crate::identify::{
     scan,
 };
 use crate::particles::Particles;
+use crate::physics::Map;
 use crate::report::interrupt;
 
 /// A stage that moves unknowns: its name, and how much it may do.
@@ -128,27 +130,47 @@ impl Stages<'_> {
         })
     }
 
-    /// What the material would be on a grid of twice the spacing.
-    pub fn coarse(&self, run: &mut Run, frames: usize, unknowns: &Unknowns) -> Result<()> {
+    /// What the material would be on a grid of twice the spacing, and, of what a single camera saw, if the body were thinner.
+    pub fn otherwise(&self, run: &mut Run, frames: usize, unknowns: &Unknowns) -> Result<()> {
+        let particles = self.particles(run)?;
+        self.other(run, COARSE, &particles.coarsened(), frames, unknowns)?;
+        if let Some(thin) = self.thinner(&particles)? {
+            self.other(run, THIN, &thin, frames, unknowns)?;
+        }
+        Ok(())
+    }
+
+    /// What the material would be of another body.
+    fn other(
+        &self,
+        run: &mut Run,
+        stage: &str,
+        particles: &Particles,
+        frames: usize,
+        unknowns: &Unknowns,
+    ) -> Result<()> {
         let budget = run.config.estimate.coarse;
         let free = self.free(run, &run.config)?;
-        let particles = self.particles(run)?.coarsened();
         let mut there = unknowns.clone();
-        self.search(
-            run,
-            &Effort { stage: COARSE, budget },
-            &particles,
-            &mut there,
-            &mut |problem, search, each, notes| {
-                gauss_newton(problem, &search.start, free, frames, budget, &search.answers, each, notes)
-            },
-        )?;
+        self.search(run, &Effort { stage, budget }, particles, &mut there, &mut |problem, search, each, notes| {
+            gauss_newton(problem, &search.start, free, frames, budget, &search.answers, each, notes)
+        })?;
         run.state.unknowns = Some(unknowns.clone());
         run.save()
     }
 
+    /// The body with a share of its depth, if a single camera leaves that open.
+    fn thinner(&self, particles: &Particles) -> Result<Option<Particles>> {
+        let ([camera], [frames]) = (&self.clip.cameras[..], &self.clip.frames[..]) else { return Ok(None) };
+        let sphere = bounding_sphere(self.clip, 0)?;
+        let inflated = Inflated::of(camera, &frames[0], sphere.centre);
+        let thin = inflated.map(|body| particles.within(|x| body.contains(x, THINNESS, particles.spacing)));
+        Ok(thin.filter(|thin| !thin.positions.is_empty()))
+    }
+
     /// The most probable material, given what the clip tells and what is plausible: parameters that the clip hardly shows are
-    /// pulled to the middle of their ranges.
+    /// pulled to the middle of their ranges. What all pictures have in common is no reason to leave what they show together, but
+    /// where a single camera made the shape, it is the most of what makes a parameter unsure.
     pub fn weigh(&self, run: &mut Run, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
         let budget = run.config.estimate.weigh;
         if budget == 0 {
@@ -162,7 +184,11 @@ impl Stages<'_> {
             let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
             let mut notes = Vec::new();
             let here = problem.linearise(&start, free, frames, &mut 0, &mut |note| notes.push(note))?;
-            noise = interval::noise(&Plausible::new(self.law, free), &start, &here)?;
+            let bias = match self.clip.cameras.len() {
+                1 => self.bias(run, free, &start),
+                _ => vec![0.0; here.gradient.len()],
+            };
+            noise = interval::noise(&Plausible::new(self.law, free), &start, &here, &bias)?;
             notes.into_iter().for_each(|note| run.note(format!("{WEIGHED}: {note}")));
         }
         self.search(
@@ -178,23 +204,29 @@ impl Stages<'_> {
     }
 
     /// What all pictures have in common, as a deviation of each free unknown's coordinate: the grid's error, estimated from
-    /// that of one of twice the spacing, and the shape's, estimated from what it was before the whole motion was known; both
-    /// held the height of contact.
+    /// that of one of twice the spacing, and the shape's, estimated from what it was before the whole motion was known (both
+    /// held the height of contact) and from a thinner body; and that of a length which only the fall tells.
     fn bias(&self, run: &Run, free: Free, fitted: &Unknowns) -> Vec<f64> {
-        let fitted = fitted.coordinates(self.law, free);
+        let here = fitted.coordinates(self.law, free);
         let from = |stage: &str| {
             let other = run.best_of(stage).map(|(other, _)| other.coordinates(self.law, free));
-            let apart = |other: Vec<f64>| fitted.iter().zip(other).map(|(a, b)| (a - b).abs()).collect::<Vec<_>>();
-            other.map_or_else(|| vec![0.0; fitted.len()], apart)
+            let apart = |other: Vec<f64>| here.iter().zip(other).map(|(a, b)| (a - b).abs()).collect::<Vec<_>>();
+            other.map_or_else(|| vec![0.0; here.len()], apart)
         };
-        free.list(self.law)
-            .iter()
-            .zip(from(COARSE).iter().zip(from(MATERIAL)))
-            .map(|(unknown, (grid, shape))| match unknown {
-                Unknown::Velocity(_) | Unknown::Contact => 0.0,
-                Unknown::Parameter(_) => (GRID_ERROR * grid).hypot(SHAPE_ERROR * shape),
-            })
-            .collect()
+        let (grid, shape, depth) = (from(COARSE), from(MATERIAL), from(THIN));
+        let length = self.clip.flight.map_or(0.0, |flight| flight.deviation);
+        let of = |(k, unknown): (usize, Unknown)| match unknown {
+            Unknown::Contact => 0.0,
+            Unknown::Velocity(_) => length * here[k],
+            Unknown::Parameter(p) => {
+                let parameter = &self.law.parameters()[p];
+                // stress and viscosity, for a given density and time, are as the square of a length
+                let scaled = parameter.map == Map::Log10 && parameter.unit.starts_with("Pa");
+                let length = if scaled { 2.0 * length / std::f64::consts::LN_10 } else { 0.0 };
+                (GRID_ERROR * grid[k]).hypot(SHAPE_ERROR * shape[k]).hypot(depth[k]).hypot(length)
+            }
+        };
+        free.list(self.law).into_iter().enumerate().map(of).collect()
     }
 
     /// How sure the estimates are. The height at which the ground is felt was held; that it may be another counts here.
@@ -274,6 +306,7 @@ pub(super) const AUTO: &str = "auto";
 const SCAN: &str = "what is plausible";
 const START: &str = "material, start";
 const COARSE: &str = "material, coarse";
+const THIN: &str = "material, thinner";
 const WEIGHED: &str = "material, most probable";
 const INTERVALS: &str = "intervals";
 
@@ -286,6 +319,9 @@ const HOPELESS: f64 = 4.0;
 /// The error of the full grid as a share of its difference to that of twice the spacing: a third if it falls with the square
 /// of the spacing, all of it if it falls with the spacing.
 const GRID_ERROR: f64 = 0.5;
+
+/// The share of its depth that a body seen from one side is tried with: what a deviation of it may be.
+const THINNESS: f64 = 0.6;
 
 /// The error of the shape as a share of what its last improvement did.
 const SHAPE_ERROR: f64 = 0.5;

@@ -79,7 +79,7 @@ impl Body {
                 for layer in -layers..=layers {
                     let depth = 1.0 + f64::from(layer) * side / camera.fx;
                     let point = at_origin.ray(u, v).1.map(|x| x * depth);
-                    if inflated.contains(point, 0.0) {
+                    if inflated.contains(point, 1.0, 0.0) {
                         points.push(point);
                     }
                 }

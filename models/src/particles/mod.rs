@@ -47,6 +47,18 @@ impl Particles {
         })
     }
 
+    /// Those of the particles whose positions are within something.
+    #[must_use]
+    pub fn within(&self, holds: impl Fn([f64; 3]) -> bool) -> Self {
+        let kept: Vec<usize> = (0..self.positions.len()).filter(|&i| holds(self.positions[i])).collect();
+        Self {
+            positions: kept.iter().map(|&i| self.positions[i]).collect(),
+            opacity: kept.iter().map(|&i| self.opacity[i]).collect(),
+            colour: kept.iter().map(|&i| self.colour[i]).collect(),
+            spacing: self.spacing,
+        }
+    }
+
     /// The same body with particles of twice the spacing: each stands for the up to eight of its cube, at their centre of
     /// mass, with their mean opacity (missing ones count as empty) and colour.
     #[must_use]

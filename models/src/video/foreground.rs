@@ -30,7 +30,7 @@ pub enum Foreground {
     White,
     /// A background of one colour.
     Plain,
-    /// Difference against what each pixel shows most of the time.
+    /// Difference against what each pixel shows while the object is elsewhere.
     Still,
 }
 
@@ -44,7 +44,7 @@ impl fmt::Display for Foreground {
             Foreground::Plate => "difference against the background plate",
             Foreground::White => "difference from white",
             Foreground::Plain => "difference from the background's one colour",
-            Foreground::Still => "difference against what stays the same while it moves",
+            Foreground::Still => "difference against what is seen while it is elsewhere",
         })
     }
 }

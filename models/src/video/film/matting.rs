@@ -6,7 +6,7 @@ use gradreel::{Error, ErrorKind, Result};
 use ndarray::{Array2, Array3};
 use rayon::prelude::*;
 
-use super::{FilmSettings, Wanted, pictures};
+use super::{FilmSettings, Wanted, backdrop, pictures};
 use crate::video::clip::Frame;
 use crate::video::foreground::{Foreground, masked, on_white};
 use crate::video::image::Image;
@@ -75,7 +75,7 @@ fn mattes(images: &[Image], settings: &FilmSettings, wanted: Wanted) -> Result<(
             let plate = Image { pixels: vec![[r, g, b, 255]; images[0].pixels.len()], ..images[0].clone() };
             (Foreground::Plain, against(&plate))
         }
-        None => (Foreground::Still, against(&median(images))),
+        None => (Foreground::Still, against(&backdrop::of(images))),
     })
 }
 
@@ -90,16 +90,6 @@ fn plain(images: &[Image]) -> Option<[u8; 3]> {
     let middle = [0, 1, 2].map(|c| median_of(pixels.iter().map(|p| p[c]).collect()));
     let near = |p: &&[u8; 4]| (0..3).all(|c| p[c].abs_diff(middle[c]) <= PLAIN.0);
     (pixels.iter().filter(near).count() as f64 >= PLAIN.1 * pixels.len() as f64).then_some(middle)
-}
-
-/// What each pixel shows most of the time.
-fn median(images: &[Image]) -> Image {
-    let count = images[0].pixels.len();
-    let at = |i: usize| {
-        let [r, g, b] = [0, 1, 2].map(|c| median_of(images.iter().map(|image| image.pixels[i][c]).collect()));
-        [r, g, b, 255]
-    };
-    Image { pixels: (0..count).into_par_iter().map(at).collect(), ..images[0].clone() }
 }
 
 fn median_of(mut values: Vec<u8>) -> u8 {
@@ -150,8 +140,8 @@ fn check_seen(path: &Path, mattes: &[Matte], foreground: Foreground, wanted: Wan
         .found(format!("{} pixels of an object, {usual} in other frames; it is told by {foreground}", areas[k]))
         .wanted("an object that is in every frame")
         .fix(if still {
-            "give a picture of the background without the object (--background FILE), or masks (--masks FOLDER): where the \
-             object stays for half of the film, it looks like the background"
+            "give a picture of the background without the object (--background FILE), or masks (--masks FOLDER); the camera \
+             must stand still, and the object must leave every place once"
         } else {
             "choose the frames that show it (--first-frame, --frames), or give masks (--masks FOLDER)"
         }))

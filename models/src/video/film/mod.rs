@@ -1,5 +1,6 @@
 //! Films: a GIF, a video file or a folder of pictures, from one camera of which nothing is known.
 
+mod backdrop;
 mod gif;
 mod matting;
 mod pictures;
