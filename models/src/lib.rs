@@ -1,7 +1,7 @@
 //! From a video to shape, motion and material: the stages of the method, in the order in which data flows.
 //!
 //! ```text
-//! video → views → field → particles → physics → render → identify → report
+//! video → monocular → views → field → particles → physics → render → identify → report
 //!                          scenes → physics → report
 //! ablation: what the parts of it are worth
 //! ```

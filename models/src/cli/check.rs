@@ -4,14 +4,19 @@ use std::path::PathBuf;
 
 use gradreel::{Error, ErrorKind, Result};
 
-use crate::video::inspect;
+use crate::cli::film::FilmArguments;
+use crate::identify::WorldConfig;
+use crate::monocular::clip_of_film;
+use crate::video::{Film, FilmSettings, OpenOptions, inspect};
 
 /// Arguments of `gradreel check`.
 #[derive(clap::Args)]
 #[command(after_long_help = LAYOUTS)]
 pub(super) struct Arguments {
-    /// Folder of the clip, in one of the layouts below
+    /// A film, or the folder of a clip in one of the layouts below
     clip: PathBuf,
+    #[command(flatten)]
+    film: FilmArguments,
 }
 
 /// The layouts of clips, for the help of commands that open one.
@@ -23,10 +28,15 @@ Layouts of clips, recognised by the files in the folder:
   Spring-Gaus   camera.json and {camera}/{number}.png; of a real capture give …/dynamic/sequences/{object}/{number}.json
 All but PAC-NeRF's need transparent images, or masks under masks/ (white on the object). A file clip.toml in the folder says what
 a layout leaves open: up, metres_per_unit, origin, frames_per_s or duration_s, layout, and which cameras are imagined (synthesized
-views that nobody filmed), as in imagined = [1, 2]. What is assumed, `gradreel check` prints.";
+views that nobody filmed), as in imagined = [1, 2]. What is assumed, `gradreel check` prints.
+
+A film is a GIF, a video file (decoded by ffmpeg) or a folder of numbered PNG or JPEG pictures without such a list.";
 
 /// Prints what is there, what is missing and what will be assumed.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    if Film::is_at(&arguments.clip) {
+        return film(arguments);
+    }
     let inventory = inspect(&arguments.clip)?;
     println!("{inventory}");
     if inventory.is_complete() {
@@ -36,4 +46,27 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         .at(arguments.clip.display())
         .found(format!("{} problems, listed above", inventory.problems.len()))
         .fix("correct the problems listed above, or choose complete cameras and frames with --cameras and --frames"))
+}
+
+/// Prints what a film shows: it is made a clip, which is all that a reconstruction would ask of it.
+fn film(arguments: &Arguments) -> Result<()> {
+    let mut settings = FilmSettings::default();
+    arguments.film.apply(&mut settings);
+    let gravity = WorldConfig::default().gravity;
+    let clip = clip_of_film(&arguments.clip, &settings, &OpenOptions::default(), gravity)?;
+    let camera = &clip.cameras[0];
+    println!("film {} ({})", clip.name, arguments.clip.display());
+    println!(
+        "  {} frames of {} × {} pixels, {:.4} s apart",
+        clip.frame_count(),
+        camera.width,
+        camera.height,
+        clip.frame_dt()
+    );
+    clip.assumptions.iter().for_each(|line| println!("  assumed: {line}"));
+    if let Some(flight) = clip.flight {
+        println!("  the object starts with {:.3?} m/s at {:.3?} m", flight.velocity, flight.centre);
+    }
+    println!("  ready to open");
+    Ok(())
 }

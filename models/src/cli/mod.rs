@@ -2,6 +2,7 @@
 
 mod bench;
 mod check;
+mod film;
 mod gradcheck;
 mod reconstruct;
 mod resimulate;

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use gradreel::{Error, ErrorKind, Result};
 
+use crate::cli::film::FilmArguments;
 use crate::field::{bounding_sphere, hull};
 use crate::identify::{Config, Reconstruction, Run, reconstruct};
 use crate::monocular;
@@ -38,21 +39,6 @@ pub(super) struct Arguments {
     /// Number of the first frame to use
     #[arg(long, value_name = "NUMBER", conflicts_with = "resume")]
     first_frame: Option<i64>,
-    /// Film: frames per second, if the file does not say or is slow motion
-    #[arg(long, value_name = "RATE", help_heading = FILM, conflicts_with = "resume")]
-    fps: Option<f64>,
-    /// Film: angle of view along the longer side of the image [default: 50]
-    #[arg(long, value_name = "DEGREES", help_heading = FILM, conflicts_with = "resume")]
-    field_of_view: Option<f64>,
-    /// Film: how far the camera looks down [default: found with the fall, about 10]
-    #[arg(long, value_name = "DEGREES", help_heading = FILM, allow_negative_numbers = true, conflicts_with = "resume")]
-    elevation: Option<f64>,
-    /// Film: folder with a mask for each frame, white where the object is
-    #[arg(long, value_name = "FOLDER", help_heading = FILM, conflicts_with = "resume")]
-    masks: Option<PathBuf>,
-    /// Film: picture of the background without the object
-    #[arg(long, value_name = "FILE", help_heading = FILM, conflicts_with_all = ["resume", "masks"])]
-    background: Option<PathBuf>,
     /// What the object is made of: elastic, plasticine, newtonian, non_newtonian or sand, auto to let each of these try,
     /// or the name of a law [default: elastic]
     #[arg(long, value_name = "NAME", conflicts_with = "resume")]
@@ -78,17 +64,22 @@ pub(super) struct Arguments {
     /// No progress on stderr
     #[arg(long, short)]
     quiet: bool,
+    #[command(flatten)]
+    film: FilmArguments,
 }
-
-/// Heading of the options for films.
-const FILM: &str = "Films (a GIF, a video, or a folder of pictures from one camera)";
 
 const EXAMPLES: &str = "\
 Examples:
-  gradreel reconstruct examples/clips/bird                     the bundled clip, under three minutes on two cores
+  gradreel reconstruct examples/clips/bird                     the bundled clip
+  gradreel reconstruct my.gif                                  one camera of which nothing is known; also .mp4, .mov, or a folder
+  gradreel reconstruct frames --fps 240 --masks masks          slow motion as a folder of pictures, with a mask for each
   gradreel reconstruct my/clip --cameras 0,4 --out runs/two    two cameras only
   gradreel reconstruct my/clip --material plasticine --start yield_stress=500
   gradreel reconstruct my/clip --out runs/two --resume         go on after Ctrl-C
+
+A film must show the object from its first frame on, falling freely in three frames at least: gravity gives the pixels their
+metres. The object is told from the background by the film's transparency, a plain background, or by what is seen while it is
+elsewhere; the camera stands still.
 
 Look at a clip first with `gradreel check my/clip`. The results are in index.html of the output folder.";
 
@@ -140,14 +131,7 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     arguments.young.map(|value| start.insert("young".into(), value));
     arguments.poisson.map(|value| start.insert("poisson".into(), value));
     config.clip.first_frame = arguments.first_frame.or(config.clip.first_frame);
-    let film = &mut config.clip.film;
-    film.frames_per_s = arguments.fps.unwrap_or(film.frames_per_s);
-    film.field_of_view = arguments.field_of_view.unwrap_or(film.field_of_view);
-    film.elevation = arguments.elevation.or(film.elevation);
-    // a run can be resumed from anywhere
-    let whole = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
-    film.masks = arguments.masks.as_ref().map(whole).or(film.masks.take());
-    film.background = arguments.background.as_ref().map(whole).or(film.background.take());
+    arguments.film.apply(&mut config.clip.film);
     config.clip.frames = arguments.frames.unwrap_or(config.clip.frames);
     config.world.density = arguments.density.unwrap_or(config.world.density);
     config.world.ground = arguments.ground.unwrap_or(config.world.ground);
@@ -175,6 +159,12 @@ pub(super) fn read_config(path: &Path) -> Result<Config> {
 }
 
 fn resume(arguments: &Arguments) -> Result<(Run, Clip)> {
+    if arguments.film.are_given() {
+        return Err(Error::new(ErrorKind::Input, "what is known of the film belongs to the run")
+            .at("--resume")
+            .found("options about the film, too")
+            .fix("leave them out to go on with the run, or begin another one"));
+    }
     let folder = arguments.out.as_deref().unwrap_or(Path::new("."));
     let mut run = Run::open(RunFolder::open(folder)?)?;
     let clip = open(&arguments.clip, &run.config)?;

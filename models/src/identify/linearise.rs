@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use crate::identify::flight::displacement;
 use crate::identify::penalty::add_penalty;
 use crate::identify::problem::is_stress;
-use crate::identify::unknowns::Unknown;
+use crate::identify::unknowns::{Ground, Unknown};
 use crate::identify::{Free, Problem, Unknowns};
 use crate::physics::{Rollout, Schedule};
 use crate::render::trajectory::Middle;
@@ -122,7 +122,7 @@ impl Problem<'_> {
         substeps: &mut usize,
         notes: &mut dyn FnMut(String),
     ) -> Result<f64> {
-        let nothing = Free::Chosen { velocity: false, parameters: 0, contact: false };
+        let nothing = Free::Chosen { velocity: false, parameters: 0, contact: Ground::Held };
         self.linearise(unknowns, nothing, frames, substeps, notes).map(|at| at.loss)
     }
 

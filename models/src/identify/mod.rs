@@ -61,4 +61,4 @@ pub use reconstruct::{Reconstruction, reconstruct};
 pub use run::{ClipIdentity, HistoryRow, Run, Search, State};
 pub use temporal_start::TemporalConfig;
 pub use tracks::{TANGENT_COST, Tracks, TracksFit};
-pub use unknowns::{Bound, Free, Unknown, Unknowns, VELOCITY};
+pub use unknowns::{Bound, Free, Ground, Unknown, Unknowns, VELOCITY};

@@ -20,9 +20,6 @@ pub(crate) struct Plausible<'a> {
     pub noise: Vec<f64>,
 }
 
-/// Where the ground may be felt, in grid spacings above it.
-const CONTACT: [f64; 2] = [-0.6, 0.6];
-
 /// The parameter on the scale on which its range is even, the ends of the range there, and `d scale/d value`.
 fn even(parameter: &Parameter, value: f64) -> (f64, [f64; 2], f64) {
     match parameter.map {
@@ -46,7 +43,7 @@ impl<'a> Plausible<'a> {
         for (i, unknown) in self.free.list(self.law).into_iter().enumerate() {
             let (value, [low, high], slope) = match unknown {
                 Unknown::Parameter(k) => even(&self.law.parameters()[k], at.parameters[k]),
-                Unknown::Contact => (at.contact, CONTACT, 1.0),
+                Unknown::Contact => (at.contact, self.free.contact().range(), 1.0),
                 Unknown::Velocity(_) => {
                     gradient.push(0.0);
                     curvature.push(0.0);
@@ -72,7 +69,10 @@ impl<'a> Plausible<'a> {
     pub fn deviations(&self, at: &Unknowns) -> Vec<f64> {
         let deviation = |unknown| match unknown {
             Unknown::Velocity(_) => 5.0 / at.slope(self.law, unknown),
-            Unknown::Contact => (CONTACT[1] - CONTACT[0]) / (2.0 * NINETY),
+            Unknown::Contact => {
+                let [low, high] = self.free.contact().range();
+                (high - low) / (2.0 * NINETY)
+            }
             Unknown::Parameter(k) => {
                 let (_, [low, high], slope) = even(&self.law.parameters()[k], at.parameters[k]);
                 (high - low) / (2.0 * NINETY) / (slope * at.slope(self.law, unknown)).abs().max(f64::MIN_POSITIVE)
@@ -95,7 +95,7 @@ impl<'a> Plausible<'a> {
     pub fn limits(&self) -> Vec<[f64; 2]> {
         let limit = |unknown| match unknown {
             Unknown::Velocity(_) => [f64::NEG_INFINITY, f64::INFINITY],
-            Unknown::Contact => [-1.0, 1.0],
+            Unknown::Contact => self.free.contact().range().map(|end| 1.5 * end),
             Unknown::Parameter(k) => {
                 let p = &self.law.parameters()[k];
                 match p.map {

@@ -11,7 +11,7 @@ use crate::identify::interval;
 use crate::identify::plausible::Plausible;
 use crate::identify::reconstruct::{DTYPE, MATERIAL, Stages, describe};
 use crate::identify::run::{HistoryRow, Run, Search};
-use crate::identify::unknowns::Unknown;
+use crate::identify::unknowns::{Ground, Unknown};
 use crate::identify::{
     Answer, Config, Evaluation, Free, Listener, Method, Problem, Unknowns, apart, estimate, gauss_newton, intervals,
     scan,
@@ -112,7 +112,7 @@ impl Stages<'_> {
         let all = Free::all_but(self.law, &config.held(self.law)?, false);
         let unsure = run.state.contact.is_some_and(|contact| contact < SURE);
         let all = if unsure { all.with_velocity(self.law) } else { all };
-        Ok(if self.clip.cameras.len() == 1 { all.with_contact(self.law) } else { all })
+        Ok(if self.clip.cameras.len() == 1 { all.with_ground(self.law, Ground::Unsure) } else { all })
     }
 
     /// The material from near it, in so many Gauss–Newton steps or twice as many evaluations of a descent.
@@ -236,7 +236,8 @@ impl Stages<'_> {
         }
         let since = Instant::now();
         let bar = self.progress.stage(INTERVALS, 1);
-        let free = Free::all_but(self.law, &run.config.held(self.law)?, true);
+        let all = Free::all_but(self.law, &run.config.held(self.law)?, true);
+        let free = if self.clip.cameras.len() == 1 { all.with_ground(self.law, Ground::Unsure) } else { all };
         let particles = self.particles(run)?;
         let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
         let mut notes = Vec::new();

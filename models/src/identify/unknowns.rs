@@ -53,8 +53,30 @@ pub enum Free {
         /// Bit `k` says whether parameter `k` is; parameters beyond the 64th are held.
         parameters: u64,
         /// Whether the height at which the ground is felt is.
-        contact: bool,
+        contact: Ground,
     },
+}
+
+/// What is known of the height at which the ground is felt.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ground {
+    /// It stays as it is.
+    Held,
+    /// The ground's height is known, and it is felt within about half a grid spacing of it.
+    Known,
+    /// The ground's height is uncertain itself, by a grid spacing or so: a single camera saw it.
+    Unsure,
+}
+
+impl Ground {
+    /// The plausible range \[grid spacings\].
+    pub fn range(self) -> [f64; 2] {
+        match self {
+            Self::Held => [0.0; 2],
+            Self::Known => [-0.6, 0.6],
+            Self::Unsure => [-1.5, 1.5],
+        }
+    }
 }
 
 /// One free unknown.
@@ -85,7 +107,8 @@ impl Free {
     /// All parameters of a law but those held; with `world` also the velocity and the height at which the ground is felt.
     pub fn all_but(law: &Law, held: &[&str], world: bool) -> Self {
         let free = law.parameters().iter().enumerate().take(64).filter(|(_, p)| !held.contains(&p.name));
-        Self::Chosen { velocity: world, parameters: free.map(|(k, _)| 1 << k).sum(), contact: world }
+        let ground = if world { Ground::Known } else { Ground::Held };
+        Self::Chosen { velocity: world, parameters: free.map(|(k, _)| 1 << k).sum(), contact: ground }
     }
 
     /// The same with the velocity.
@@ -94,10 +117,10 @@ impl Free {
         Self::Chosen { velocity: true, parameters: self.bits(law), contact: self.contact() }
     }
 
-    /// The same with the height at which the ground is felt.
+    /// The same with this height at which the ground is felt.
     #[must_use]
-    pub fn with_contact(self, law: &Law) -> Self {
-        Self::Chosen { velocity: self.velocity(), parameters: self.bits(law), contact: true }
+    pub fn with_ground(self, law: &Law, contact: Ground) -> Self {
+        Self::Chosen { velocity: self.velocity(), parameters: self.bits(law), contact }
     }
 
     fn bits(self, law: &Law) -> u64 {
@@ -105,15 +128,19 @@ impl Free {
         free.map(|(k, _)| 1 << k).sum()
     }
 
-    fn contact(self) -> bool {
-        matches!(self, Self::Chosen { contact: true, .. })
+    /// What is known of the height at which the ground is felt.
+    pub fn contact(self) -> Ground {
+        match self {
+            Self::Chosen { contact, .. } => contact,
+            _ => Ground::Held,
+        }
     }
 
     /// The free unknowns in the order of their coordinates.
     pub fn list(self, law: &Law) -> Vec<Unknown> {
         let velocity = (0..3).filter(|_| self.velocity()).map(Unknown::Velocity);
         let parameters = law.parameters().iter().enumerate().filter(|(k, p)| self.parameter(*k, p.map));
-        let contact = self.contact().then_some(Unknown::Contact);
+        let contact = (self.contact() != Ground::Held).then_some(Unknown::Contact);
         velocity.chain(parameters.map(|(k, _)| Unknown::Parameter(k))).chain(contact).collect()
     }
 }

@@ -64,7 +64,7 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
             ));
     };
     let metres = strength / fall.gravity;
-    let lowest = ground::below(&clip.cameras[0], &clip.frames[0], &clip.times, &fall, &clip.frames[0][0]);
+    let lowest = ground::below(&clip.cameras[0], &clip.frames[0], &clip.times, &fall);
     // camera axes in the world, which turns about x: y goes up
     let [_, cosine, sine] = fall.down.map(|x| -x);
     let rotation = [[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]];

@@ -5,16 +5,20 @@ use super::locate::Body;
 use crate::vector::{dot, minus, plus};
 use crate::video::{Camera, Frame};
 
-/// Frames after the fall in which the object is looked at: it has not gone far yet.
-const LANDED: usize = 4;
+/// Frames after the fall in which the object is looked at: it has not gone far yet, nor changed its shape much.
+const LANDED: usize = 2;
+
+/// How much nearer than its centre the part is that a camera sees lowest from above, as a share of half the object's extent. The body
+/// that a silhouette suggests is as deep as it is wide in every *part*; most objects are deeper than that as a whole.
+const NEARER: f64 = 0.3;
 
 /// How high above the first position of the object's centre the ground is (a negative number), as a share of the first distance;
 /// `None` if the fall lasts to the end of the film.
 ///
-/// In every frame after the fall the undeformed body is put where the fall would have it, and then moved up until the lower edge of
-/// its silhouette is where it was filmed. The lowest point that it ever has lies on the ground.
-pub(super) fn below(camera: &Camera, frames: &[Frame], times: &[f64], fall: &FreeFall, first: &Frame) -> Option<f64> {
-    let body = Body::of(camera, first)?;
+/// In the first frames after the fall the undeformed body is put where the fall would have it, and then moved up until the lower
+/// edge of its silhouette is where it was filmed. The lowest point that it ever has lies on the ground.
+pub(super) fn below(camera: &Camera, frames: &[Frame], times: &[f64], fall: &FreeFall) -> Option<f64> {
+    let body = Body::of(camera, &frames[0])?;
     let up = fall.down.map(|x| -x);
     let lowest = body.points.iter().map(|p| dot(*p, up)).fold(f64::INFINITY, f64::min);
     let landed = (fall.frames..frames.len()).take(LANDED);
@@ -33,9 +37,17 @@ pub(super) fn below(camera: &Camera, frames: &[Frame], times: &[f64], fall: &Fre
             let seen = body.points.iter().map(row).fold(f64::NEG_INFINITY, f64::max);
             if seen > edge { low = lift } else { high = lift }
         }
-        Some(dot(minus(at, fall.start), up) + low + lowest)
+        let [x, _, _] = plus(at, up.map(|x| low * x));
+        let nearer = NEARER * body.half_extent() * steepness([x, -(edge - camera.cy) / camera.fy, -1.0], up).max(0.0);
+        Some(dot(minus(at, fall.start), up) + low + lowest + nearer)
     });
     heights.reduce(f64::min)
+}
+
+/// How far a line of sight goes down for its length along the ground.
+fn steepness(sight: [f64; 3], up: [f64; 3]) -> f64 {
+    let rise = dot(sight, up);
+    -rise / (dot(sight, sight) - rise * rise).max(f64::MIN_POSITIVE).sqrt()
 }
 
 /// The lower edge of the object \[pixels\]; `None` if it is that of the image.

@@ -91,6 +91,12 @@ impl Body {
         (!points.is_empty()).then_some(Self { points, side })
     }
 
+    /// Half of its larger extent in the picture, as a share of the distance.
+    pub fn half_extent(&self) -> f64 {
+        let along = |axis: usize| self.points.iter().fold(0.0f64, |most, p| most.max(p[axis].abs()));
+        along(0).max(along(1))
+    }
+
     /// What its silhouette shows at a time on a path, less what a point at its centre would.
     fn bias(&self, camera: &Camera, path: &FreeFall, time: f64) -> [f64; 3] {
         let centre = path.at(time);

@@ -3,7 +3,11 @@
 //! One camera sees no distance, but it sees the object fall: gravity gives every pixel its metres. [`FreeFall`] fits the
 //! parabola to what the silhouettes show ([`Sighting`]), frame after frame until the object touches something; [`locate`] corrects
 //! what a silhouette shows besides the object's centre, by a body that is as deep as it is wide
-//! ([`half_thickness`](crate::field::half_thickness)).
+//! ([`half_thickness`](crate::field::half_thickness)). [`sight`] does so for a calibrated camera.
+//!
+//! [`clip_of_film`] makes a clip of a film of which nothing is known: the camera is upright and looks down by an angle that is found
+//! with the fall, its angle of view is assumed (the metres hardly depend on it: what falls by so many pixels in a second is so far
+//! away in focal lengths), and the ground is where the object is lowest after its fall.
 
 mod film;
 mod free_fall;

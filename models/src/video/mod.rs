@@ -33,6 +33,12 @@
 //! PAC-NeRF's the object is told from the background by the images' own transparency or by masks, white on the object, under
 //! `masks/` with the path of the image (`mask_path` in a `transforms.json`).
 //!
+//! # Films
+//!
+//! A GIF, a video file or a folder of numbered pictures without such a list is a [`Film`] of one camera that nobody calibrated;
+//! [`crate::monocular`] makes a clip of it. The object is told by given masks, the pictures' transparency, a given background, a plain
+//! one, or by what each pixel shows while the object is elsewhere.
+//!
 //! # PAC-NeRF
 //!
 //! `all_data.json` lists one entry per image (time, camera-to-world matrix, intrinsics).

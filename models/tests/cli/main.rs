@@ -5,6 +5,7 @@ mod bad_clips;
 mod bad_settings;
 mod bench;
 mod checks;
+mod film;
 #[cfg(unix)]
 mod interrupted;
 #[cfg(unix)]

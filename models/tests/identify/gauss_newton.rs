@@ -1,7 +1,7 @@
 //! Least squares over the pixels: derivatives against the tape and against differences, and five materials recovered.
 
 use gradreel::DType;
-use gradreel_models::identify::{Free, Problem, Unknowns, apart, gauss_newton, scan};
+use gradreel_models::identify::{Free, Ground, Problem, Unknowns, apart, gauss_newton, scan};
 use gradreel_models::physics::Map;
 
 use crate::scene::{block, film, film_of, problem, problem_of, quick};
@@ -58,7 +58,7 @@ fn forward_mode_agrees_with_the_tape_and_with_differences_of_pictures() {
 /// The derivative along the height at which the ground is felt, against differences, and forward mode against the tape there.
 fn contact_height(problem: &Problem<'_>, truth: &Unknowns, frames: usize) {
     let at = |contact: f64| Unknowns { contact, ..truth.clone() };
-    let free = Free::Chosen { velocity: false, parameters: 0, contact: true };
+    let free = Free::Chosen { velocity: false, parameters: 0, contact: Ground::Known };
     let loss = |contact| problem.linearise(&at(contact), free, frames, &mut 0, &mut |_| ()).unwrap();
     let (here, plus, minus) = (loss(-0.1), loss(-0.1 + 1e-6), loss(-0.1 - 1e-6));
     let difference = (plus.loss - minus.loss) / 2e-6;
@@ -84,7 +84,7 @@ fn recover(name: &str, truth: &[f64], allowed: &[(usize, f64)], frames: usize) {
         .map(|(_, p)| p.name)
         .collect();
     let Free::Chosen { velocity, parameters, .. } = Free::all_but(&problem.law, &held, false) else { unreachable!() };
-    let free = Free::Chosen { velocity, parameters, contact: false };
+    let free = Free::Chosen { velocity, parameters, contact: Ground::Held };
     let mut start = truth.clone();
     let mut points = Vec::new();
     for index in 0..12 {

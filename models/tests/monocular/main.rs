@@ -1,0 +1,6 @@
+//! One camera: free fall as the measure of distance, and films of all kinds.
+
+mod ball;
+mod bad_films;
+mod fall;
+mod films;
