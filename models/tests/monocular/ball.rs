@@ -22,16 +22,21 @@ pub fn camera() -> Camera {
     Camera { id: 0, width: SIDE, height: SIDE, fx: focal, fy: focal, cx: 80.0, cy: 80.0, c2w }
 }
 
+/// When it touches the floor \[s\].
+fn landing() -> f64 {
+    let (height, down, gravity) = (START[1] - RADIUS, -VELOCITY[1], -GRAVITY[1]);
+    ((down * down + 2.0 * gravity * height).sqrt() - down) / gravity
+}
+
 /// The middle of the ball in a frame; on the floor it stays.
 pub fn middle(frame: usize) -> [f64; 3] {
-    let at = |t: f64| [0, 1, 2].map(|axis| START[axis] + VELOCITY[axis] * t + 0.5 * GRAVITY[axis] * t * t);
-    let landing = (0..1000).map(|k| f64::from(k) * 1e-3).find(|t| at(*t)[1] < RADIUS).expect("it falls");
-    at((frame as f64 / RATE).min(landing))
+    let t = (frame as f64 / RATE).min(landing());
+    [0, 1, 2].map(|axis| START[axis] + VELOCITY[axis] * t + 0.5 * GRAVITY[axis] * t * t)
 }
 
 /// The first frame in which the ball lies on the floor.
 pub fn landed() -> usize {
-    (0..FRAMES).find(|frame| (middle(*frame)[1] - RADIUS).abs() < 5e-3).expect("it lands")
+    (landing() * RATE).ceil() as usize
 }
 
 /// The share of each pixel that the ball covers, by 4 × 4 rays.

@@ -19,9 +19,9 @@ type Frames = u32;
 /// The background behind a moving object.
 ///
 /// Where a pixel shows the same in all frames, that is the background. Elsewhere there are several candidates: sets of frames in
-/// which it shows the same thing. An outline is smooth, so that neighbouring pixels are covered in nearly the same frames; from the
-/// pixels that are known, those around them are decided in the order of how well they agree, by the set that agrees best. Also
-/// a pixel that the object covers for most of the time is found so, if only it is free once.
+/// which it shows the same thing. Neighbouring pixels are covered in the same frames, but where an outline passes between them,
+/// which is an edge in the picture; from the pixels that are known, those around them are decided in the order of how well they agree,
+/// by the set that agrees best. Also a pixel that the object covers for most of the time is found so, if only it is free once.
 pub(super) fn of(images: &[Image]) -> Image {
     let step = images.len().div_ceil(MOST_FRAMES).max(1);
     let frames: Vec<&Image> = images.iter().step_by(step).collect();
@@ -41,19 +41,23 @@ pub(super) fn of(images: &[Image]) -> Image {
         .into_iter()
         .flatten()
     };
-    // how well a pixel agrees with a neighbour that is covered in all frames but these
-    let best = |i: usize, like: Frames| {
+    // how little a pixel agrees with a neighbour that is free in these frames: an outline passes between them where they differ,
+    // which an edge in the picture must show
+    let best = |i: usize, neighbour: usize, free: Frames| {
+        let smooth = frames.iter().enumerate().filter(|(_, f)| is_alike(f.pixels[i], f.pixels[neighbour]));
+        let smooth = smooth.fold(0, |set: Frames, (k, _)| set | 1 << k);
+        let apart = |set: Frames| (((set ^ free) & smooth).count_ones(), (set ^ free).count_ones());
         candidates[i]
             .iter()
-            .map(|set| ((set ^ like).count_ones(), *set))
+            .map(|set| (apart(*set), *set))
             .min_by_key(|(apart, set)| (*apart, Reverse(set.count_ones())))
     };
     let still = candidates.iter().enumerate().filter(|(_, sets)| sets.contains(&all));
-    open.extend(still.map(|(i, _)| (Reverse(0), Reverse(i), all)));
+    open.extend(still.map(|(i, _)| (Reverse((0, 0)), Reverse(i), all)));
     if open.is_empty() {
         // nothing is ever still: what is seen most often
         let most = |sets: &Vec<Frames>| sets.iter().copied().max_by_key(|set| set.count_ones()).unwrap_or(all);
-        open.extend(candidates.iter().enumerate().map(|(i, sets)| (Reverse(0), Reverse(i), most(sets))));
+        open.extend(candidates.iter().enumerate().map(|(i, sets)| (Reverse((0, 0)), Reverse(i), most(sets))));
     }
     while let Some((_, Reverse(i), set)) = open.pop() {
         if free[i].is_some() {
@@ -61,7 +65,7 @@ pub(super) fn of(images: &[Image]) -> Image {
         }
         free[i] = Some(set);
         for j in near(i).filter(|j| free[*j].is_none()) {
-            if let Some((apart, like)) = best(j, set) {
+            if let Some((apart, like)) = best(j, i, set) {
                 open.push((Reverse(apart), Reverse(j), like));
             }
         }
@@ -79,9 +83,12 @@ pub(super) fn of(images: &[Image]) -> Image {
     Image { pixels: (0..width * height).into_par_iter().map(mean).collect(), ..images[0].clone() }
 }
 
+fn is_alike(a: [u8; 4], b: [u8; 4]) -> bool {
+    (0..3).all(|c| a[c].abs_diff(b[c]) <= ALIKE)
+}
+
 /// The sets of frames in which a pixel shows about what it shows in one of them.
 fn alike(frames: &[&Image], i: usize) -> Vec<Frames> {
-    let is_alike = |a: [u8; 4], b: [u8; 4]| (0..3).all(|c| a[c].abs_diff(b[c]) <= ALIKE);
     let set = |like: &&Image| {
         let all = frames.iter().enumerate().filter(|(_, other)| is_alike(like.pixels[i], other.pixels[i]));
         all.fold(0, |set, (k, _)| set | 1 << k)
