@@ -14,8 +14,9 @@ pub(super) fn displacement(velocity: [f64; 3], gravity: [f64; 3], t: f64) -> [f6
 /// The initial velocity \[m/s\] with which a point in free flight follows the middles of the silhouettes through the first
 /// `frames` frames: least squares of `x₀ + v t + g t²/2`.
 ///
-/// What a single camera saw of a flight has told its velocity already. A camera counts in a frame when it has the whole object in that frame and in the first one. With a single camera and no flight the object
-/// is taken to stay as deep as it was. `None` when no camera shows a motion.
+/// What a single camera saw of a flight has told its velocity already. Of several, a camera counts in a frame when it has the
+/// whole object in that frame and in the first one. With a single camera and no flight the object is taken to stay as deep as it
+/// was. `None` when no camera shows a motion.
 pub fn velocity_of_silhouettes(clip: &Clip, gravity: [f64; 3], frames: usize) -> Option<[f64; 3]> {
     if let Some(flight) = &clip.flight {
         return Some(flight.velocity);

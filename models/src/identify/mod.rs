@@ -10,8 +10,10 @@
 //! 3. **family**: if it was not said, which of them foretells the frames that it was not fitted to;
 //! 4. **material**: a scan of what is plausible, Gauss–Newton from the best of it, and on from the best of these; then, in
 //!    rounds, the voxels are fitted to the whole motion and the material to the new shape;
-//! 5. **grid**: what the material would be on a grid of twice the spacing;
-//! 6. **intervals**: how sure all that is.
+//! 5. **otherwise**: what the material would be on a grid of twice the spacing and, where a single camera made the shape, of a
+//!    thinner body;
+//! 6. **most probable**: what is plausible, weighed with what the clip shows;
+//! 7. **intervals**: how sure all that is.
 //!
 //! [`dynamic_step`] is the published forward model on the particles of a radiance field; [`RangePenalty`] keeps parameters
 //! plausible, and [`LossConfig`] says what else counts where views are imagined. [`Changes`] makes a reconstructed object move under other

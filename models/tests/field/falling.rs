@@ -85,6 +85,7 @@ fn clip_of(cameras: Vec<Camera>) -> Clip {
         imagined: vec![false; cameras.len()],
         cameras,
         assumptions: Vec::new(),
+        flight: None,
     }
 }
 

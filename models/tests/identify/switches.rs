@@ -40,6 +40,7 @@ fn clip_of(observed: &Observed, imagined: bool) -> Clip {
         imagined: vec![false, imagined, imagined],
         cameras,
         assumptions: Vec::new(),
+        flight: None,
     }
 }
 
