@@ -205,7 +205,7 @@ impl Stages<'_> {
 
     /// What all pictures have in common, as a deviation of each free unknown's coordinate: the grid's error, estimated from
     /// that of one of twice the spacing, and the shape's, estimated from what it was before the whole motion was known (both
-    /// held the height of contact) and from a thinner body; and that of a length which only the fall tells.
+    /// held the height of contact) and from a thinner body; and that of lengths and velocities which only the fall tells.
     fn bias(&self, run: &Run, free: Free, fitted: &Unknowns) -> Vec<f64> {
         let here = fitted.coordinates(self.law, free);
         let from = |stage: &str| {
@@ -215,9 +215,10 @@ impl Stages<'_> {
         };
         let (grid, shape, depth) = (from(COARSE), from(MATERIAL), from(THIN));
         let length = self.clip.flight.map_or(0.0, |flight| flight.deviation);
+        let speed = self.clip.flight.map_or([0.0; 3], |flight| flight.velocity_deviation);
         let of = |(k, unknown): (usize, Unknown)| match unknown {
             Unknown::Contact => 0.0,
-            Unknown::Velocity(_) => length * here[k],
+            Unknown::Velocity(axis) => speed[axis] / fitted.slope(self.law, unknown),
             Unknown::Parameter(p) => {
                 let parameter = &self.law.parameters()[p];
                 // stress and viscosity, for a given density and time, are as the square of a length

@@ -4,6 +4,7 @@ use gradreel::Result;
 use gradreel::optim::{LevenbergMarquardt, Residuals};
 
 use super::sighting::Sighting;
+use crate::vector::{dot, times};
 use crate::video::Camera;
 
 /// Standard deviation of a silhouette's middle: a share of its side, at least so many pixels.
@@ -57,6 +58,8 @@ pub struct FreeFall {
     pub gravity: f64,
     /// The standard deviation of `gravity` as a share of it: that of every length which follows from it.
     pub deviation: f64,
+    /// Covariance of the velocity \[1/s²\], with what the deviation of `gravity` does to it in metres.
+    pub spread: [[f64; 3]; 3],
     /// `½ Σ r²`, residuals in standard deviations.
     pub cost: f64,
 }
@@ -65,6 +68,12 @@ impl FreeFall {
     /// Where the object is at a time \[s\].
     pub fn at(&self, t: f64) -> [f64; 3] {
         [0, 1, 2].map(|axis| self.start[axis] + self.velocity[axis] * t + 0.5 * self.gravity * self.down[axis] * t * t)
+    }
+
+    /// Standard deviations of the velocity in m/s along the axes of a world into which `turn` turns the camera's coordinates, at
+    /// a distance \[m\].
+    pub fn velocity_deviation(&self, turn: &[[f64; 3]; 3], distance: f64) -> [f64; 3] {
+        turn.map(|axis| distance * dot(axis, times(&self.spread, axis)).max(0.0).sqrt())
     }
 
     /// Fits the first `frames` sightings. `bias` is what a sighting shows besides a point at the object's centre: its silhouette's
@@ -136,10 +145,15 @@ impl FreeFall {
         let angle = p.get(7).copied().unwrap_or_default();
         // residuals are in standard deviations: their own scatter counts only where it is larger
         let variance = fit.variance.unwrap_or(1.0);
-        let spread = if fit.undetermined.is_empty() {
-            fit.covariance[5][5] / variance * variance.max(1.0)
-        } else {
-            f64::INFINITY
+        let known = fit.undetermined.is_empty();
+        let covariance = |i: usize, j: usize| {
+            if known { fit.covariance[i][j] / variance * variance.max(1.0) } else { f64::INFINITY }
+        };
+        // v = g/γ w, so that dv = g/γ (dw − w dγ/γ)
+        let rate = [p[2] / p[5], p[3] / p[5], p[4] / p[5]];
+        let spread = |i: usize, j: usize| {
+            let with_scale = rate[j] * covariance(2 + i, 5) + rate[i] * covariance(2 + j, 5);
+            covariance(2 + i, 2 + j) - with_scale + rate[i] * rate[j] * covariance(5, 5)
         };
         Ok(Self {
             frames: sightings.len(),
@@ -148,7 +162,8 @@ impl FreeFall {
             down: down.at(angle).0,
             angle,
             gravity: p[5],
-            deviation: spread.sqrt() / p[5].abs(),
+            deviation: covariance(5, 5).sqrt() / p[5].abs(),
+            spread: std::array::from_fn(|i| std::array::from_fn(|j| spread(i, j))),
             cost: fit.cost,
         })
     }

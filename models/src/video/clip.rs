@@ -64,6 +64,8 @@ pub struct Flight {
     pub centre: [f64; 3],
     /// Its velocity there \[m/s\].
     pub velocity: [f64; 3],
+    /// Standard deviations of the velocity \[m/s\].
+    pub velocity_deviation: [f64; 3],
     /// Gravity \[m/s²\].
     pub gravity: [f64; 3],
     /// The frames that show it, from the first on.

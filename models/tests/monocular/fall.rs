@@ -18,6 +18,10 @@ fn a_fall_tells_distance_and_velocity() {
     assert!(apart(flight.velocity, VELOCITY) < 0.04, "{:.3?}", flight.velocity);
     assert_eq!(flight.frames, landed(), "the frames before the floor");
     assert!((0.005..0.15).contains(&flight.deviation), "{}", flight.deviation);
+    for axis in 0..3 {
+        let (off, deviation) = ((flight.velocity[axis] - VELOCITY[axis]).abs(), flight.velocity_deviation[axis]);
+        assert!(off < 2.5 * deviation && deviation < 0.2, "axis {axis}: {off:.3} of {deviation:.3} m/s");
+    }
     assert!(clip.assumptions.iter().any(|line| line.contains("m away")), "{:?}", clip.assumptions);
 
     // the ball of the field follows it through the air
