@@ -28,8 +28,9 @@ gradreel reconstructs an object that falls and bounces in a video: its 3D shape,
 (Young's modulus [Pa], Poisson ratio, initial velocity [m/s]). One gradient tape runs from the pixels through volume \
 rendering and a differentiable material point simulation to those numbers.
 
-Try it on the clip that comes with the sources:
+Try it on the film that comes with the sources, and on seven calibrated cameras that saw the same:
 
+    gradreel reconstruct examples/clips/bird.gif
     gradreel reconstruct examples/clips/bird
 
 and let things fall by themselves:

@@ -70,7 +70,8 @@ pub(super) struct Arguments {
 
 const EXAMPLES: &str = "\
 Examples:
-  gradreel reconstruct examples/clips/bird                     the bundled clip
+  gradreel reconstruct examples/clips/bird.gif                 the bundled film
+  gradreel reconstruct examples/clips/bird                     the same from seven calibrated cameras
   gradreel reconstruct my.gif                                  one camera of which nothing is known; also .mp4, .mov, or a folder
   gradreel reconstruct frames --fps 240 --masks masks          slow motion as a folder of pictures, with a mask for each
   gradreel reconstruct my/clip --cameras 0,4 --out runs/two    two cameras only
