@@ -149,10 +149,7 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
         Some(folder) => RunFolder::create(folder)?,
         None => RunFolder::create_free(Path::new("runs"), &clip.name)?,
     };
-    let mut run = Run::create(folder, config, &clip)?;
-    clip.assumptions.iter().for_each(|line| run.note(format!("assumed: {line}")));
-    run.save()?;
-    Ok((run, clip))
+    Ok((Run::create(folder, config, &clip)?, clip))
 }
 
 /// The configuration in a file.

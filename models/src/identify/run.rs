@@ -46,6 +46,18 @@ pub struct State {
     pub intervals: Vec<Interval>,
 }
 
+impl State {
+    /// Nothing is found yet; what the clip makes one assume is noted.
+    fn of(clip: &Clip) -> Self {
+        Self {
+            clip: ClipIdentity::of(clip),
+            clip_path: Some(clip.root.canonicalize().unwrap_or_else(|_| clip.root.clone())),
+            notes: clip.assumptions.iter().map(|line| format!("assumed: {line}")).collect(),
+            ..Self::default()
+        }
+    }
+}
+
 /// A search that was begun: gone through again with the answers that are known, it goes on where it was interrupted and ends
 /// as if it had not been.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -120,9 +132,7 @@ impl Run {
     /// [`ErrorKind::Input`] when the folder holds something.
     pub fn create(folder: RunFolder, config: Config, clip: &Clip) -> Result<Self> {
         folder.write(CONFIG, config.to_toml()?.as_bytes())?;
-        let clip_path = Some(clip.root.canonicalize().unwrap_or_else(|_| clip.root.clone()));
-        let state = State { clip: ClipIdentity::of(clip), clip_path, ..State::default() };
-        let run = Self { folder, config, state };
+        let run = Self { folder, config, state: State::of(clip) };
         run.save()?;
         Ok(run)
     }
@@ -181,8 +191,7 @@ impl Run {
     /// As [`Run::belongs_to`]; what writing returns.
     pub fn go_on(&mut self, clip: &Clip) -> Result<()> {
         if self.state.clip == ClipIdentity::default() {
-            self.state.clip = ClipIdentity::of(clip);
-            self.state.clip_path = Some(clip.root.canonicalize().unwrap_or_else(|_| clip.root.clone()));
+            self.state = State::of(clip);
             self.save()?;
         }
         self.belongs_to(clip)?;
