@@ -32,9 +32,9 @@ pub enum Output {
     /// The noise ε.
     #[default]
     Noise,
-    /// `v = √ᾱ ε − √(1 − ᾱ) x₀` (Salimans and Ho 2022); the noise is `√(1 − ᾱ) x_t + √ᾱ v`. A network of few channels then need not
-    /// hand on the noise of its input.
-    Velocity,
+    /// The clean latents x₀; the noise is `(x_t − √ᾱ x₀) / √(1 − ᾱ)`. A network of few channels then need not hand on the noise
+    /// of its input (Li and He 2025).
+    Clean,
 }
 
 impl Output {
@@ -146,11 +146,17 @@ impl Denoiser {
     /// When a sample or view does not exist.
     #[track_caller]
     pub fn noise(&self, look: &Look, condition: &Condition, targets: &[Target], guidance: f64) -> Result<Var> {
-        self.predict(look, condition, targets, &[], guidance)
+        let predicted = self.predict(look, condition, targets, &[], guidance)?;
+        if self.output.is_noise() {
+            return Ok(predicted);
+        }
+        let times: Vec<f64> = targets.iter().map(|target| look.times[target.sample]).collect();
+        let [clean, noise] = weights(&predicted, &times)?;
+        Ok(&(&of_targets(&look.noised, targets) - &(&predicted * &clean)) / &noise)
     }
 
-    /// The noise in some views, where the model is not told all about some of them; `told` is empty or has one entry for
-    /// each target.
+    /// The UNet's result for some views, where the model is not told all about some of them; `told` is empty or has one entry
+    /// for each target.
     #[track_caller]
     fn predict(
         &self,
@@ -160,18 +166,11 @@ impl Denoiser {
         told: &[Told],
         guidance: f64,
     ) -> Result<Var> {
-        let [_, _, latent, height, width] = look.noised.dims()[..] else {
-            panic!("noised views are [b, views, c, h, w]")
-        };
-        let count = targets.len();
-        let of_view = |x: &Var| {
-            let each = |t: &Target| x.slice(0, t.sample..t.sample + 1).slice(1, t.view..t.view + 1);
-            stacked(&targets.iter().map(each).collect::<Vec<_>>())
-        };
+        let width = *look.noised.dims().last().expect("noised views are [b, views, c, h, w]");
         let of_sample =
             |x: &Var| stacked(&targets.iter().map(|t| x.slice(0, t.sample..t.sample + 1)).collect::<Vec<_>>());
-        let x = of_view(&look.noised).reshape([count, latent, height, width]);
-        let viewpoints = of_view(&look.viewpoints).reshape([count, 4]);
+        let x = of_targets(&look.noised, targets);
+        let viewpoints = of_targets(&look.viewpoints, targets);
         let seen = |run: &[Target]| {
             let sample = run[0].sample;
             let views: Vec<usize> = run.iter().map(|t| t.view).collect();
@@ -186,27 +185,16 @@ impl Denoiser {
         let image = where_told(&of_sample(&condition.latent), told, Told::image)?;
         let conditional = self.unet.forward(&x.concat(&[&image], 1), &times, &token, Some(&pyramid))?;
         if guidance == 1.0 {
-            return self.as_noise(conditional, &x, &times);
+            return Ok(conditional);
         }
         let nothing = self.unet.forward(&x.concat(&[&(&image * 0.0)], 1), &times, &(&token * 0.0), None)?;
-        self.as_noise(&nothing + &(&(&conditional - &nothing) * guidance), &x, &times)
-    }
-
-    /// The noise that a result of the UNet means for noised latents `x [n, latent, w, w]` at these times.
-    fn as_noise(&self, predicted: Var, x: &Var, times: &[f64]) -> Result<Var> {
-        if self.output.is_noise() {
-            return Ok(predicted);
-        }
-        let schedule = Schedule::published();
-        let weight = |which: usize| {
-            let values: Vec<f64> = times.iter().map(|time| schedule.weights(*time as usize)[which]).collect();
-            super::constant(x, Tensor::from_vec(values, [times.len(), 1, 1, 1]))
-        };
-        Ok(&(x * &weight(1)?) + &(&predicted * &weight(0)?))
+        Ok(&nothing + &(&(&conditional - &nothing) * guidance))
     }
 
     /// The training loss of the published model: all views of each sample noised at one time, some views predicted (the
-    /// published training: one of each sample), mean squared error of their noise. Returns the loss and the prediction.
+    /// published training: one of each sample), mean squared error of what the UNet gives. That of clean latents is divided by
+    /// `1 − ᾱ`: it is the error of the velocity `√ᾱ ε − √(1 − ᾱ) x₀` (Salimans and Ho 2022), which counts what is nearly all
+    /// noise as much as what is nearly clean. Returns the loss and the prediction.
     ///
     /// `x0` and `noise` are `[b, views, latent, w, w]`, with one time for each sample; targets of one sample are next to each
     /// other. `told` says what the model is told of each target; empty: all of all.
@@ -229,11 +217,21 @@ impl Denoiser {
         let noised = schedule.add_noise(x0, noise, times)?;
         let look = self.look(&noised, times, condition)?;
         let predicted = self.predict(&look, condition, targets, told, 1.0)?;
-        let of_target = |t: &Target| noise.slice(0, t.sample..t.sample + 1).select(1, t.view);
-        let wanted = stacked(&targets.iter().map(of_target).collect::<Vec<_>>());
-        Ok([(&predicted - &wanted).square().mean_all(), predicted])
+        let loss = match self.output {
+            Output::Noise => (&predicted - &of_targets(noise, targets)).square().mean_all(),
+            Output::Clean => {
+                let times: Vec<f64> = targets.iter().map(|target| look.times[target.sample]).collect();
+                let [_, noise] = weights(&predicted, &times)?;
+                let off = &(&predicted - &of_targets(x0, targets)) / &noise.clamp(LEAST_NOISE, 1.0);
+                off.square().mean_all()
+            }
+        };
+        Ok([loss, predicted])
     }
 }
+
+/// `√(1 − ᾱ)` below which the loss of clean latents grows no more.
+const LEAST_NOISE: f64 = 0.2;
 
 /// One view of one sample of the batch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -324,6 +322,23 @@ impl Look {
             volume: constant(&sight.volume),
         }
     }
+}
+
+/// `√ᾱ` and `√(1 − ᾱ)` of some diffusion times, each `[n, 1, 1, 1]`, where `like` is.
+fn weights(like: &Var, times: &[f64]) -> Result<[Var; 2]> {
+    let schedule = Schedule::published();
+    let each = |which: usize| {
+        let values: Vec<f64> = times.iter().map(|time| schedule.weights(*time as usize)[which]).collect();
+        super::constant(like, Tensor::from_vec(values, [times.len(), 1, 1, 1]))
+    };
+    Ok([each(0)?, each(1)?])
+}
+
+/// The targets' part of something that belongs to all views, `[b, views, …]` to `[n, …]`.
+#[track_caller]
+fn of_targets(x: &Var, targets: &[Target]) -> Var {
+    let each = |t: &Target| x.slice(0, t.sample..t.sample + 1).select(1, t.view);
+    stacked(&targets.iter().map(each).collect::<Vec<_>>())
 }
 
 /// Some variables one after the other along the first axis.

@@ -73,13 +73,7 @@ impl ModelSizes {
             image: 64,
             autoencoder: Coding::Patches(Patches { patch: 4 }),
             clip: None,
-            denoiser: DenoiserSizes {
-                ring: Ring::published(16),
-                unet,
-                volume,
-                spatial_aware,
-                output: Output::Velocity,
-            },
+            denoiser: DenoiserSizes { ring: Ring::published(16), unet, volume, spatial_aware, output: Output::Clean },
         }
     }
 

@@ -15,7 +15,7 @@ use crate::layers::{
 pub struct UnetSizes {
     /// Channels of the input: noised latent and input-image latent.
     pub inputs: usize,
-    /// Channels of the predicted noise.
+    /// Channels of the result.
     pub outputs: usize,
     /// Channels of the first level before its multiplier.
     pub base: usize,

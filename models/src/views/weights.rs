@@ -1,10 +1,9 @@
 //! Weights in a file: looked up by path, left in place until a layer uses them.
 
-use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::{Path, PathBuf};
-use std::rc::Rc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use gradreel::io::Archive;
 use gradreel::{Device, Error, ErrorKind, Result, Shape, Tape, Tensor, Var};
@@ -47,16 +46,17 @@ use crate::layers::{Init, Weights};
 /// ```
 #[derive(Clone)]
 pub struct FileWeights {
-    file: Rc<File>,
+    file: Arc<File>,
     tape: Tape,
 }
 
-struct File {
+/// The file itself, which threads may share; each looks its weights up for a tape of its own.
+pub(super) struct File {
     path: PathBuf,
     archive: Archive,
     device: Device,
     /// What was uploaded or read, by name in the file.
-    kept: RefCell<BTreeMap<String, Tensor>>,
+    kept: Mutex<BTreeMap<String, Tensor>>,
 }
 
 /// Where other checkpoints of the same family keep what the published one has under the first prefix.
@@ -73,14 +73,22 @@ impl FileWeights {
     pub fn open(path: impl AsRef<Path>, device: &Device) -> Result<Self> {
         let path = path.as_ref();
         let archive = Archive::open(path)?;
-        let file = File { path: path.to_owned(), archive, device: device.clone(), kept: RefCell::default() };
-        Ok(Self { file: Rc::new(file), tape: Tape::new() })
+        let file = File { path: path.to_owned(), archive, device: device.clone(), kept: Mutex::default() };
+        Ok(Self { file: Arc::new(file), tape: Tape::new() })
     }
 
     /// The same weights as constants of this tape, for layers whose other weights are trained on it.
     #[must_use]
     pub fn on(&self, tape: &Tape) -> Self {
-        Self { file: self.file.clone(), tape: tape.clone() }
+        Self::of(&self.file, tape)
+    }
+
+    pub(super) fn of(file: &Arc<File>, tape: &Tape) -> Self {
+        Self { file: file.clone(), tape: tape.clone() }
+    }
+
+    pub(super) fn file(&self) -> &Arc<File> {
+        &self.file
     }
 
     /// The file: its names, types and metadata.
@@ -154,7 +162,7 @@ impl FileWeights {
     fn find(&self, path: &str, shape: &Shape) -> Result<Tensor> {
         let file = &*self.file;
         let name = file.name(path).unwrap_or_else(|| path.to_owned());
-        if let Some(kept) = file.kept.borrow().get(&name) {
+        if let Some(kept) = file.kept().get(&name) {
             return Ok(kept.clone());
         }
         let entry = file.archive.entry(&name)?;
@@ -178,13 +186,22 @@ impl FileWeights {
         };
         let weight = weight.to_device(&file.device)?;
         if file.device != Device::Cpu || stored == gradreel::io::Stored::Bf16 {
-            file.kept.borrow_mut().insert(name, weight.clone());
+            file.kept().insert(name, weight.clone());
         }
         Ok(weight)
     }
 }
 
 impl File {
+    /// Where the weights go.
+    pub fn device(&self) -> &Device {
+        &self.device
+    }
+
+    fn kept(&self) -> MutexGuard<'_, BTreeMap<String, Tensor>> {
+        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// The name in the file of the weight at a path.
     fn name(&self, path: &str) -> Option<String> {
         let has = |name: &str| self.archive.has(name);

@@ -1,6 +1,6 @@
 //! Noise schedule, sampler and a whole denoising step.
 
-use gradreel::{DType, Tape, Tensor};
+use gradreel::{DType, Tape, Tensor, Var};
 use gradreel_models::layers::Scope;
 use gradreel_models::views::{
     Condition, Ddim, Denoiser, DenoiserSizes, Output, Ring, Schedule, Target, UnetSizes, VolumeSizes,
@@ -154,9 +154,9 @@ fn a_training_step() {
     }
 }
 
-/// A network whose result is a velocity has the noise that the definition says, whatever the guidance.
+/// A network whose result is the clean latents has the noise that the definition says, whatever the guidance.
 #[test]
-fn a_velocity_means_a_noise() {
+fn clean_latents_mean_a_noise() {
     let (time, sizes) = (400, crate::tiny::sizes().denoiser);
     let source = procedural::Source { seed: "velocity", tape: Tape::new() };
     let given = |name: &str, shape: &[usize]| source.tape.constant(procedural::input("velocity", name, shape));
@@ -169,7 +169,7 @@ fn a_velocity_means_a_noise() {
     };
     let targets = [1, 3].map(|view| Target { sample: 0, view });
     for guidance in [1.0, 2.5] {
-        let [noise, velocity] = [Output::Noise, Output::Velocity].map(|output| {
+        let [noise, clean] = [Output::Noise, Output::Clean].map(|output| {
             let sizes = DenoiserSizes { output, ..sizes.clone() };
             let net = Denoiser::new(&Scope::root(&source), &sizes).unwrap();
             let look = net.look(&x, &[time], &condition).unwrap();
@@ -178,7 +178,35 @@ fn a_velocity_means_a_noise() {
         let [signal, left] = Schedule::published().weights(time);
         assert!((signal * signal + left * left - 1.0).abs() < 1e-6);
         let of_view = |view: usize| x.slice(1, view..view + 1).reshape([1, 4, 8, 8]);
-        let expected = &(&of_view(1).concat(&[&of_view(3)], 0) * left) + &(&noise * signal);
-        close("noise", velocity.value().unwrap(), expected.value().unwrap(), 1e-6);
+        // the other network has the same weights: its noise read as clean latents
+        let expected = &(&of_view(1).concat(&[&of_view(3)], 0) - &(&noise * signal)) * (1.0 / left);
+        close("noise", clean.value().unwrap(), expected.value().unwrap(), 1e-6);
     }
+}
+
+/// The loss of clean latents is the error of the velocity that they mean.
+#[test]
+fn clean_latents_are_judged_by_velocity() {
+    let (time, sizes) = (700, crate::tiny::sizes().denoiser);
+    let source = procedural::Source { seed: "velocity", tape: Tape::new() };
+    let given = |name: &str, shape: &[usize]| source.tape.constant(procedural::input("velocity", name, shape));
+    let (x0, noise) = (given("x", &[1, 4, 4, 8, 8]), given("noise", &[1, 4, 4, 8, 8]));
+    let condition = Condition {
+        embedding: given("embedding", &[1, 1, 8]),
+        latent: given("latent", &[1, 4, 8, 8]),
+        elevations: vec![0.3],
+        boxes: vec![],
+    };
+    let schedule = Schedule::published();
+    let net = Denoiser::new(&Scope::root(&source), &DenoiserSizes { output: Output::Clean, ..sizes }).unwrap();
+    let targets = [Target { sample: 0, view: 2 }];
+    let [loss, clean] = net.loss(&schedule, [&x0, &noise], &[time], &targets, &condition, &[]).unwrap();
+    let [signal, left] = schedule.weights(time);
+    let of_view = |x: &Var| x.select(1, 2);
+    let noised = schedule.add_noise(&x0, &noise, &[time]).unwrap();
+    let velocity = &(&of_view(&noise) * signal) - &(&of_view(&x0) * left);
+    let meant = &(&(&of_view(&noised) * signal) - &clean) * (1.0 / left);
+    let expected = (&meant - &velocity).square().mean_all().item().unwrap();
+    let found = loss.item().unwrap();
+    assert!((found - expected).abs() < 1e-5 * expected, "{found} for {expected}");
 }

@@ -151,6 +151,18 @@ fn the_vectors_training_step() {
 }
 
 #[test]
+fn groups_side_by_side_change_no_bit() {
+    let path = file("side.safetensors", SEED, &tiny());
+    let batch = batch(3);
+    let [one, two] = [1, 2].map(|side_by_side| {
+        let training = begin(&path, Plan { at_once: 1, side_by_side, ..plan() });
+        let BatchGradients { loss, by_path, .. } = training.gradients(&batch).unwrap();
+        (loss.to_bits(), bits(&by_path))
+    });
+    assert!(one == two);
+}
+
+#[test]
 fn the_loss_falls_and_frozen_weights_stay() {
     let path = file("falls.safetensors", SEED, &tiny());
     let mut training = begin(&path, Plan { average: Some(0.9), ..plan() });
@@ -349,6 +361,7 @@ fn plans_and_batches_that_do_not_fit_are_refused() {
     };
     assert!(refuse(Plan { trained: vec![("spatial_volumes".into(), 1e-3)], ..plan() }).contains("spatial_volumes"));
     assert!(refuse(Plan { at_once: 0, ..plan() }).contains("0 samples at once"));
+    assert!(refuse(Plan { side_by_side: 0, ..plan() }).contains("0 groups side by side"));
     assert!(refuse(Plan { dropped: 0.3, ..plan() }).contains("0.3"));
     let training = begin(&path, plan());
     let wrong = Batch { images: procedural::input(SEED, "x", [2, 4, 4, 4]), ..batch(2) };

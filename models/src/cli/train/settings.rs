@@ -63,6 +63,8 @@ pub(super) struct Optimiser {
     pub targets: usize,
     /// Samples evaluated at once; 0 for all.
     pub at_once: usize,
+    /// Such groups at the same time, on a processor.
+    pub side_by_side: usize,
     /// Less memory for one more forward pass.
     pub recomputed: bool,
     /// Probability of each of four ways of telling the model less.
@@ -119,7 +121,8 @@ impl Settings {
                 average: plan.average.unwrap_or(0.0),
                 batch: 8,
                 targets: 4.min(model.denoiser.ring.views),
-                at_once: 0,
+                at_once: 1,
+                side_by_side: 1,
                 recomputed: model.image > 64,
                 dropped: plan.dropped,
             },
@@ -192,6 +195,7 @@ impl Settings {
             ("optimiser.clip", optimiser.clip > 0.0, "above 0"),
             ("optimiser.average", (0.0..1.0).contains(&optimiser.average), "0 to below 1"),
             ("optimiser.batch", (1..=1 << 16).contains(&optimiser.batch), "1 to 65536"),
+            ("optimiser.side_by_side", (1..=1 << 10).contains(&optimiser.side_by_side), "1 to 1024"),
             ("optimiser.dropped", (0.0..=0.25).contains(&optimiser.dropped), "0 to 0.25"),
             ("optimiser.weight_decay", (0.0..1.0).contains(&optimiser.weight_decay), "0 to below 1"),
             ("detector", share(detector.missed) && (0.0..=0.5).contains(&detector.jitter), "shares"),
@@ -216,7 +220,8 @@ impl Settings {
 
     /// The plan of the training.
     pub fn plan(&self) -> Plan {
-        let Optimiser { rate, weight_decay, warmup, clip, average, targets, recomputed, dropped, .. } = self.optimiser;
+        let Optimiser { rate, weight_decay, warmup, clip, average, targets, side_by_side, recomputed, dropped, .. } =
+            self.optimiser;
         Plan {
             trained: self.optimiser.trained.iter().map(|prefix| (prefix.clone(), rate)).collect(),
             weight_decay,
@@ -228,6 +233,7 @@ impl Settings {
                 0 => self.optimiser.batch,
                 count => count,
             },
+            side_by_side: if self.device == Place::Cpu { side_by_side } else { 1 },
             recomputed,
             average: Some(average).filter(|decay| *decay > 0.0),
             dropped,

@@ -9,16 +9,19 @@ mod sources;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
+use std::sync::Arc;
 
 use gradreel::io::TensorFile;
 use gradreel::optim::{Adam, Ema, Load, Params, Update};
 use gradreel::{DType, Device, Error, ErrorKind, Key, Memory, Result, Tape, Tensor, Var};
+use rayon::prelude::*;
 
 pub use draw::{Batch, Draw};
 pub use encoding::{Detector, encode, subject_of};
 pub use plan::Plan;
 
 use self::sources::{Fixed, Picked, Source};
+use super::weights::File;
 use super::{Condition, Denoiser, DenoiserSizes, Ensemble, FileWeights, ModelSizes, Schedule, Target, Told};
 use crate::layers::{Scope, Weights, initialise, listing};
 
@@ -46,7 +49,7 @@ use crate::layers::{Scope, Weights, initialise, listing};
 pub struct Training {
     plan: Plan,
     sizes: DenoiserSizes,
-    frozen: FileWeights,
+    frozen: Arc<File>,
     params: Params,
     adam: Adam,
     average: Option<Ema>,
@@ -56,7 +59,7 @@ pub struct Training {
 /// What one step of a training did.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Step {
-    /// Mean squared error of the predicted noise.
+    /// Mean squared error of what the model predicts ([`super::Output`]).
     pub loss: f64,
     /// The optimiser's update.
     pub update: Update,
@@ -66,7 +69,7 @@ pub struct Step {
 
 /// The gradients of a batch.
 pub struct BatchGradients {
-    /// Mean squared error of the predicted noise.
+    /// Mean squared error of what the model predicts ([`super::Output`]).
     pub loss: f64,
     /// Gradients by path.
     pub by_path: BTreeMap<String, Tensor>,
@@ -88,10 +91,14 @@ impl Training {
                 return Err(Error::new(ErrorKind::Input, "nothing has the prefix of what is to be trained").at(prefix));
             }
         }
-        if plan.at_once == 0 || plan.targets == 0 || !(0.0..=0.25).contains(&plan.dropped) {
+        let none = plan.at_once == 0 || plan.side_by_side == 0 || plan.targets == 0;
+        if none || !(0.0..=0.25).contains(&plan.dropped) {
             return Err(Error::new(ErrorKind::Input, "the training cannot follow its plan")
-                .found(format!("{} samples at once, {} targets, {} dropped", plan.at_once, plan.targets, plan.dropped))
-                .wanted("at least one sample at once and one target, and a probability of at most 1/4 for each of four ways"));
+                .found(format!(
+                    "{} samples at once, {} groups side by side, {} targets, {} dropped",
+                    plan.at_once, plan.side_by_side, plan.targets, plan.dropped
+                ))
+                .wanted("at least one sample at once, one group and one target, and a probability of at most 1/4 for each of four ways"));
         }
         let mut report = weights.check(&all);
         let fresh: Vec<String> = report.missing.iter().filter(|path| plan.trains(path)).cloned().collect();
@@ -112,7 +119,7 @@ impl Training {
             params.set(path, weights.tensor(path, shape)?.cast(DType::F32)?.to_device(&device)?);
         }
         let (adam, average) = (plan.optimiser(), plan.average.map(Ema::new));
-        Ok(Self { plan, sizes, frozen: weights, params, adam, average, schedule: Schedule::published() })
+        Ok(Self { plan, sizes, frozen: weights.file().clone(), params, adam, average, schedule: Schedule::published() })
     }
 
     /// Steps made so far.
@@ -152,27 +159,41 @@ impl Training {
     /// # Errors
     /// As [`Training::gradients`]; [`ErrorKind::Input`] for a draw that does not fit the batch.
     pub fn gradients_at(&self, batch: &Batch, draws: &[Draw]) -> Result<BatchGradients> {
+        let groups: Vec<Range<usize>> = self.groups(batch, draws)?.collect();
         let mut sum = BatchGradients { loss: 0.0, by_path: BTreeMap::new(), memory: Memory::default() };
-        for group in self.groups(batch, draws)? {
-            let tape = Tape::new();
-            let bound = self.params.bind(&tape);
-            let share = group.len() as f64 / batch.len() as f64;
-            let loss = &self.loss(&tape, &bound, batch, draws, group)? * share;
-            sum.loss += loss.item()?;
-            for (path, gradient) in bound.gradients(&loss.into_gradients()?)? {
-                let total = match sum.by_path.remove(&path) {
-                    None => gradient,
-                    Some(before) => {
-                        let adding = Tape::new();
-                        (&adding.constant(before) + &adding.constant(gradient)).value()?.clone()
-                    }
-                };
-                sum.by_path.insert(path, total);
+        for side_by_side in groups.chunks(self.plan.side_by_side) {
+            let each = side_by_side.par_iter().map(|group| self.gradients_of(batch, draws, group.clone()));
+            let each = each.collect::<Result<Vec<_>>>()?;
+            let [held, peak] = [|m: &Memory| m.held, |m: &Memory| m.peak]
+                .map(|of| each.iter().map(|found| of(&found.memory)).sum::<usize>());
+            sum.memory = Memory { held, peak: peak.max(sum.memory.peak) };
+            // in their order, whichever was ready first
+            for found in each {
+                sum.loss += found.loss;
+                for (path, gradient) in found.by_path {
+                    let total = match sum.by_path.remove(&path) {
+                        None => gradient,
+                        Some(before) => {
+                            let adding = Tape::new();
+                            (&adding.constant(before) + &adding.constant(gradient)).value()?.clone()
+                        }
+                    };
+                    sum.by_path.insert(path, total);
+                }
             }
-            let memory = tape.memory();
-            sum.memory = Memory { held: memory.held, peak: memory.peak.max(sum.memory.peak) };
         }
         Ok(sum)
+    }
+
+    /// The part of some samples in the loss of their batch and its gradients.
+    fn gradients_of(&self, batch: &Batch, draws: &[Draw], group: Range<usize>) -> Result<BatchGradients> {
+        let tape = Tape::new();
+        let bound = self.params.bind(&tape);
+        let share = group.len() as f64 / batch.len() as f64;
+        let loss = &self.loss(&tape, &bound, batch, draws, group)? * share;
+        let value = loss.item()?;
+        let by_path = bound.gradients(&loss.into_gradients()?)?;
+        Ok(BatchGradients { loss: value, by_path, memory: tape.memory() })
     }
 
     /// The loss of a batch without a step, told all. The same `turn` draws the same times, views and noise however far the
@@ -223,7 +244,7 @@ impl Training {
         group: Range<usize>,
     ) -> Result<Var> {
         let draws = &draws[group.clone()];
-        let source = Source { trained, plan: &self.plan, frozen: self.frozen.on(tape) };
+        let source = Source { trained, plan: &self.plan, frozen: FileWeights::of(&self.frozen, tape) };
         let scope = Scope::root(&source);
         let scope = if self.plan.recomputed { scope.recomputed() } else { scope };
         let net = Denoiser::new(&scope, &self.sizes)?;
@@ -259,7 +280,7 @@ impl Training {
         let (tape, averaged) = (Tape::new(), self.averaged());
         let params = averaged.as_ref().unwrap_or(&self.params);
         let fixed = Fixed { params, tape: &tape };
-        let source = Source { trained: &fixed, plan: &self.plan, frozen: self.frozen.on(&tape) };
+        let source = Source { trained: &fixed, plan: &self.plan, frozen: FileWeights::of(&self.frozen, &tape) };
         Ensemble::new(&source, &self.sizes, self.frozen.device(), at_once)
     }
 
@@ -319,9 +340,10 @@ impl Training {
     /// # Errors
     /// [`ErrorKind::Input`] for an entry of the first file that cannot be read; [`ErrorKind::Io`] when writing fails.
     pub fn export(&self, path: impl AsRef<Path>) -> Result<()> {
-        let archive = self.frozen.archive();
+        let frozen = FileWeights::of(&self.frozen, &Tape::new());
+        let archive = frozen.archive();
         let mut file = TensorFile { tensors: BTreeMap::new(), metadata: archive.metadata().clone() };
-        let before = self.frozen.sizes()?;
+        let before = frozen.sizes()?;
         let module = self.sizes.spatial_aware.clone();
         if before.denoiser.spatial_aware != module {
             let denoiser = DenoiserSizes { spatial_aware: module, ..before.denoiser };

@@ -20,6 +20,9 @@ pub struct Plan {
     /// Samples of a batch that are evaluated at once; gradients of the groups are added up, so that a batch of any size fits
     /// into memory. The result does not depend on it, but for rounding.
     pub at_once: usize,
+    /// Groups of samples that are evaluated at the same time, each with memory of its own. On a processor, as many as there are
+    /// cores keep all of them busy where the networks are small.
+    pub side_by_side: usize,
     /// Whether the blocks of the networks are recomputed in the backward pass: less memory for one more forward pass.
     pub recomputed: bool,
     /// Decay of a running average of the trained weights; `None` keeps none.
@@ -49,6 +52,7 @@ impl Plan {
             clip: None,
             targets: 1,
             at_once: 1,
+            side_by_side: 1,
             recomputed: true,
             average: None,
             dropped: 0.0,
