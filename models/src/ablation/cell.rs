@@ -17,6 +17,8 @@ use crate::video::Clip;
 #[serde(rename_all = "snake_case")]
 #[value(rename_all = "snake_case")]
 pub enum Cell {
+    /// Reconstruction from one real view alone
+    Single,
     /// Reconstruction from the views as they were filmed
     Real,
     /// From one real view and imagined others, with the view-adaptive loss
@@ -35,12 +37,21 @@ pub enum Cell {
 
 impl Cell {
     /// All of them, in the order of the table.
-    pub const ALL: [Self; 7] =
-        [Self::Real, Self::WithLva, Self::WithoutLva, Self::Plain, Self::Time, Self::Bending, Self::Still];
+    pub const ALL: [Self; 8] = [
+        Self::Single,
+        Self::Real,
+        Self::WithLva,
+        Self::WithoutLva,
+        Self::Plain,
+        Self::Time,
+        Self::Bending,
+        Self::Still,
+    ];
 
     /// Its name in files.
     pub fn name(self) -> &'static str {
         match self {
+            Self::Single => "single",
             Self::Real => "real",
             Self::WithLva => "with_lva",
             Self::WithoutLva => "without_lva",
@@ -54,6 +65,7 @@ impl Cell {
     /// What it is, for the table.
     pub fn label(self) -> &'static str {
         match self {
+            Self::Single => "one real view",
             Self::Real => "real views",
             Self::WithLva => "imagined views, with L_va",
             Self::WithoutLva => "imagined views, without L_va",
@@ -66,7 +78,7 @@ impl Cell {
 
     /// Whether it reconstructs; it fits a temporal field otherwise.
     pub fn reconstructs(self) -> bool {
-        matches!(self, Self::Real | Self::WithLva | Self::WithoutLva | Self::Plain)
+        matches!(self, Self::Single | Self::Real | Self::WithLva | Self::WithoutLva | Self::Plain)
     }
 }
 

@@ -6,6 +6,7 @@ use gradreel::Result;
 
 use super::{AblationSettings, Cell, CellResult};
 use crate::identify::{Config, Run, reconstruct};
+use crate::monocular;
 use crate::report::progress::Progress;
 use crate::report::reconstruction::{publish, quantities};
 use crate::report::run_folder::RunFolder;
@@ -16,6 +17,7 @@ impl AblationSettings {
     fn config_of(&self, cell: Cell, clip: &Clip) -> Config {
         let mut config = self.config.clone();
         let imagined = clip.cameras.iter().zip(&clip.imagined).filter(|(_, imagined)| **imagined);
+        config.clip.cameras = clip.cameras.iter().map(|camera| camera.id).collect();
         config.clip.imagined = Some(imagined.map(|(camera, _)| camera.id).collect());
         if matches!(cell, Cell::WithoutLva | Cell::Plain) {
             config.loss.views.alpha = 0.0;
@@ -30,11 +32,16 @@ impl AblationSettings {
     /// Reconstructs and compares with the views as they were filmed, all of them.
     pub(super) fn identify(&self, cell: Cell, clip: &Clip, folder: &Path, progress: &Progress) -> Result<CellResult> {
         let seen = match cell {
+            Cell::Single => {
+                let mut seen = clip.single(self.primary_of(clip));
+                monocular::sight(&mut seen, self.config.world.gravity)?;
+                seen
+            }
             Cell::Real => Clip { imagined: vec![false; clip.cameras.len()], ..clip.clone() },
             _ => self.perturbation.of(clip, self.primary_of(clip)),
         };
         let mut run = match folder.join("config.toml").is_file() {
-            true => Run::open(RunFolder::open(folder)?)?,
+            true => Run::open(RunFolder::resume(folder)?)?,
             false => Run::create(RunFolder::create(folder)?, self.config_of(cell, &seen), &seen)?,
         };
         run.go_on(&seen)?;

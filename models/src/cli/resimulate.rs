@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use gradreel::{Error, ErrorKind, Result};
 
+use crate::cli::output::say;
 use crate::identify::{Changes, Reconstruction, Run};
 use crate::report::interrupt;
 use crate::report::progress::Progress;
@@ -11,7 +12,7 @@ use crate::report::reconstruction::publish;
 use crate::report::run_folder::RunFolder;
 
 /// What to simulate again, and what to change.
-#[derive(clap::Args)]
+#[derive(clap::Args, Default)]
 #[command(next_help_heading = "What was reconstructed, again")]
 pub(super) struct Arguments {
     /// Simulate what the run in this folder has found, instead of a scene; filmed beside its clip
@@ -65,8 +66,8 @@ pub(super) fn run(arguments: &Arguments, from: &Path, out: Option<&Path>, quiet:
     again.begin_from(&before)?;
     publish(&found, &again, &clip, &progress)?;
     if !quiet {
-        words.iter().for_each(|change| println!("  {change}"));
-        println!("\n  open {}", again.folder.path("index.html").display());
+        words.iter().for_each(|change| say!("  {change}"));
+        say!("\n  open {}", again.folder.path("index.html").display());
     }
     Ok(())
 }

@@ -6,6 +6,7 @@ use std::time::Instant;
 use gradreel::{Error, ErrorKind, Result};
 
 use super::resimulate;
+use crate::cli::output::say;
 use crate::physics::Number;
 use crate::report::interrupt;
 use crate::report::progress::Progress;
@@ -106,7 +107,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         (None, scene) => scene.as_deref().unwrap_or(Path::new("")),
     };
     interrupt::install()?;
-    let mut file = SceneFile::read(scene)?;
+    simulate_scene(arguments, scene, SceneFile::read(scene)?)
+}
+
+fn simulate_scene(arguments: &Arguments, scene: &Path, mut file: SceneFile) -> Result<()> {
     if arguments.film {
         file.film.get_or_insert_default();
     }
@@ -132,6 +136,24 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     }
 }
 
+/// Simulates a scene that needs no other files and films it into a new folder, without a word.
+pub(super) fn film(file: SceneFile, name: &str, out: &Path) -> Result<()> {
+    let arguments = Arguments {
+        scene: None,
+        out: Some(out.to_owned()),
+        resume: false,
+        plan: false,
+        duration: None,
+        precision: None,
+        frames: Vec::new(),
+        film: true,
+        no_gif: true,
+        quiet: true,
+        again: resimulate::Arguments::default(),
+    };
+    simulate_scene(&arguments, Path::new(name), file)
+}
+
 fn simulate<T: Number>(
     arguments: &Arguments,
     scene: &Path,
@@ -143,7 +165,7 @@ fn simulate<T: Number>(
     let text =
         toml::to_string_pretty(file).map_err(|e| Error::new(ErrorKind::Io, "the scene cannot be written").found(e))?;
     let folder = match &arguments.out {
-        _ if arguments.resume => RunFolder::open(arguments.out.as_deref().unwrap_or(Path::new(".")))?,
+        _ if arguments.resume => RunFolder::resume(arguments.out.as_deref().unwrap_or(Path::new(".")))?,
         Some(folder) => RunFolder::create(folder)?,
         None => RunFolder::create_free(Path::new("runs"), &name)?,
     };
@@ -198,9 +220,9 @@ fn simulate<T: Number>(
     record.publish(begun.elapsed().as_secs_f64())?;
     record.forget_state()?;
     if !arguments.quiet {
-        println!("\n  open {}", record.root().join("index.html").display());
+        say!("\n  open {}", record.root().join("index.html").display());
         if record.film.is_some() {
-            println!("  clip {}", record.root().join("clip").display());
+            say!("  clip {}", record.root().join("clip").display());
         }
     }
     Ok(())
@@ -214,8 +236,8 @@ fn stem(scene: &Path) -> String {
 /// What will be done, before it is.
 fn print_plan(name: &str, file: &SceneFile, setup: &Setup) {
     let title = if file.title.is_empty() { name } else { &file.title };
-    println!("{title}");
-    let line = |label: &str, text: String| println!("  {label:<11} {text}");
+    say!("{title}");
+    let line = |label: &str, text: String| say!("  {label:<11} {text}");
     for (index, object) in file.objects.iter().enumerate() {
         let count = setup.object_of.iter().filter(|&&of| of as usize == index).count();
         let stuff =

@@ -118,6 +118,21 @@ impl PixelRect {
 }
 
 impl Clip {
+    /// What one camera saw of it.
+    ///
+    /// # Panics
+    /// When there is no camera at this position.
+    #[must_use]
+    pub fn single(&self, position: usize) -> Self {
+        Self {
+            cameras: vec![self.cameras[position].clone()],
+            frames: vec![self.frames[position].clone()],
+            foreground: vec![self.foreground[position]],
+            imagined: vec![self.imagined[position]],
+            ..self.clone()
+        }
+    }
+
     /// Reads a clip: the list, every selected image (in parallel), and the object's alpha in each.
     ///
     /// `path` is the clip's folder, in any of the layouts of [`Format`](super::Format); for a real capture of Spring-Gaus,

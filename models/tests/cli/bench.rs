@@ -1,4 +1,4 @@
-//! `gradreel bench ablation`: a table, cells that are not run twice, and what cannot be used.
+//! `gradreel bench`: tables, cells that are not run twice, and what cannot be used.
 
 use std::fs;
 
@@ -46,6 +46,31 @@ fn a_quick_ablation_and_one_that_goes_on() {
     assert_eq!(number(&fs::read(cell("time")).unwrap()), psnr);
     fs::write(cell("still"), "{").unwrap();
     scene.refuses("bench ablation --out out --resume", &["still.json", "damaged"]);
+}
+
+#[test]
+fn the_tables_of_the_paper() {
+    let scene = Scene::with_clip(&[0, 2, 5], 6);
+    fs::copy(crate::scene::bundled().join("truth.json"), scene.path("clip/truth.json")).unwrap();
+    let printed = scene.succeeds("bench table1 clip --quick --out one");
+    for row in ["one real view", "real views", "Toothpaste", "PAC-NeRF, multi-view"] {
+        assert!(printed.contains(row), "no {row:?} in\n{printed}");
+    }
+    let all: Value = serde_json::from_slice(&fs::read(scene.path("one/ablation.json")).unwrap()).unwrap();
+    let cells = &all[0]["cells"];
+    assert!(cells["single"]["errors"]["young"].is_number() && cells["real"]["errors"]["young"].is_number(), "{cells}");
+    assert_eq!(cells.as_object().unwrap().len(), 2);
+
+    // films of the five families are made once
+    let printed = scene.succeeds("bench table2 --quick --frames 3 --out two");
+    for row in ["## newtonian (newtonian)", "## sand (sand)", "with L_va", "without L_va", "as printed"] {
+        assert!(printed.contains(row), "no {row:?} in\n{printed}");
+    }
+    assert!(!printed.contains("one real view"), "{printed}");
+    let film = scene.path("two/films/elastic/scene.toml");
+    let made = fs::metadata(&film).unwrap().modified().unwrap();
+    assert_eq!(scene.succeeds("bench table2 --out two --resume --quiet"), printed);
+    assert_eq!(fs::metadata(&film).unwrap().modified().unwrap(), made);
 }
 
 #[test]

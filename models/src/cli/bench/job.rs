@@ -1,4 +1,4 @@
-//! `gradreel bench`: what the parts of the method are worth.
+//! One benchmark: its plan, its cells one after the other, its table.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -6,100 +6,14 @@ use std::path::{Path, PathBuf};
 use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
-use crate::ablation::{AblationSettings, Cell, CellResult, ClipResults, Truth, markdown};
+use super::{AblationArguments, films};
+use crate::ablation::{AblationSettings, Cell, CellResult, ClipResults, Published, Truth, markdown};
+use crate::cli::output::say;
 use crate::identify::Config;
 use crate::report::interrupt;
 use crate::report::progress::Progress;
 use crate::report::run_folder::RunFolder;
 use crate::video::Clip;
-
-/// Arguments of `gradreel bench`.
-#[derive(clap::Args)]
-pub(super) struct Arguments {
-    #[command(subcommand)]
-    what: What,
-}
-
-#[derive(clap::Subcommand)]
-enum What {
-    /// Reconstruct from imagined views with and without the view-adaptive loss, and fit the moving field with and without its
-    /// encoding of time
-    Ablation(AblationArguments),
-}
-
-#[derive(clap::Args)]
-#[command(after_long_help = LONG_HELP)]
-struct AblationArguments {
-    /// Folders of clips whose views are all real (see `gradreel check --help`)
-    #[arg(required_unless_present = "resume", conflicts_with = "resume")]
-    clips: Vec<PathBuf>,
-    /// Folder for the results [default: runs/ablation, runs/ablation-2, …]
-    #[arg(long, value_name = "FOLDER")]
-    out: Option<PathBuf>,
-    /// Go on with the ablation in --out; cells that are finished are not run again
-    #[arg(long, requires = "out")]
-    resume: bool,
-    /// Only these cells of the table [default: all]
-    #[arg(long, value_delimiter = ',', value_name = "NAMES", conflicts_with = "resume")]
-    cells: Vec<Cell>,
-    /// A tiny budget, to see that everything runs; the numbers mean nothing
-    #[arg(long, conflicts_with = "resume")]
-    quick: bool,
-    /// Settings of the reconstructions as TOML, as for `gradreel reconstruct`
-    #[arg(long, value_name = "FILE", conflicts_with = "resume")]
-    config: Option<PathBuf>,
-    /// Material of all clips [default: that of the truth beside each clip, or of --config]
-    #[arg(long, value_name = "NAME", conflicts_with = "resume")]
-    material: Option<String>,
-    /// Number of the camera that stays real [default: the first]
-    #[arg(long, value_name = "NUMBER", conflicts_with = "resume")]
-    primary: Option<i64>,
-    /// Largest shift of an imagined picture, half of it alike in all frames [pixels of the clip] [default: 3]
-    #[arg(long, value_name = "PIXELS", conflicts_with = "resume")]
-    shift: Option<f64>,
-    /// Largest change of an imagined view's colours, as a share [default: 0.2]
-    #[arg(long, value_name = "SHARE", conflicts_with = "resume")]
-    tint: Option<f64>,
-    /// Other seeds imagine other views [default: 1]
-    #[arg(long, value_name = "NUMBER", conflicts_with = "resume")]
-    seed: Option<u32>,
-    /// Use the first so many frames only
-    #[arg(long, value_name = "COUNT", conflicts_with = "resume")]
-    frames: Option<usize>,
-    /// No progress on stderr
-    #[arg(long, short)]
-    quiet: bool,
-}
-
-const LONG_HELP: &str = "\
-Cells of the table:
-  real         reconstruction from all views as they were filmed: what there is to lose
-  with_lva     one view stays real, the others are imagined: misregistered by a few pixels, colour-shifted; each counts
-               exp(−α Δθ) by its angle Δθ to the real one ([loss.views] alpha = 1 per radian)
-  without_lva  the same, but all views count alike (alpha = 0)
-  plain        the same, and squared residuals in place of robust ones and no ranges of parameters, too
-  time         the moving field, fitted to the first frames of all views but one, and the view that was held out
-  bending      the same without merging features with positions and time: coordinates are bent and nothing else
-  still        the same without any encoding of time
-
-Where the truth lies beside a clip (truth.json in it, or the scene.toml of `gradreel simulate --film`), the table has
-errors, and the material is the true one. A cell takes as long as `gradreel reconstruct` does, those of the field a minute or two.
-
-Results: ablation.md (the table), ablation.json (every number), and a folder a clip with one run a cell: open its
-index.html.
-
-Examples:
-  gradreel bench ablation examples/clips/bird                            all cells of one clip, about half an hour
-  gradreel bench ablation my/a my/b --cells with_lva,without_lva         the published table
-  gradreel bench ablation examples/clips/bird --cells time,bending,still
-  gradreel bench ablation --out runs/ablation --resume                   go on after Ctrl-C";
-
-/// Runs a benchmark.
-pub(super) fn run(arguments: &Arguments) -> Result<()> {
-    match &arguments.what {
-        What::Ablation(arguments) => ablation(arguments),
-    }
-}
 
 /// What was asked for, as the folder keeps it.
 #[derive(Serialize, Deserialize)]
@@ -109,15 +23,25 @@ struct Plan {
     cells: Vec<Cell>,
     /// Whether the material is that of the truth.
     material_of_truth: bool,
+    /// The published table that this one is beside.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    published: Option<Published>,
+    /// Whether the clips are made here, and how coarse.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    films: Option<films::Fineness>,
     settings: AblationSettings,
 }
 
 const PLAN: &str = "ablation.toml";
 
-fn ablation(arguments: &AblationArguments) -> Result<()> {
+/// Does all that is not done yet.
+pub(super) fn run(arguments: &AblationArguments) -> Result<()> {
     interrupt::install()?;
     let progress = Progress::new(arguments.quiet);
     let (plan, folder) = if arguments.resume { go_on(arguments)? } else { begin(arguments)? };
+    if let Some(fineness) = plan.films {
+        films::make(&folder, fineness, &progress).map_err(|error| with_way_on(error, &folder))?;
+    }
     let mut results = Vec::new();
     for (number, path) in plan.clips.iter().enumerate() {
         let clip = label(path, plan.clips.iter().take(number));
@@ -145,18 +69,18 @@ fn ablation(arguments: &AblationArguments) -> Result<()> {
             }
         }
         folder.write("ablation.json", &serde_json::to_vec_pretty(&results).map_err(unwritable)?)?;
-        folder.write("ablation.md", markdown(&results).as_bytes())?;
+        folder.write("ablation.md", plan.table(&results).as_bytes())?;
     }
     bar.finish(&folder.path("ablation.md").display().to_string());
-    println!("{}", markdown(&results));
-    println!("  {}", folder.path("ablation.md").display());
+    say!("{}", plan.table(&results));
+    say!("  {}", folder.path("ablation.md").display());
     Ok(())
 }
 
 fn begin(arguments: &AblationArguments) -> Result<(Plan, RunFolder)> {
     let mut settings = if arguments.quick { quick() } else { AblationSettings::default() };
     if let Some(path) = &arguments.config {
-        settings.config = super::reconstruct::read_config(path)?;
+        settings.config = crate::cli::reconstruct::read_config(path)?;
     }
     if let Some(material) = &arguments.material {
         settings.config.material.name.clone_from(material);
@@ -177,27 +101,31 @@ fn begin(arguments: &AblationArguments) -> Result<(Plan, RunFolder)> {
                 .fix("leave it out for the default"));
         }
     }
-    let clips = arguments.clips.iter().map(|path| path.canonicalize().unwrap_or_else(|_| path.clone())).collect();
+    let films = arguments.clips.is_empty().then_some(if arguments.quick { films::QUICK } else { films::WHOLE });
     let mut cells = if arguments.cells.is_empty() { Cell::ALL.to_vec() } else { arguments.cells.clone() };
     cells.sort();
     cells.dedup();
     let material_of_truth = arguments.material.is_none() && settings.config.material == Config::default().material;
-    let plan = Plan { clips, cells, material_of_truth, settings };
+    let clips = arguments.clips.iter().map(|path| path.canonicalize().unwrap_or_else(|_| path.clone())).collect();
+    let mut plan = Plan { clips, cells, material_of_truth, published: arguments.published, films, settings };
     // clips that cannot be used leave no trace
     for path in &plan.clips {
         open(path, &plan.settings_of(Truth::beside(path).as_ref()))?;
     }
-    let text = toml::to_string_pretty(&plan).map_err(unwritable)?;
     let folder = match &arguments.out {
         Some(folder) => RunFolder::create(folder)?,
         None => RunFolder::create_free(Path::new("runs"), "ablation")?,
     };
+    if films.is_some() {
+        plan.clips = films::places(&folder);
+    }
+    let text = toml::to_string_pretty(&plan).map_err(unwritable)?;
     folder.write(PLAN, text.as_bytes())?;
     Ok((plan, folder))
 }
 
 fn go_on(arguments: &AblationArguments) -> Result<(Plan, RunFolder)> {
-    let folder = RunFolder::open(arguments.out.as_deref().unwrap_or(Path::new(".")))?;
+    let folder = RunFolder::resume(arguments.out.as_deref().unwrap_or(Path::new(".")))?;
     let fix = "give the folder of an interrupted ablation to --out, or begin one without --resume";
     folder.goes_on(PLAN, "there is no ablation to go on with", fix)?;
     let text = String::from_utf8_lossy(&folder.read(PLAN)?).into_owned();
@@ -207,6 +135,11 @@ fn go_on(arguments: &AblationArguments) -> Result<(Plan, RunFolder)> {
 }
 
 impl Plan {
+    /// The table, with the published one if there is one.
+    fn table(&self, results: &[ClipResults]) -> String {
+        markdown(results) + self.published.map_or("", Published::markdown)
+    }
+
     /// The settings for a clip of this truth.
     fn settings_of(&self, truth: Option<&Truth>) -> AblationSettings {
         let mut settings = self.settings.clone();
@@ -232,7 +165,7 @@ fn quick() -> AblationSettings {
 }
 
 fn open(path: &Path, settings: &AblationSettings) -> Result<Clip> {
-    let clip = super::reconstruct::open(path, &settings.config)?;
+    let clip = crate::cli::reconstruct::open(path, &settings.config)?;
     let refused = |what: &str, found: String, fix: &str| {
         Err(Error::new(ErrorKind::Input, what).at(path.display()).found(found).fix(fix))
     };
