@@ -13,7 +13,7 @@ pub(super) struct FilmArguments {
     /// Frames per second, if the file does not say or is slow motion
     #[arg(long, value_name = "RATE", help_heading = FILM)]
     fps: Option<f64>,
-    /// Angle of view along the longer side of the image [default: 50]
+    /// Angle of view along the longer side of the image [default: what the file says of its lens, or 50]
     #[arg(long, value_name = "DEGREES", help_heading = FILM)]
     field_of_view: Option<f64>,
     /// How far the camera looks down [default: found with the fall, about 10]

@@ -31,8 +31,14 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
     }
     let film = Film::read(path, settings, options)?;
     let (height, width) = film.frames[0].alpha.dim();
-    let degrees = if settings.field_of_view > 0.0 { settings.field_of_view } else { FIELD_OF_VIEW };
-    let focal = 0.5 * width.max(height) as f64 / (0.5 * degrees.to_radians()).tan();
+    let longer = width.max(height) as f64;
+    let of_view = |degrees: f64| 0.5 * longer / (0.5 * degrees.to_radians()).tan();
+    let (focal, source) = match film.focal {
+        _ if settings.field_of_view > 0.0 => (of_view(settings.field_of_view), "as given"),
+        Some(share) => (share * (width as f64).hypot(height as f64), "as the file says of its lens"),
+        None => (of_view(FIELD_OF_VIEW), "assumed"),
+    };
+    let degrees = 2.0 * (0.5 * longer / focal).atan().to_degrees();
     let (cx, cy) = (0.5 * width as f64, 0.5 * height as f64);
     let upright = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
     let camera = Camera { id: 0, width, height, fx: focal, fy: focal, cx, cy, c2w: upright };
@@ -84,10 +90,8 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
         deviation: fall.deviation,
     });
     let mut say = |line: String| clip.assumptions.push(line);
-    let given = |given: bool| if given { "as given" } else { "assumed" };
     say(format!(
-        "camera: stands still, {degrees:.1}° along the longer side ({}), no distortion, upright, looks down by {:.0}° ({})",
-        given(settings.field_of_view > 0.0),
+        "camera: stands still, {degrees:.1}° along the longer side ({source}), no distortion, upright, looks down by {:.0}° ({})",
         (-fall.down[2]).asin().to_degrees(),
         if settings.elevation.is_some() { "as given" } else { "from the fall; give --elevation if it is known" }
     ));

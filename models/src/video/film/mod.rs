@@ -2,6 +2,8 @@
 
 mod backdrop;
 mod gif;
+mod grain;
+mod lens;
 mod matting;
 mod pictures;
 mod stream;
@@ -28,7 +30,7 @@ const MOST_BYTES: usize = 1 << 30;
 pub struct FilmSettings {
     /// Frame rate \[1/s\]; 0 takes the file's.
     pub frames_per_s: f64,
-    /// Angle of view along the image's longer side \[degrees\]; 0 assumes 50.
+    /// Angle of view along the image's longer side \[degrees\]; 0 takes what the file says of its lens, or 50.
     pub field_of_view: f64,
     /// How far the camera looks down \[degrees\]; if not given, found with the free fall, starting from 10.
     pub elevation: Option<f64>,
@@ -81,6 +83,8 @@ pub struct Film {
     pub first: usize,
     /// Their rate \[1/s\].
     pub frames_per_s: f64,
+    /// The focal length as a share of the pictures' diagonal, if the film says.
+    pub focal: Option<f64>,
     /// What tells the object from the background.
     pub foreground: Foreground,
     /// What had to be assumed.
@@ -149,11 +153,20 @@ impl Film {
             }
             (rate, _) => rate,
         };
-        let (foreground, frames) = matting::frames(path, &decoded.images, settings, wanted)?;
+        let images = match grain::removed(&decoded.images) {
+            None => decoded.images,
+            Some(smooth) => {
+                assumptions
+                    .push("the grain of the pictures is that of a palette of few colours: it was smoothed".into());
+                smooth
+            }
+        };
+        let (foreground, frames) = matting::frames(path, &images, settings, wanted)?;
         assumptions.push(format!("the object is told from the background by {foreground}"));
         let name = path.canonicalize().unwrap_or_else(|_| path.to_path_buf());
         let name = name.file_stem().map_or_else(|| "film".into(), |name| name.to_string_lossy().into_owned());
-        Ok(Self { name, frames, first: wanted.first, frames_per_s, foreground, assumptions })
+        let focal = if ending(path) == "gif" { None } else { lens::focal(path) };
+        Ok(Self { name, frames, first: wanted.first, frames_per_s, focal, foreground, assumptions })
     }
 }
 

@@ -76,6 +76,18 @@ fn rate(path: &Path) -> Result<f64> {
     }
 }
 
+/// A tag of the file or its video stream, by how its name ends.
+pub(super) fn tag(path: &Path, name: &str) -> Option<String> {
+    let entries = "format_tags:stream_tags";
+    let output = decoder("ffprobe", path)
+        .args(["-select_streams", "v:0", "-show_entries", entries, "-of", "default=noprint_wrappers=1"])
+        .output()
+        .ok()?;
+    let text = String::from_utf8_lossy(&output.stdout);
+    let mut tags = text.lines().filter_map(|line| line.split_once('='));
+    tags.find(|(key, _)| key.ends_with(name)).map(|(_, value)| value.to_owned())
+}
+
 fn missing(path: &Path, program: &str, error: &std::io::Error) -> Error {
     Error::new(ErrorKind::Input, "video files are decoded by ffmpeg, which cannot be run")
         .at(path.display())

@@ -1,0 +1,92 @@
+//! The grain of films with few colours: a palette that was made for all films alike shows a colour it does not have as a mixture of
+//! those around it, pixel by pixel (dithering).
+
+use rayon::prelude::*;
+
+use crate::video::image::Image;
+
+/// By how much a pixel stands out from all four around it, to be of the grain, and the share of such pixels that makes a film
+/// grained. Outlines and textures have pixels alike on one side or the other.
+const COARSE: (u8, f64) = (12, 0.02);
+
+/// Width of the Gaussian that mixes the colours again \[pixels\].
+const WIDTH: f64 = 2.0;
+
+/// The same films without grain, if there is any.
+pub(super) fn removed(images: &[Image]) -> Option<Vec<Image>> {
+    let grained = images.iter().any(|image| grain(image) > COARSE.1);
+    (grained && !images.iter().any(Image::is_transparent_somewhere)).then(|| images.par_iter().map(smoothed).collect())
+}
+
+/// The share of pixels that stand out in some channel.
+fn grain(image: &Image) -> f64 {
+    let Image { width, height, pixels, .. } = image;
+    if *width < 3 || *height < 3 {
+        return 0.0;
+    }
+    let stands_out = |i: &usize| {
+        let around = [i - 1, i + 1, i - width, i + width].map(|j| pixels[j]);
+        (0..3).any(|c| {
+            let own = pixels[*i][c];
+            around.iter().all(|p| own >= p[c].saturating_add(COARSE.0))
+                || around.iter().all(|p| p[c] >= own.saturating_add(COARSE.0))
+        })
+    };
+    let inner = (1..height - 1).flat_map(|y| (1..width - 1).map(move |x| y * width + x));
+    inner.filter(stands_out).count() as f64 / ((width - 2) * (height - 2)) as f64
+}
+
+/// Each pixel as a mean of those around it.
+fn smoothed(image: &Image) -> Image {
+    let reach = (3.0 * WIDTH).ceil() as isize;
+    let weights: Vec<f32> = (-reach..=reach).map(|d| (-0.5 * (d as f64 / WIDTH).powi(2)).exp() as f32).collect();
+    let (width, height) = (image.width as isize, image.height as isize);
+    let mean = |from: &[[f32; 3]], x: isize, y: isize, [dx, dy]: [isize; 2]| {
+        let (mut sum, mut total) = ([0.0; 3], 0.0);
+        for (weight, d) in weights.iter().zip(-reach..=reach) {
+            let (x, y) = (x + d * dx, y + d * dy);
+            if (0..width).contains(&x) && (0..height).contains(&y) {
+                let value = from[(y * width + x) as usize];
+                (0..3).for_each(|c| sum[c] += weight * value[c]);
+                total += weight;
+            }
+        }
+        sum.map(|s| s / total)
+    };
+    let along = |from: &[[f32; 3]], step: [isize; 2]| -> Vec<[f32; 3]> {
+        (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| mean(from, x, y, step)).collect()
+    };
+    let values: Vec<[f32; 3]> = image.pixels.iter().map(|p| [p[0], p[1], p[2]].map(f32::from)).collect();
+    let mixed = along(&along(&values, [1, 0]), [0, 1]);
+    let pixels = mixed.into_iter().map(|[r, g, b]| {
+        let [r, g, b] = [r, g, b].map(|v| v.round() as u8);
+        [r, g, b, 255]
+    });
+    Image { pixels: pixels.collect(), ..image.clone() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn picture(value: impl Fn(usize, usize) -> u8) -> Image {
+        let pixels = (0..40 * 40).map(|i| [value(i % 40, i / 40), 100, 100, 255]).collect();
+        Image { width: 40, height: 40, pixels, has_alpha: false }
+    }
+
+    #[test]
+    fn a_checkerboard_becomes_what_it_stands_for() {
+        let edge = |x: usize, y: usize| if x < 20 { 80 * ((x + y) % 2) as u8 } else { 200 };
+        let found = removed(&[picture(edge)]).expect("it is grained");
+        for (x, wanted) in [(10, 40), (30, 200)] {
+            assert!(found[0].pixels[20 * 40 + x][0].abs_diff(wanted) <= 1, "{:?}", found[0].pixels[20 * 40 + x]);
+        }
+        assert_eq!(found[0].pixels[5][1..], [100, 100, 255]);
+    }
+
+    #[test]
+    fn a_texture_is_left_as_it_is() {
+        assert!(removed(&[picture(|x, _| (5 * x) as u8)]).is_none());
+        assert!(removed(&[picture(|x, y| 90 + ((x / 3 + y) % 4) as u8)]).is_none());
+    }
+}
