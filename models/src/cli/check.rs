@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use gradreel::{Error, ErrorKind, Result};
 
 use crate::cli::film::FilmArguments;
+use crate::cli::output::say;
 use crate::identify::WorldConfig;
 use crate::monocular::clip_of_film;
 use crate::video::{Film, FilmSettings, OpenOptions, inspect};
@@ -38,7 +39,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         return film(arguments);
     }
     let inventory = inspect(&arguments.clip)?;
-    println!("{inventory}");
+    say!("{inventory}");
     if inventory.is_complete() {
         return Ok(());
     }
@@ -55,18 +56,18 @@ fn film(arguments: &Arguments) -> Result<()> {
     let gravity = WorldConfig::default().gravity;
     let clip = clip_of_film(&arguments.clip, &settings, &OpenOptions::default(), gravity)?;
     let camera = &clip.cameras[0];
-    println!("film {} ({})", clip.name, arguments.clip.display());
-    println!(
+    say!("film {} ({})", clip.name, arguments.clip.display());
+    say!(
         "  {} frames of {} × {} pixels, {:.4} s apart",
         clip.frame_count(),
         camera.width,
         camera.height,
         clip.frame_dt()
     );
-    clip.assumptions.iter().for_each(|line| println!("  assumed: {line}"));
+    clip.assumptions.iter().for_each(|line| say!("  assumed: {line}"));
     if let Some(flight) = clip.flight {
-        println!("  the object starts with {:.3?} m/s at {:.3?} m", flight.velocity, flight.centre);
+        say!("  the object starts with {:.3?} m/s at {:.3?} m", flight.velocity, flight.centre);
     }
-    println!("  ready to open");
+    say!("  ready to open");
     Ok(())
 }

@@ -3,6 +3,7 @@
 use gradreel::ops::registry;
 use gradreel::{Error, ErrorKind, Result};
 
+use crate::cli::output::{self, say};
 use crate::physics::materials;
 
 /// Arguments of `gradreel gradcheck`.
@@ -17,7 +18,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let wanted = |name: &str| arguments.filter.as_deref().is_none_or(|part| name.contains(part));
     let (mut passed, mut failed) = (0, 0);
     let mut count = |report: gradreel::GradReport| {
-        print!("{report}");
+        output::print(format_args!("{report}"));
         if report.passed() { passed += 1 } else { failed += 1 }
     };
     for entry in registry().into_iter().filter(|entry| wanted(entry.name)) {
@@ -28,7 +29,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     for law in materials::all().into_iter().filter(|law| wanted(law.name())) {
         count(law.gradcheck()?);
     }
-    println!("{passed} passed, {failed} failed");
+    say!("{passed} passed, {failed} failed");
     match (passed + failed, failed) {
         (0, _) => Err(Error::new(ErrorKind::Input, "no op or material has such a name")
             .found(arguments.filter.as_deref().unwrap_or_default())

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use gradreel::{Error, ErrorKind, Result};
 
 use crate::cli::film::FilmArguments;
+use crate::cli::output::say;
 use crate::field::{bounding_sphere, hull};
 use crate::identify::{Config, Reconstruction, Run, reconstruct};
 use crate::monocular;
@@ -167,7 +168,7 @@ fn resume(arguments: &Arguments) -> Result<(Run, Clip)> {
             .fix("leave them out to go on with the run, or begin another one"));
     }
     let folder = arguments.out.as_deref().unwrap_or(Path::new("."));
-    let mut run = Run::open(RunFolder::open(folder)?)?;
+    let mut run = Run::open(RunFolder::resume(folder)?)?;
     let clip = open(&arguments.clip, &run.config)?;
     run.go_on(&clip)?;
     Ok((run, clip))
@@ -221,13 +222,13 @@ pub(super) fn open(path: &Path, config: &Config) -> Result<Clip> {
 }
 
 fn summarise(found: &Reconstruction, run: &Run) {
-    println!();
+    say!();
     if !run.state.candidates.is_empty() {
-        println!("  family            loss of frames fitted   of frames foretold");
+        say!("  family            loss of frames fitted   of frames foretold");
         for candidate in &run.state.candidates {
-            println!("  {:<16} {:>22.5} {:>20.5}", candidate.family, candidate.seen, candidate.foretold);
+            say!("  {:<16} {:>22.5} {:>20.5}", candidate.family, candidate.seen, candidate.foretold);
         }
-        println!("  chosen: {}\n", run.config.material.name);
+        say!("  chosen: {}\n", run.config.material.name);
     }
     for quantity in quantities(found, run) {
         let known = match (quantity.readable_interval(), quantity.determined) {
@@ -235,9 +236,9 @@ fn summarise(found: &Reconstruction, run: &Run) {
             (Some(interval), _) => format!("90 % {interval}"),
             (None, _) => quantity.source.clone(),
         };
-        println!("  {:<22} {:>12}   {known}", quantity.label, quantity.readable());
+        say!("  {:<22} {:>12}   {known}", quantity.label, quantity.readable());
     }
-    println!("\n  open {}", run.folder.path("index.html").display());
+    say!("\n  open {}", run.folder.path("index.html").display());
 }
 
 /// A number with its name, as in `young=1e4`.

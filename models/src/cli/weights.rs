@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use gradreel::io::{Archive, Format, Stored};
 use gradreel::{Device, Error, ErrorKind, Result};
 
+use crate::cli::output::{self, say};
 use crate::report::progress::Progress;
 use crate::views::FileWeights;
 
@@ -100,13 +101,13 @@ fn check(arguments: &Check) -> Result<()> {
     if arguments.list {
         for name in archive.names() {
             match archive.entry(name) {
-                Ok(entry) => println!("    {name} {} {}", entry.stored, entry.shape),
-                Err(error) => println!("    {name}: {error}"),
+                Ok(entry) => say!("    {name} {} {}", entry.stored, entry.shape),
+                Err(error) => say!("    {name}: {error}"),
             }
         }
     }
     let report = weights.check(&weights.sizes()?.weights()?);
-    print!("{report}");
+    output::print(format_args!("{report}"));
     let mut problems: Vec<String> = [
         (report.missing.len(), "missing"),
         (report.misshaped.len(), "of another shape"),
@@ -119,10 +120,10 @@ fn check(arguments: &Check) -> Result<()> {
     if arguments.numbers {
         let broken = not_finite(archive, &Progress::new(arguments.quiet))?;
         if broken.is_empty() {
-            println!("all numbers are finite");
+            say!("all numbers are finite");
         } else {
-            println!("{} with NaN or infinity:", broken.len());
-            broken.iter().for_each(|name| println!("    {name}"));
+            say!("{} with NaN or infinity:", broken.len());
+            broken.iter().for_each(|name| say!("    {name}"));
             problems.push(format!("{} with NaN or infinity", broken.len()));
         }
     }
@@ -179,7 +180,7 @@ fn describe(path: &Path, archive: &Archive) {
     let types: Vec<String> = types.iter().map(|(stored, count)| format!("{count} {stored}")).collect();
     let bytes = readable(archive).map(|(_, bytes)| bytes).sum();
     let count = archive.names().count();
-    println!("{}: {format}, {count} tensors ({}), {}", path.display(), types.join(", "), readable_size(bytes));
+    say!("{}: {format}, {count} tensors ({}), {}", path.display(), types.join(", "), readable_size(bytes));
 }
 
 fn convert(arguments: &Convert) -> Result<()> {

@@ -3,13 +3,16 @@
 //! Every file is written beside its final name and then renamed onto it. A full disk, a crash or an interrupt therefore
 //! leaves either the old file or the new one.
 
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
 use std::io::Write;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use gradreel::{Error, ErrorKind, Result};
+
+/// The file that tells other processes that the run is being written.
+const LOCK: &str = ".lock";
 
 /// Longest folder name [`next_free`] makes, in characters, before the number.
 const LONGEST_NAME: usize = 60;
@@ -34,6 +37,8 @@ pub struct RunFolder {
     root: PathBuf,
     /// Writes until the disk counts as full; without end if nothing is said.
     writes_left: Option<Arc<AtomicU64>>,
+    /// Held as long as the run is written: the system lets go of it when the process ends, however it ends.
+    _lock: Option<Arc<File>>,
 }
 
 impl RunFolder {
@@ -47,9 +52,10 @@ impl RunFolder {
             std::io::ErrorKind::AlreadyExists | std::io::ErrorKind::NotADirectory => not_a_folder(path),
             _ => Error::io(path, "make the folder of the run", &e),
         })?;
-        let run = Self { root: path.to_path_buf(), writes_left: None };
+        let run = Self { root: path.to_path_buf(), writes_left: None, _lock: None };
         run.sweep();
-        let entries = fs::read_dir(path).map_err(|e| Error::io(path, "look into the folder of the run", &e))?.count();
+        let entries = fs::read_dir(path).map_err(|e| Error::io(path, "look into the folder of the run", &e))?;
+        let entries = entries.flatten().filter(|entry| entry.file_name() != LOCK).count();
         if entries > 0 {
             return Err(Error::new(ErrorKind::Input, "the folder of the run is not empty")
                 .at(path.display())
@@ -57,7 +63,7 @@ impl RunFolder {
                 .wanted("a new or empty folder, so that no earlier result is written over")
                 .fix("continue the run in it with `--resume`, or name another folder with `--out`"));
         }
-        Ok(run)
+        run.claimed()
     }
 
     /// Makes a folder of its own below `base`, named as [`next_free`] says. Of two runs that begin at once, each gets
@@ -75,7 +81,7 @@ impl RunFolder {
         loop {
             let root = next_free(base, name);
             match fs::create_dir(&root) {
-                Ok(()) => return Ok(Self { root, writes_left: None }),
+                Ok(()) => return Self { root, writes_left: None, _lock: None }.claimed(),
                 Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {}
                 Err(e) => return Err(failed(&root, &e)),
             }
@@ -94,7 +100,33 @@ impl RunFolder {
         if !found.is_dir() {
             return Err(not_a_folder(path));
         }
-        Ok(Self { root: path.to_path_buf(), writes_left: None })
+        Ok(Self { root: path.to_path_buf(), writes_left: None, _lock: None })
+    }
+
+    /// Opens the folder of an earlier run to go on with it: nobody else does at the same time.
+    ///
+    /// # Errors
+    ///
+    /// As [`RunFolder::open`], and [`ErrorKind::Input`] when another process writes to the folder.
+    pub fn resume(path: &Path) -> Result<Self> {
+        let run = Self::open(path)?;
+        // a folder that is no run's is left as it is
+        if run.has(LOCK) { run.claimed() } else { Ok(run) }
+    }
+
+    fn claimed(self) -> Result<Self> {
+        let path = self.path(LOCK);
+        let file = File::create(&path).map_err(|e| Error::io(&path, "write to the folder of the run", &e))?;
+        match file.try_lock() {
+            Err(TryLockError::WouldBlock) => {
+                Err(Error::new(ErrorKind::Input, "another process is at work on the run in this folder")
+                    .at(self.root.display())
+                    .fix("wait until it ends, or stop it; or name another folder with `--out`"))
+            }
+            // file systems without locks leave it to the user
+            Err(TryLockError::Error(_)) => Ok(self),
+            Ok(()) => Ok(Self { _lock: Some(Arc::new(file)), ..self }),
+        }
     }
 
     /// The same folder on a disk that is full after so many writes. To what is in the folder that is what being killed there is,

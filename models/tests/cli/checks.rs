@@ -1,6 +1,7 @@
 //! `gradreel check` and `gradreel gradcheck`.
 
 use std::fs;
+use std::process::Stdio;
 
 use crate::scene::{Scene, bundled, text};
 
@@ -44,4 +45,14 @@ fn derivatives_are_tables() {
         assert!(!printed.contains("FAIL"), "{printed}");
     }
     scene.refuses("gradcheck nosuchop", &["nosuchop"]);
+}
+
+#[test]
+fn a_reader_that_has_gone_is_no_fault() {
+    let scene = Scene::with_clip(&[0], 3);
+    let mut child = scene.command("check clip").stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    assert_eq!(text(&output.stderr), "");
 }

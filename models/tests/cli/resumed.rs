@@ -2,6 +2,7 @@
 
 use std::fs;
 
+use gradreel_models::report::run_folder::RunFolder;
 use serde_json::json;
 
 use crate::scene::Scene;
@@ -18,6 +19,16 @@ fn a_folder_without_a_run() {
     // settings belong to the run: they are not to be given again
     let output = scene.run("reconstruct clip --out out --resume --young 5000");
     assert_eq!(output.status.code(), Some(2));
+}
+
+#[test]
+fn nobody_else_goes_on_meanwhile() {
+    let scene = Scene::with_clip(&[0, 3], 3);
+    scene.succeeds("reconstruct clip --out out --config quick.toml");
+    let other = RunFolder::resume(&scene.path("out")).unwrap();
+    scene.refuses(RESUME, &["out", "another process"]);
+    drop(other);
+    scene.succeeds(RESUME);
 }
 
 #[test]

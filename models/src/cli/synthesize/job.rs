@@ -101,7 +101,7 @@ impl Job {
 
     /// The run that was begun in a folder, with the same picture and weights.
     pub fn resume(arguments: &Arguments, weights: &Path) -> Result<Self> {
-        let folder = RunFolder::open(arguments.out.as_deref().unwrap_or(Path::new(".")))?;
+        let folder = RunFolder::resume(arguments.out.as_deref().unwrap_or(Path::new(".")))?;
         let place = folder.path(SETTINGS);
         let fix = "give the folder of an interrupted run to --out, or begin one without --resume";
         folder.goes_on(SETTINGS, "there is no run of synthesize to go on with", fix)?;

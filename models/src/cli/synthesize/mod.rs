@@ -10,6 +10,7 @@ use gradreel::{Error, ErrorKind, Result};
 use self::job::Job;
 use self::size::Size;
 use super::source::{LARGEST_SEED, Place};
+use crate::cli::output::say;
 use crate::report::interrupt;
 use crate::report::progress::Progress;
 
@@ -102,7 +103,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         )),
         _ => error,
     })?;
-    println!("\n  open {}", job.folder().path("index.html").display());
+    say!("\n  open {}", job.folder().path("index.html").display());
     Ok(())
 }
 

@@ -8,6 +8,7 @@ use super::NovelView;
 use super::feed::unseen;
 use super::sampled::{rows, sampled, score};
 use super::settings::{Settings, Stage};
+use crate::cli::output::say;
 use crate::report::animation::Picture;
 use crate::report::progress::Progress;
 use crate::report::run_folder::RunFolder;
@@ -75,28 +76,33 @@ pub(super) fn run(arguments: &NovelView, count: usize, progress: &Progress) -> R
     }
     stage.finish("");
     print(&models, &scores, settings.data, sizes.image);
-    println!("\n  {}", folder.path("objects.csv").display());
+    say!("\n  {}", folder.path("objects.csv").display());
     Ok(())
 }
 
 fn print(models: &[(&str, &ModelSizes)], scores: &[Vec<Score>], data: SampleSettings, image: usize) {
-    println!(
+    say!(
         "\n{} unseen objects, scales {} to {}, reach {}, images of {image} pixels\n",
         scores[0].len(),
         data.scale[0],
         data.scale[1],
         data.reach
     );
-    println!(
+    say!(
         "{:<18} {:>14} {:>14} {:>8} {:>10} {:>15}",
-        "", "centre error", "(median)", "box IoU", "PSNR [dB]", "silhouette IoU"
+        "",
+        "centre error",
+        "(median)",
+        "box IoU",
+        "PSNR [dB]",
+        "silhouette IoU"
     );
     for ((name, _), scores) in models.iter().zip(scores) {
         let Score { centre, overlap, psnr, silhouette } = Score::mean(scores);
         let mut each: Vec<f64> = scores.iter().map(|score| score.centre).collect();
         each.sort_by(f64::total_cmp);
         let median = each[each.len() / 2];
-        println!(
+        say!(
             "{name:<18} {:>12.2} % {:>12.2} % {overlap:>8.3} {psnr:>10.2} {silhouette:>15.3}",
             100.0 * centre,
             100.0 * median
@@ -104,6 +110,6 @@ fn print(models: &[(&str, &ModelSizes)], scores: &[Vec<Score>], data: SampleSett
     }
     if let [with, without] = scores {
         let ratio = Score::mean(without).centre / Score::mean(with).centre.max(1e-9);
-        println!("\nthe module cuts the distance of the middles by a factor of {ratio:.2}");
+        say!("\nthe module cuts the distance of the middles by a factor of {ratio:.2}");
     }
 }

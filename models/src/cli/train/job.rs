@@ -76,7 +76,7 @@ impl Job {
 
     /// The training that was begun in a folder.
     pub fn resume(arguments: &NovelView) -> Result<Self> {
-        let folder = RunFolder::open(arguments.out.as_deref().unwrap_or(Path::new(".")))?;
+        let folder = RunFolder::resume(arguments.out.as_deref().unwrap_or(Path::new(".")))?;
         let fix = "give the folder of an interrupted training to --out, or begin one without --resume";
         folder.goes_on(SETTINGS, "there is no training to go on with", fix)?;
         let text = String::from_utf8_lossy(&folder.read(SETTINGS)?).into_owned();

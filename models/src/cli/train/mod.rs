@@ -15,6 +15,7 @@ use gradreel::{ErrorKind, Result};
 use self::job::Job;
 use self::settings::{Settings, Stage};
 use super::source::{LARGEST_SEED, Place};
+use crate::cli::output::{self, say};
 use crate::report::interrupt;
 use crate::report::progress::Progress;
 
@@ -106,7 +107,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     interrupt::install()?;
     if arguments.print_config {
         let (settings, _) = Settings::resolve(arguments)?;
-        print!("{}", settings.to_toml());
+        output::print(format_args!("{}", settings.to_toml()));
         return Ok(());
     }
     let progress = Progress::new(arguments.quiet);
@@ -125,7 +126,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         }
         _ => error,
     })?;
-    println!("\n  model {}", job.folder().path("model.safetensors").display());
-    println!("  open  {}", job.folder().path("index.html").display());
+    say!("\n  model {}", job.folder().path("model.safetensors").display());
+    say!("  open  {}", job.folder().path("index.html").display());
     Ok(())
 }
