@@ -6,7 +6,7 @@ use gradreel::Result;
 
 use crate::identify::oracle::{Answer, Listener, Oracle};
 use crate::identify::plausible::Plausible;
-use crate::identify::{Evaluation, Free, Problem, Unknowns};
+use crate::identify::{Evaluation, Free, Linearised, Problem, Unknowns};
 
 /// Minimises the loss of the first `frames` frames over the free unknowns by Levenberg and Marquardt's method, with at most
 /// `steps` steps, and returns the best evaluation.
@@ -29,7 +29,8 @@ pub fn gauss_newton(
     each: &mut Listener<'_>,
     notes: &mut dyn FnMut(String),
 ) -> Result<Evaluation> {
-    search_most_probable(problem, Plausible::new(&problem.law, free), start, frames, steps, known, each, notes)
+    let plausible = Plausible::new(&problem.law, free);
+    search_most_probable(problem, plausible, start, None, frames, steps, known, each, notes)
 }
 
 /// The same, of the loss and what is said to be plausible.
@@ -38,6 +39,7 @@ pub(super) fn search_most_probable(
     problem: &Problem<'_>,
     plausible: Plausible<'_>,
     start: &Unknowns,
+    first: Option<(Linearised, usize)>,
     frames: usize,
     steps: usize,
     known: &[Answer],
@@ -47,7 +49,7 @@ pub(super) fn search_most_probable(
     let (law, free) = (&problem.law, plausible.free);
     let mut oracle = Oracle::new(problem, frames, known, each, notes);
     let limits = plausible.limits();
-    oracle.plausible = Some(plausible);
+    (oracle.plausible, oracle.first) = (Some(plausible), first);
     let mut here = start.clone();
     let mut x = start.coordinates(law, free);
     let (mut damping, mut growth) = (1e-3, 2.0);

@@ -36,6 +36,8 @@ pub(crate) struct Oracle<'a, 'b> {
     notes: &'a mut dyn FnMut(String),
     /// What leaving the plausible range costs; counted as part of the loss.
     pub plausible: Option<Plausible<'a>>,
+    /// The linearisation at the first point, and its substeps, if somebody has computed it already.
+    pub first: Option<(Linearised, usize)>,
     /// Whether the physics may break down at the first point, too.
     pub lenient: bool,
     /// The evaluation of least loss.
@@ -50,7 +52,18 @@ impl<'a, 'b> Oracle<'a, 'b> {
         each: &'a mut Listener<'b>,
         notes: &'a mut dyn FnMut(String),
     ) -> Self {
-        Self { problem, frames, known, substeps: 0, each, notes, plausible: None, lenient: false, best: None }
+        Self {
+            problem,
+            frames,
+            known,
+            substeps: 0,
+            each,
+            notes,
+            plausible: None,
+            first: None,
+            lenient: false,
+            best: None,
+        }
     }
 
     /// Loss and gradient by the tape.
@@ -71,8 +84,15 @@ impl<'a, 'b> Oracle<'a, 'b> {
 
     /// Loss, gradient and curvature by forward mode; without the latter two where tangents grow beyond all numbers.
     pub fn linearised(&mut self, at: &Unknowns, free: Free) -> Result<Answer> {
-        self.ask(at, &mut |problem, frames, substeps, notes| match problem.linearise(at, free, frames, substeps, notes)
-        {
+        let mut first = self.first.take().filter(|_| self.known.is_empty());
+        let mut linearise = |problem: &Problem<'_>, frames, substeps: &mut usize, notes: &mut dyn FnMut(String)| {
+            let Some((linearised, found)) = first.take() else {
+                return problem.linearise(at, free, frames, substeps, notes);
+            };
+            *substeps = found;
+            Ok(linearised)
+        };
+        self.ask(at, &mut |problem, frames, substeps, notes| match linearise(problem, frames, substeps, notes) {
             Ok(Linearised { loss, gradient, curvature, .. }) => Ok((loss, gradient, curvature)),
             Err(error) if error.kind() == ErrorKind::NonFinite => {
                 notes(format!("no derivatives there: {error}"));
