@@ -23,9 +23,11 @@ impl Drop for Scratch {
     }
 }
 
+/// What a run has written into a folder, beside the mark that it is at work.
 pub fn names(folder: &Path) -> Vec<String> {
     let mut names: Vec<_> =
         fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.retain(|name| name != ".lock");
     names.sort();
     names
 }
