@@ -55,7 +55,7 @@ impl RunFolder {
         let run = Self { root: path.to_path_buf(), writes_left: None, _lock: None };
         run.sweep();
         let entries = fs::read_dir(path).map_err(|e| Error::io(path, "look into the folder of the run", &e))?;
-        let entries = entries.flatten().filter(|entry| entry.file_name() != LOCK).count();
+        let entries = entries.filter(|entry| !entry.as_ref().is_ok_and(|entry| entry.file_name() == LOCK)).count();
         if entries > 0 {
             return Err(Error::new(ErrorKind::Input, "the folder of the run is not empty")
                 .at(path.display())

@@ -37,8 +37,8 @@ const PLAN: &str = "ablation.toml";
 /// Does all that is not done yet.
 pub(super) fn run(arguments: &AblationArguments) -> Result<()> {
     interrupt::install()?;
-    let progress = Progress::new(arguments.quiet);
-    let (plan, folder) = if arguments.resume { go_on(arguments)? } else { begin(arguments)? };
+    let progress = Progress::new(arguments.common.quiet);
+    let (plan, folder) = if arguments.common.resume { go_on(arguments)? } else { begin(arguments)? };
     if let Some(fineness) = plan.films {
         films::make(&folder, fineness, &progress).map_err(|error| with_way_on(error, &folder))?;
     }
@@ -78,14 +78,14 @@ pub(super) fn run(arguments: &AblationArguments) -> Result<()> {
 }
 
 fn begin(arguments: &AblationArguments) -> Result<(Plan, RunFolder)> {
-    let mut settings = if arguments.quick { quick() } else { AblationSettings::default() };
-    if let Some(path) = &arguments.config {
+    let mut settings = if arguments.common.quick { quick() } else { AblationSettings::default() };
+    if let Some(path) = &arguments.common.config {
         settings.config = crate::cli::reconstruct::read_config(path)?;
     }
     if let Some(material) = &arguments.material {
         settings.config.material.name.clone_from(material);
     }
-    settings.config.clip.frames = arguments.frames.unwrap_or(settings.config.clip.frames);
+    settings.config.clip.frames = arguments.common.frames.unwrap_or(settings.config.clip.frames);
     settings.config.check()?;
     settings.primary = arguments.primary;
     let imagined = &mut settings.perturbation;
@@ -101,7 +101,7 @@ fn begin(arguments: &AblationArguments) -> Result<(Plan, RunFolder)> {
                 .fix("leave it out for the default"));
         }
     }
-    let films = arguments.clips.is_empty().then_some(if arguments.quick { films::QUICK } else { films::WHOLE });
+    let films = arguments.clips.is_empty().then_some(if arguments.common.quick { films::QUICK } else { films::WHOLE });
     let mut cells = if arguments.cells.is_empty() { Cell::ALL.to_vec() } else { arguments.cells.clone() };
     cells.sort();
     cells.dedup();
@@ -112,7 +112,7 @@ fn begin(arguments: &AblationArguments) -> Result<(Plan, RunFolder)> {
     for path in &plan.clips {
         open(path, &plan.settings_of(Truth::beside(path).as_ref()))?;
     }
-    let folder = match &arguments.out {
+    let folder = match &arguments.common.out {
         Some(folder) => RunFolder::create(folder)?,
         None => RunFolder::create_free(Path::new("runs"), "ablation")?,
     };
@@ -125,7 +125,7 @@ fn begin(arguments: &AblationArguments) -> Result<(Plan, RunFolder)> {
 }
 
 fn go_on(arguments: &AblationArguments) -> Result<(Plan, RunFolder)> {
-    let folder = RunFolder::resume(arguments.out.as_deref().unwrap_or(Path::new(".")))?;
+    let folder = RunFolder::resume(arguments.common.out.as_deref().unwrap_or(Path::new(".")))?;
     let fix = "give the folder of an interrupted ablation to --out, or begin one without --resume";
     folder.goes_on(PLAN, "there is no ablation to go on with", fix)?;
     let text = String::from_utf8_lossy(&folder.read(PLAN)?).into_owned();

@@ -33,10 +33,17 @@ struct TableArguments {
     /// Folders of clips whose views are all real [default: a film of each family of materials, which is made first]
     #[arg(conflicts_with = "resume")]
     clips: Vec<PathBuf>,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// What all benchmarks are told alike.
+#[derive(clap::Args, Clone, Default)]
+struct Common {
     /// Folder for the results [default: runs/ablation, runs/ablation-2, …]
     #[arg(long, value_name = "FOLDER")]
     out: Option<PathBuf>,
-    /// Go on with the table in --out; cells that are finished are not run again
+    /// Go on with the benchmark in --out; cells that are finished are not run again
     #[arg(long, requires = "out")]
     resume: bool,
     /// A tiny budget, to see that everything runs; the numbers mean nothing
@@ -67,21 +74,9 @@ struct AblationArguments {
     /// Folders of clips whose views are all real (see `gradreel check --help`)
     #[arg(required_unless_present = "resume", conflicts_with = "resume")]
     clips: Vec<PathBuf>,
-    /// Folder for the results [default: runs/ablation, runs/ablation-2, …]
-    #[arg(long, value_name = "FOLDER")]
-    out: Option<PathBuf>,
-    /// Go on with the ablation in --out; cells that are finished are not run again
-    #[arg(long, requires = "out")]
-    resume: bool,
     /// Only these cells of the table [default: all]
     #[arg(long, value_delimiter = ',', value_name = "NAMES", conflicts_with = "resume")]
     cells: Vec<Cell>,
-    /// A tiny budget, to see that everything runs; the numbers mean nothing
-    #[arg(long, conflicts_with = "resume")]
-    quick: bool,
-    /// Settings of the reconstructions as TOML, as for `gradreel reconstruct`
-    #[arg(long, value_name = "FILE", conflicts_with = "resume")]
-    config: Option<PathBuf>,
     /// Material of all clips [default: that of the truth beside each clip, or of --config]
     #[arg(long, value_name = "NAME", conflicts_with = "resume")]
     material: Option<String>,
@@ -97,12 +92,8 @@ struct AblationArguments {
     /// Other seeds imagine other views [default: 1]
     #[arg(long, value_name = "NUMBER", conflicts_with = "resume")]
     seed: Option<u32>,
-    /// Use the first so many frames only
-    #[arg(long, value_name = "COUNT", conflicts_with = "resume")]
-    frames: Option<usize>,
-    /// No progress on stderr
-    #[arg(long, short)]
-    quiet: bool,
+    #[command(flatten)]
+    common: Common,
     #[arg(skip)]
     published: Option<Published>,
 }
@@ -143,23 +134,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
 impl TableArguments {
     /// The ablation that makes the table.
     fn beside(&self, published: Published) -> AblationArguments {
-        let Self { clips, out, resume, quick, config, frames, quiet } = self.clone();
+        let Self { clips, common } = self.clone();
         let cells = match published {
             Published::Table1 => vec![Cell::Single, Cell::Real],
             Published::Table2 => vec![Cell::WithLva, Cell::WithoutLva],
         };
         let published = Some(published);
-        AblationArguments {
-            clips,
-            out,
-            resume,
-            cells,
-            quick,
-            config,
-            frames,
-            quiet,
-            published,
-            ..AblationArguments::default()
-        }
+        AblationArguments { clips, common, cells, published, ..AblationArguments::default() }
     }
 }
