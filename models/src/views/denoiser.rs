@@ -120,7 +120,10 @@ impl Denoiser {
         let times: Vec<f64> = times.iter().map(|t| *t as f64).collect();
         let time = self.time.forward(noised, &times)?;
         let viewpoints = self.volumes.viewpoints(noised, &condition.elevations)?;
-        let unprojected = self.volumes.unproject(noised, &time, &viewpoints)?;
+        let mut unprojected = self.volumes.unproject(noised, &time, &viewpoints)?;
+        if let Some(input) = self.volumes.unproject_input(&condition.latent, &time, &condition.elevations)? {
+            unprojected = unprojected.concat(&[&input], 1);
+        }
         let mut volume = self.volumes.spatial_volume(&unprojected, &time)?;
         if let Some(module) = &self.spatial_aware {
             let given = Surroundings {
@@ -150,7 +153,7 @@ impl Denoiser {
         if self.output.is_noise() {
             return Ok(predicted);
         }
-        let times: Vec<f64> = targets.iter().map(|target| look.times[target.sample]).collect();
+        let times = look.times_of(targets);
         let [clean, noise] = weights(&predicted, &times)?;
         Ok(&(&of_targets(&look.noised, targets) - &(&predicted * &clean)) / &noise)
     }
@@ -180,7 +183,7 @@ impl Denoiser {
         let pyramid = self.volumes.pyramid(&stacked(&samples), &of_sample(&look.time), &viewpoints)?;
         let [a, b, c, d] = pyramid.each_ref().map(|volume| where_told(volume, told, Told::volumes));
         let pyramid = [a?, b?, c?, d?];
-        let times: Vec<f64> = targets.iter().map(|t| look.times[t.sample]).collect();
+        let times = look.times_of(targets);
         let token = where_told(&self.tokens(&of_sample(&condition.embedding), &viewpoints), told, Told::token)?;
         let image = where_told(&of_sample(&condition.latent), told, Told::image)?;
         let conditional = self.unet.forward(&x.concat(&[&image], 1), &times, &token, Some(&pyramid))?;
@@ -220,7 +223,7 @@ impl Denoiser {
         let loss = match self.output {
             Output::Noise => (&predicted - &of_targets(noise, targets)).square().mean_all(),
             Output::Clean => {
-                let times: Vec<f64> = targets.iter().map(|target| look.times[target.sample]).collect();
+                let times = look.times_of(targets);
                 let [_, noise] = weights(&predicted, &times)?;
                 let off = &(&predicted - &of_targets(x0, targets)) / &noise.clamp(LEAST_NOISE, 1.0);
                 off.square().mean_all()
@@ -302,6 +305,10 @@ pub(super) struct Sight {
 }
 
 impl Look {
+    fn times_of(&self, targets: &[Target]) -> Vec<f64> {
+        targets.iter().map(|target| self.times[target.sample]).collect()
+    }
+
     pub(super) fn sight(&self) -> Result<Sight> {
         Ok(Sight {
             noised: self.noised.value()?.clone(),

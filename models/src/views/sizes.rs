@@ -58,6 +58,7 @@ impl ModelSizes {
             frustum: volumes,
             voxels: 16,
             depth: 16,
+            input: true,
         };
         let unet = UnetSizes {
             inputs: 2 * channels,

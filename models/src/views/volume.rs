@@ -29,6 +29,9 @@ pub struct VolumeSizes {
     pub voxels: usize,
     /// Depth samples of a frustum.
     pub depth: usize,
+    /// Whether the input image is un-projected beside the noised views. The published model sees it in the UNet alone.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub input: bool,
 }
 
 impl VolumeSizes {
@@ -41,6 +44,7 @@ impl VolumeSizes {
         frustum: [64, 128, 256, 512],
         voxels: 32,
         depth: 48,
+        input: false,
     };
 }
 
@@ -49,6 +53,7 @@ pub struct VolumePath {
     ring: Ring,
     sizes: VolumeSizes,
     encoder: TargetEncoder,
+    input: Option<TargetEncoder>,
     spatial: SpatialNet,
     frustum: FrustumNet,
 }
@@ -61,10 +66,12 @@ impl VolumePath {
     pub fn new(scope: &Scope<'_>, sizes: VolumeSizes, ring: Ring) -> Result<Self> {
         let VolumeSizes { latent, features, time, spatial, frustum, .. } = sizes;
         let encoder = EncoderSizes { inputs: latent, width: 16, outputs: features, time, view: 4 };
-        let net = SpatialSizes { inputs: ring.views * features, widths: spatial, time };
+        let seen = ring.views + usize::from(sizes.input);
+        let net = SpatialSizes { inputs: seen * features, widths: spatial, time };
         let pyramid = FrustumSizes { inputs: spatial[0], widths: frustum, time, view: 4 };
         Ok(Self {
             encoder: TargetEncoder::new(&scope.at("target_encoder"), encoder)?,
+            input: sizes.input.then(|| TargetEncoder::new(&scope.at("input_encoder"), encoder)).transpose()?,
             spatial: SpatialNet::new(&scope.at("spatial_volume_feats"), net)?,
             frustum: FrustumNet::new(&scope.at("frustum_volume_feats"), pyramid)?,
             ring,
@@ -111,21 +118,41 @@ impl VolumePath {
             &times.reshape([all, self.sizes.time]),
             &viewpoints.reshape([all, 4]),
         );
-        let places: Vec<f64> = (0..views).flat_map(|view| self.places(view, width)).collect();
+        let places: Vec<f64> = (0..views).flat_map(|view| self.places(&self.ring.pose(view), width)).collect();
         let places = constant(noised, Tensor::from_vec(places, [views, v * v * v, 1, 2]))?;
         let places = places.reshape([1, views, v * v * v, 1, 2]).broadcast_to([batch, views, v * v * v, 1, 2]);
         let sampled = maps.grid_sample(&places.reshape([all, v * v * v, 1, 2]), ALIGNED);
         Ok(sampled.reshape([batch, views * features, v, v, v]))
     }
 
-    /// Where the voxels fall on a map of a view, in −1..1 with aligned corners.
-    fn places(&self, view: usize, width: usize) -> Vec<f64> {
-        let pose = self.ring.pose(view);
+    /// The latents of the input images `[b, latent, w, w]`, whose cameras are at azimuth 0 and these elevations in radians, to
+    /// their un-projected volume `[b, features, v, v, v]`; none if the path has no encoder for them.
+    ///
+    /// # Errors
+    /// When the sampling places cannot be cast.
+    ///
+    /// # Panics
+    /// When the sizes are not those of the path.
+    #[track_caller]
+    pub fn unproject_input(&self, latents: &Var, time: &Var, elevations: &[f64]) -> Result<Option<Var>> {
+        let Some(encoder) = &self.input else { return Ok(None) };
+        let (v, features) = (self.sizes.voxels, self.sizes.features);
+        let (batch, width) = (elevations.len(), *latents.dims().last().expect("latents are [b, c, h, w]"));
+        let viewpoints = elevations.iter().flat_map(|elevation| [elevation - self.ring.elevation, 0.0, 1.0, 0.0]);
+        let viewpoints = constant(latents, Tensor::from_vec(viewpoints.collect::<Vec<f64>>(), [batch, 4]))?;
+        let maps = encoder.forward(latents, time, &viewpoints);
+        let places = elevations.iter().flat_map(|elevation| self.places(&self.ring.input_pose(*elevation), width));
+        let places = constant(latents, Tensor::from_vec(places.collect::<Vec<f64>>(), [batch, v * v * v, 1, 2]))?;
+        Ok(Some(maps.grid_sample(&places, ALIGNED).reshape([batch, features, v, v, v])))
+    }
+
+    /// Where the voxels fall on a map of a camera, in −1..1 with aligned corners.
+    fn places(&self, pose: &[[f64; 4]; 3], width: usize) -> Vec<f64> {
         let unit = |cell: f64| cell / ((width - 1) as f64 / 2.0) - 1.0;
         let voxels = self.ring.voxels(self.sizes.voxels);
         voxels
             .flat_map(|point| {
-                let [u, v, _] = self.ring.project(&pose, point, width);
+                let [u, v, _] = self.ring.project(pose, point, width);
                 [unit(u), unit(v)]
             })
             .collect()

@@ -75,6 +75,7 @@ pub fn sizes(case: &Case<'_>) -> DenoiserSizes {
             frustum: case.sizes("vdims"),
             voxels: case.size("V"),
             depth: case.size("D"),
+            input: false,
         },
         spatial_aware: None,
         output: Default::default(),

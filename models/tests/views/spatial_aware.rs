@@ -120,8 +120,16 @@ const SEED: &str = "spatial aware";
 fn tiny(module: bool) -> DenoiserSizes {
     let volumes = [16; 4];
     let unet = UnetSizes { inputs: 8, outputs: 4, base: 32, multipliers: [1; 4], heads: 2, context: 8, volumes };
-    let volume =
-        VolumeSizes { latent: 4, features: 4, time: 16, spatial: volumes, frustum: volumes, voxels: 8, depth: 8 };
+    let volume = VolumeSizes {
+        latent: 4,
+        features: 4,
+        time: 16,
+        spatial: volumes,
+        frustum: volumes,
+        voxels: 8,
+        depth: 8,
+        input: true,
+    };
     let sizes = SpatialAwareSizes {
         features: 16,
         heads: 2,

@@ -23,6 +23,7 @@ pub fn sizes() -> ModelSizes {
                 frustum: volumes,
                 voxels: 8,
                 depth: 8,
+                input: false,
             },
             spatial_aware: None,
             output: Default::default(),

@@ -21,7 +21,7 @@ fn tiny() -> DenoiserSizes {
     let volumes = [8, 16, 16, 16];
     let unet = UnetSizes { inputs: 8, outputs: 4, base: 32, multipliers: [1; 4], heads: 2, context: 8, volumes };
     let (spatial, frustum) = (volumes, volumes);
-    let volume = VolumeSizes { latent: 4, features: 4, time: 16, spatial, frustum, voxels: 8, depth: 8 };
+    let volume = VolumeSizes { latent: 4, features: 4, time: 16, spatial, frustum, voxels: 8, depth: 8, input: false };
     DenoiserSizes { ring: Ring::published(2), unet, volume, spatial_aware: None, output: Default::default() }
 }
 

@@ -1,11 +1,13 @@
 //! The networks on volumes, and the path from noised views to frustum volumes.
 
+use gradreel::{Result, Shape, Tape, Var};
+use gradreel_models::layers::{Init, Scope, TimeEmbedding, Weights};
 use gradreel_models::views::{
     EncoderSizes, FrustumNet, FrustumSizes, Ring, SpatialNet, SpatialSizes, TargetEncoder, VolumePath, VolumeSizes,
 };
 
 use crate::harness::{Case, Tolerance, check};
-use gradreel_models::layers::TimeEmbedding;
+use crate::procedural::{Source, input};
 
 const SINGLE: Tolerance = Tolerance { value: 2e-5, gradient: 2e-4 };
 
@@ -51,6 +53,7 @@ fn sizes(case: &Case<'_>) -> VolumeSizes {
         frustum: case.sizes("vdims"),
         voxels: case.size("V"),
         depth: case.size("D"),
+        input: false,
     }
 }
 
@@ -80,4 +83,43 @@ fn from_noised_views_to_frustum_volumes() {
         results.extend(pyramid.into_iter().map(|level| (format!("out.frustum_{}", level.dims()[4]), level)));
         Ok(results)
     });
+}
+
+/// Told the same of it, an input image at the first camera's place is seen like the first of the noised views.
+#[test]
+fn an_input_image_is_unprojected_from_where_it_was_taken() {
+    struct Alike(Source);
+    impl Weights for Alike {
+        fn weight(&self, path: &str, shape: &Shape, init: Init) -> Result<Var> {
+            self.0.weight(&path.replace("input_encoder", "target_encoder"), shape, init)
+        }
+    }
+    let ring = Ring::published(4);
+    let (latent, voxels, width) = (4, 6, 8);
+    let sizes = VolumeSizes {
+        latent,
+        features: 3,
+        time: 16,
+        spatial: [8; 4],
+        frustum: [8; 4],
+        voxels,
+        depth: 8,
+        input: true,
+    };
+    let tape = Tape::new();
+    let given = |name: &str, shape: &[usize]| tape.constant(input("input view", name, shape));
+    let weights = Alike(Source { seed: "input view", tape: tape.clone() });
+    let path = VolumePath::new(&Scope::root(&weights), sizes, ring.clone()).unwrap();
+    let (noised, time) = (given("views", &[2, 4, latent, width, width]), given("time", &[2, 16]));
+    let elevations = [ring.elevation, ring.elevation - 0.4];
+    let viewpoints = path.viewpoints(&noised, &[ring.elevation; 2]).unwrap();
+    let all = path.unproject(&noised, &time, &viewpoints).unwrap();
+    let first = noised.slice(1, 0..1).reshape([2, latent, width, width]);
+    let seen = path.unproject_input(&first, &time, &elevations).unwrap().expect("it has an encoder for it");
+    let off = |sample: usize| {
+        let [a, b] = [&all.slice(1, 0..3), &seen].map(|x| x.slice(0, sample..sample + 1));
+        (&a - &b).square().mean_all().item().unwrap().sqrt()
+    };
+    assert_eq!(off(0), 0.0);
+    assert!(off(1) > 0.1, "another camera sees the voxels elsewhere: {}", off(1));
 }
