@@ -4,6 +4,7 @@ mod bench;
 mod check;
 mod film;
 mod gradcheck;
+mod imagine;
 mod output;
 mod reconstruct;
 mod resimulate;

@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 use gradreel::{Error, ErrorKind, Result};
 
 use crate::cli::film::FilmArguments;
+use crate::cli::imagine::{self, ImagineArguments};
 use crate::cli::output::say;
 use crate::field::{bounding_sphere, hull};
-use crate::identify::{Config, Reconstruction, Run, reconstruct};
+use crate::identify::{Config, Reconstruction, Run, half_of_imagined, reconstruct};
 use crate::monocular;
 use crate::report::interrupt;
 use crate::report::progress::Progress;
@@ -67,6 +68,8 @@ pub(super) struct Arguments {
     quiet: bool,
     #[command(flatten)]
     film: FilmArguments,
+    #[command(flatten)]
+    imagine: ImagineArguments,
 }
 
 const EXAMPLES: &str = "\
@@ -89,7 +92,16 @@ Look at a clip first with `gradreel check my/clip`. The results are in index.htm
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     interrupt::install()?;
     let progress = Progress::new(arguments.quiet);
-    let (mut run, clip) = if arguments.resume { resume(arguments)? } else { begin(arguments)? };
+    let (mut run, mut clip) = if arguments.resume { resume(arguments)? } else { begin(arguments)? };
+    let go_on = |error: Error, run: &Run| match error.kind() {
+        ErrorKind::Interrupted => error.fix(format!(
+            "go on with `gradreel reconstruct {} --out {} --resume`",
+            arguments.clip.display(),
+            run.folder.root().display()
+        )),
+        _ => error,
+    };
+    imagine::imagined(&mut clip, &run, &progress).map_err(|error| go_on(error, &run))?;
     if !arguments.quiet {
         let imagined = match clip.imagined.iter().filter(|imagined| **imagined).count() {
             0 => String::new(),
@@ -104,14 +116,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         );
         clip.assumptions.iter().for_each(|line| eprintln!("  assumed: {line}"));
     }
-    let found = reconstruct(&clip, &mut run, &progress).map_err(|error| match error.kind() {
-        ErrorKind::Interrupted => error.fix(format!(
-            "go on with `gradreel reconstruct {} --out {} --resume`",
-            arguments.clip.display(),
-            run.folder.root().display()
-        )),
-        _ => error,
-    })?;
+    let found = reconstruct(&clip, &mut run, &progress).map_err(|error| go_on(error, &run))?;
     publish(&found, &run, &clip, &progress)?;
     summarise(&found, &run);
     Ok(())
@@ -134,6 +139,7 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     arguments.poisson.map(|value| start.insert("poisson".into(), value));
     config.clip.first_frame = arguments.first_frame.or(config.clip.first_frame);
     arguments.film.apply(&mut config.clip.film);
+    arguments.imagine.apply(&mut config);
     config.clip.frames = arguments.frames.unwrap_or(config.clip.frames);
     config.world.density = arguments.density.unwrap_or(config.world.density);
     config.world.ground = arguments.ground.unwrap_or(config.world.ground);
@@ -143,7 +149,8 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     config.material.held =
         (!config.chooses_family()).then_some(config.held(&law)?.into_iter().map(str::to_owned).collect());
     // the clip first: one that cannot be used leaves no trace
-    let clip = open(&arguments.clip, &config)?;
+    let mut clip = open(&arguments.clip, &config)?;
+    imagine::given(&mut clip, &config)?;
     check_shrink(&clip, config.clip.shrink)?;
     check_body(&clip, &config)?;
     let folder = match &arguments.out {
@@ -169,7 +176,8 @@ fn resume(arguments: &Arguments) -> Result<(Run, Clip)> {
     }
     let folder = arguments.out.as_deref().unwrap_or(Path::new("."));
     let mut run = Run::open(RunFolder::resume(folder)?)?;
-    let clip = open(&arguments.clip, &run.config)?;
+    let mut clip = open(&arguments.clip, &run.config)?;
+    imagine::given(&mut clip, &run.config)?;
     run.go_on(&clip)?;
     Ok((run, clip))
 }
@@ -178,7 +186,7 @@ fn resume(arguments: &Arguments) -> Result<(Run, Clip)> {
 fn check_body(clip: &Clip, config: &Config) -> Result<()> {
     let sphere = bounding_sphere(clip, 0)?;
     let spacing = if config.geometry.dx > 0.0 { 0.5 * config.geometry.dx } else { sphere.radius / 20.0 };
-    hull(clip, 0, &sphere, spacing, config.geometry.hull_coverage).map(|_| ())
+    hull(clip, 0, &sphere, spacing, config.geometry.hull_coverage, half_of_imagined(clip)).map(|_| ())
 }
 
 /// Refuses a factor that leaves fewer than eight pixels of an image's side.

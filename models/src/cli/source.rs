@@ -7,6 +7,8 @@ use std::path::Path;
 use gradreel::{Device, Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
+use crate::views::FileWeights;
+
 /// Where the model runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -56,7 +58,11 @@ impl Source {
             let error = Error::new(ErrorKind::Input, format!("cannot read {what}"));
             return Err(error.at(path.display()).found("a folder").wanted("a file").fix(fix));
         }
-        let mark = mark(path).map_err(|e| Error::io(path, &format!("read {what}"), &e).fix(fix))?;
+        let mark = match path == FileWeights::BUILT_IN {
+            true => Ok(mark_of(FileWeights::built_in().len() as u64, FileWeights::built_in())),
+            false => mark(path),
+        };
+        let mark = mark.map_err(|e| Error::io(path, &format!("read {what}"), &e).fix(fix))?;
         Ok(Self { path: path.display().to_string(), mark })
     }
 
@@ -89,6 +95,10 @@ fn mark(path: &Path) -> std::io::Result<String> {
             (&mut file).take(PART).read_to_end(&mut bytes)?;
         }
     }
+    Ok(mark_of(length, &bytes))
+}
+
+fn mark_of(length: u64, bytes: &[u8]) -> String {
     let step = |hash: u64, byte: &u8| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3);
-    Ok(format!("{length}-{:016x}", bytes.iter().fold(0xcbf2_9ce4_8422_2325, step)))
+    format!("{length}-{:016x}", bytes.iter().fold(0xcbf2_9ce4_8422_2325, step))
 }

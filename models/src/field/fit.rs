@@ -46,6 +46,8 @@ pub struct Pose<'a> {
     pub positions: Tensor,
     /// The pixels.
     pub target: &'a Target,
+    /// Their rays.
+    pub rays: &'a Arc<Rays>,
 }
 
 /// Fits raw density and colour to the mean loss of some poses, from `start` (a store and an optimiser, both of which a
@@ -60,7 +62,6 @@ pub fn fit(
     mut adam: Adam,
     iterations: std::ops::Range<usize>,
     poses: &[Pose<'_>],
-    rays: &Arc<Rays>,
     surface: &Surface,
     splat: &Splat,
     mut each: impl FnMut(FitState<'_>) -> Result<()>,
@@ -71,7 +72,7 @@ pub fn fit(
         let (opacity, colour) = (field.opacity(&bound)?, field.colour(&bound)?);
         let mut total = tape.constant(Tensor::scalar(0.0, opacity.dtype()));
         for pose in poses {
-            let pixels = render(&tape.constant(pose.positions.clone()), &opacity, &colour, rays, splat, surface)?;
+            let pixels = render(&tape.constant(pose.positions.clone()), &opacity, &colour, pose.rays, splat, surface)?;
             total = &total + &pose.target.loss(&pixels);
         }
         let loss = &total / poses.len() as f64;

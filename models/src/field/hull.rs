@@ -133,13 +133,13 @@ fn silhouette(frame: &Frame) -> Option<Silhouette> {
 
 /// Carves the hull of one frame out of a ball, on voxels of this spacing \[m\] at odd multiples of half of it.
 ///
-/// A voxel stays if every real camera that has it in its image sees coverage of at least `threshold` there, and at least half
-/// of the imagined ones do. Of what a single camera sees, it must lie in the body that is made of balls, too: as deep as it is
+/// A voxel stays if every real camera that has it in its image sees coverage of at least `threshold` there, and all of the imagined
+/// ones but `dissent` do. Of what a single camera sees, it must lie in the body that is made of balls, too: as deep as it is
 /// wide, part by part ([`half_thickness`](crate::field::half_thickness)).
 ///
 /// # Errors
 /// [`ErrorKind::Input`] when nothing stays: masks and cameras contradict each other.
-pub fn hull(clip: &Clip, frame: usize, sphere: &Sphere, spacing: f64, threshold: f32) -> Result<Hull> {
+pub fn hull(clip: &Clip, frame: usize, sphere: &Sphere, spacing: f64, threshold: f32, dissent: usize) -> Result<Hull> {
     let first = sphere.centre.map(|c| ((c - sphere.radius) / spacing).floor());
     let last = sphere.centre.map(|c| ((c + sphere.radius) / spacing).ceil());
     let dims: [usize; 3] = std::array::from_fn(|a| (last[a] - first[a]) as usize + 1);
@@ -166,15 +166,14 @@ pub fn hull(clip: &Clip, frame: usize, sphere: &Sphere, spacing: f64, threshold:
                 let [u, v, _] = camera.project(point)?;
                 Some((coverage(&frames[frame], u, v)?, *imagined))
             });
-            let (mut seen, mut for_it, mut against) = (false, 0, 0);
+            let (mut seen, mut against) = (false, 0);
             views.all(|(alpha, imagined)| {
                 seen = true;
                 let inside = alpha >= threshold;
-                for_it += usize::from(imagined && inside);
                 against += usize::from(imagined && !inside);
                 inside || imagined
             }) && seen
-                && for_it >= against
+                && against <= dissent
         }
     };
     let voxels: Vec<u32> = (0..lattice.len()).into_par_iter().filter(|&i| inside(i)).map(|i| i as u32).collect();

@@ -125,6 +125,7 @@ mod tests {
             imagined: imagined.to_vec(),
             assumptions: vec![],
             flight: None,
+            around: None,
         }
     }
 

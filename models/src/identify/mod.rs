@@ -44,7 +44,8 @@ mod unknowns;
 
 pub use again::Changes;
 pub use config::{
-    ClipConfig, Config, EstimateConfig, FAMILIES, GeometryConfig, MaterialConfig, Method, WorldConfig, law_of,
+    ClipConfig, Config, EstimateConfig, FAMILIES, GeometryConfig, ImagineConfig, MaterialConfig, Method, WorldConfig,
+    law_of,
 };
 pub use contact::first_contact;
 pub use estimate::{Evaluation, estimate};
@@ -59,6 +60,7 @@ pub use oracle::{Answer, Listener};
 pub use penalty::RangePenalty;
 pub use pixels::{FramePixels, MotionLoss, MotionSettings, body_of, dynamic_step, is_stiffness, motion_loss};
 pub use problem::{Observed, Problem};
+pub(crate) use reconstruct::half_of_imagined;
 pub use reconstruct::{Reconstruction, reconstruct};
 pub use run::{ClipIdentity, HistoryRow, Run, Search, State};
 pub use temporal_start::TemporalConfig;

@@ -6,7 +6,7 @@ use std::time::Instant;
 use gradreel::optim::{Adam, Params};
 use gradreel::{DType, Error, ErrorKind, Result, Tensor};
 
-use crate::field::{Field, Pose, bounding_sphere, fit, hull};
+use crate::field::{Field, Pose, Sphere, bounding_sphere, fit, hull};
 use crate::identify::flight::displacement;
 use crate::identify::run::Run;
 use crate::identify::stages::Effort;
@@ -51,7 +51,11 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     let clip = &whole.scaled(shrink_factor(whole, run, 2.0 * spacing)?);
     let observed = Observed::of(clip, &run.config, DTYPE)?;
     let mut unknowns = Unknowns { parameters: run.config.starting_values(&law)?, ..Unknowns::default() };
-    let stages = Stages { clip, observed: &observed, law: &law, spacing, progress };
+    let around = clip.all_around();
+    let around =
+        around.map(|around| Ok::<_, Error>((Observed::of(&around, &run.config, DTYPE)?, around))).transpose()?;
+    let around = around.as_ref().map(|(observed, around)| (around, observed));
+    let stages = Stages { clip, observed: &observed, around, law: &law, spacing, progress };
 
     let frames = clip.frame_count();
     let iterations = run.config.geometry.fit.iterations;
@@ -109,6 +113,8 @@ enum Moved<'a> {
 pub(super) struct Stages<'a> {
     pub clip: &'a Clip,
     pub observed: &'a Observed,
+    /// The first frame from all around, and its pixels.
+    pub around: Option<(&'a Clip, &'a Observed)>,
     pub law: &'a Law,
     pub spacing: f64,
     pub progress: &'a Progress,
@@ -176,7 +182,7 @@ impl Stages<'_> {
         let surface = run.config.surface.clone();
         let left = reached.iterations..iterations;
         let reached = |iterations: usize, ended: bool| Reached { stage: stage.to_owned(), iterations, ended };
-        let fitted = fit(&field, params, adam, left, &poses, &self.observed.rays, &surface, &splat, |s| {
+        let fitted = fit(&field, params, adam, left, &poses, &surface, &splat, |s| {
             last = s.loss;
             bar.set(s.iteration as u64, &format!("loss {:.5}, {} voxels", s.loss, field.len()));
             let stop = interrupt::check();
@@ -199,8 +205,7 @@ impl Stages<'_> {
             let t = frame as f64 * self.observed.frame_dt;
             let shift = displacement(velocity, gravity, t);
             let moved = centres.rows().into_iter().flat_map(|x| [0, 1, 2].map(|a| (x[a] + shift[a]) as f32));
-            let positions = Tensor::from_vec(moved.collect(), [field.len(), 3]);
-            Pose { positions, target: &self.observed.targets[frame] }
+            self.pose(frame, Tensor::from_vec(moved.collect(), [field.len(), 3]))
         };
         (0..frames).map(pose).collect()
     }
@@ -211,11 +216,17 @@ impl Stages<'_> {
         let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
         let motion = problem.positions(unknowns)?;
         let row = field.len() * 3;
-        let pose = |(frame, target)| {
+        let pose = |frame: usize| {
             let positions = motion.slice::<f32>()[frame * row..(frame + 1) * row].to_vec();
-            Pose { positions: Tensor::from_vec(positions, [field.len(), 3]), target }
+            self.pose(frame, Tensor::from_vec(positions, [field.len(), 3]))
         };
-        Ok(self.observed.targets.iter().enumerate().map(pose).collect())
+        Ok((0..self.observed.targets.len()).map(pose).collect())
+    }
+
+    /// The voxels in a frame; in the first, seen from all around if views of it were imagined.
+    fn pose(&self, frame: usize, positions: Tensor) -> Pose<'_> {
+        let observed = self.around.filter(|_| frame == 0).map_or(self.observed, |(_, around)| around);
+        Pose { positions, target: &observed.targets[frame], rays: &observed.rays }
     }
 
     fn hull(&self, run: &mut Run) -> Result<(Field, Params)> {
@@ -227,8 +238,15 @@ impl Stages<'_> {
                     .into(),
             );
         }
-        let hull = hull(self.clip, 0, &sphere, self.spacing, run.config.geometry.hull_coverage)?;
-        let (field, params) = Field::filling(hull, self.clip);
+        let (clip, sphere, dissent) = match (self.around, &self.clip.around) {
+            // what nobody saw may be deeper than what was seen is wide
+            (Some((all, _)), Some(around)) => {
+                (all, Sphere { radius: DEEPER * sphere.radius, ..sphere }, around.dissent)
+            }
+            _ => (self.clip, sphere, half_of_imagined(self.clip)),
+        };
+        let hull = hull(clip, 0, &sphere, self.spacing, run.config.geometry.hull_coverage, dissent)?;
+        let (field, params) = Field::filling(hull, clip);
         run.save()?;
         Ok((field, params))
     }
@@ -296,8 +314,16 @@ pub(crate) fn describe(law: &Law, unknowns: &Unknowns) -> String {
 /// The stage that first estimates the whole material.
 pub(super) const MATERIAL: &str = "material";
 
+/// How much deeper than wide an object may be of which views were imagined.
+const DEEPER: f64 = 1.5;
+
 /// Iterations of a fit between two savings.
 const SAVE_EVERY: usize = 20;
+
+/// Where there are several cameras, half of the imagined ones may be wrong.
+pub(crate) fn half_of_imagined(clip: &Clip) -> usize {
+    clip.imagined.iter().filter(|imagined| **imagined).count() / 2
+}
 
 /// Half the configured grid spacing, or the one that the object's size asks for; the latter is stored.
 fn particle_spacing(clip: &Clip, run: &mut Run) -> Result<f64> {
@@ -306,7 +332,7 @@ fn particle_spacing(clip: &Clip, run: &mut Run) -> Result<f64> {
     }
     let sphere = bounding_sphere(clip, 0)?;
     let probe = sphere.radius / 40.0;
-    let volume = hull(clip, 0, &sphere, probe, 0.5)?.voxels.len() as f64 * probe.powi(3);
+    let volume = hull(clip, 0, &sphere, probe, 0.5, half_of_imagined(clip))?.voxels.len() as f64 * probe.powi(3);
     let count = volume / 0.01f64.powi(3);
     let dx = if (3e3..=4e4).contains(&count) {
         0.02

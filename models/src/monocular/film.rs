@@ -54,6 +54,7 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
         imagined: vec![false],
         assumptions: film.assumptions,
         flight: None,
+        around: None,
     };
     let down = match settings.elevation.map(f64::to_radians) {
         Some(angle) => Down::Known([0.0, -angle.cos(), -angle.sin()]),

@@ -14,11 +14,13 @@ mod free_fall;
 mod ground;
 mod locate;
 mod sighting;
+mod surround;
 
 pub use film::clip_of_film;
 pub use free_fall::{Down, FreeFall};
 pub use locate::locate;
 pub use sighting::Sighting;
+pub use surround::surround;
 
 use gradreel::Result;
 

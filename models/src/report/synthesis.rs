@@ -10,6 +10,9 @@ use super::png_file::png;
 use super::run_folder::RunFolder;
 use crate::views::Ring;
 
+/// The page, which is written last.
+pub const PAGE: &str = "index.html";
+
 /// Seconds that the animation takes around the object.
 const AROUND: f64 = 2.5;
 
@@ -69,7 +72,7 @@ pub fn publish(folder: &RunFolder, found: &Synthesis<'_>) -> Result<()> {
     folder.write("latents.safetensors", &latents.to_bytes()?)?;
     let beside: Vec<Picture> = views.iter().map(|view| found.input.beside(view)).collect();
     let page = page(found, &gif(&beside, rate)?);
-    folder.write("index.html", page.as_bytes())
+    folder.write(PAGE, page.as_bytes())
 }
 
 fn page(found: &Synthesis<'_>, animation: &[u8]) -> String {

@@ -55,6 +55,17 @@ pub struct Clip {
     pub assumptions: Vec<String>,
     /// Where the object is and how it flies, where a single camera saw it fall (see [`crate::monocular`]).
     pub flight: Option<Flight>,
+    /// Views of the first frame that nobody filmed, of what a single camera saw.
+    pub around: Option<Around>,
+}
+
+/// What the first frame would have looked like from other places.
+#[derive(Debug, Clone)]
+pub struct Around {
+    /// The imagined views, in the world of the clip.
+    pub views: Vec<(Camera, Frame)>,
+    /// How many of them may be wrong about a point of the object.
+    pub dissent: usize,
 }
 
 /// The free flight that the object begins with.
@@ -133,6 +144,25 @@ impl Clip {
         }
     }
 
+    /// The first frame with the views around it, the real ones first; `None` if there are none.
+    pub fn all_around(&self) -> Option<Self> {
+        let first = |frames: &Vec<Frame>| vec![frames[0].clone()];
+        let around = self.around.as_ref()?;
+        let (cameras, views): (Vec<Camera>, Vec<Vec<Frame>>) =
+            around.views.iter().map(|(camera, frame)| (camera.clone(), vec![frame.clone()])).unzip();
+        let count = cameras.len();
+        Some(Self {
+            cameras: [&self.cameras[..], &cameras].concat(),
+            times: self.times[..1].to_vec(),
+            frame_numbers: self.frame_numbers[..1].to_vec(),
+            frames: self.frames.iter().map(first).chain(views).collect(),
+            foreground: self.foreground.iter().copied().chain(vec![Foreground::White; count]).collect(),
+            imagined: self.imagined.iter().copied().chain(vec![true; count]).collect(),
+            around: None,
+            ..self.clone()
+        })
+    }
+
     /// Reads a clip: the list, every selected image (in parallel), and the object's alpha in each.
     ///
     /// `path` is the clip's folder, in any of the layouts of [`Format`](super::Format); for a real capture of Spring-Gaus,
@@ -184,6 +214,7 @@ impl Clip {
             imagined: Vec::new(),
             assumptions: layout.assumptions.clone(),
             flight: None,
+            around: None,
         };
         let imagined: Vec<i64> = layout.imagined.iter().filter(|id| ids.contains(id)).copied().collect();
         clip.imagine(&imagined)?;
@@ -250,6 +281,7 @@ impl Clip {
             imagined: self.imagined.clone(),
             assumptions: self.assumptions.clone(),
             flight: self.flight,
+            around: self.around.clone(),
         }
     }
 

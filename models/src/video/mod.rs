@@ -71,7 +71,7 @@ mod scale;
 mod select;
 
 pub use camera::Camera;
-pub use clip::{Clip, Flight, Frame, OpenOptions, PixelRect};
+pub use clip::{Around, Clip, Flight, Frame, OpenOptions, PixelRect};
 pub use film::{Film, FilmSettings};
 pub use foreground::Foreground;
 pub(crate) use image::Image;

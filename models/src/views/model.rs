@@ -13,6 +13,9 @@ use crate::layers::{Scope, listing};
 pub struct ModelSizes {
     /// Pixels along a side of an image.
     pub image: usize,
+    /// Longer side of the object in the input image, in pixels of 256.
+    #[serde(default = "published_crop", skip_serializing_if = "is_published_crop")]
+    pub crop: usize,
     /// The diffusion.
     pub denoiser: DenoiserSizes,
     /// Between images and latents.
@@ -22,11 +25,21 @@ pub struct ModelSizes {
     pub clip: Option<ClipSizes>,
 }
 
+fn published_crop() -> usize {
+    200
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde gives references")]
+fn is_published_crop(crop: &usize) -> bool {
+    *crop == published_crop()
+}
+
 impl ModelSizes {
     /// The published model.
     pub fn published() -> Self {
         Self {
             image: 256,
+            crop: published_crop(),
             denoiser: DenoiserSizes::published(),
             autoencoder: AutoencoderSizes::published().into(),
             clip: Some(ClipSizes::PUBLISHED),

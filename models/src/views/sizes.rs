@@ -72,6 +72,7 @@ impl ModelSizes {
         let spatial_aware = Some(SpatialAwareSizes::suiting(&volume));
         Self {
             image: 64,
+            crop: 128,
             autoencoder: Coding::Patches(Patches { patch: 4 }),
             clip: None,
             denoiser: DenoiserSizes { ring: Ring::published(16), unet, volume, spatial_aware, output: Output::Clean },
@@ -83,7 +84,7 @@ impl ModelSizes {
     /// # Errors
     /// [`ErrorKind::Input`] with the size that does not fit, and why.
     pub fn check(&self) -> Result<()> {
-        let Self { image, denoiser, autoencoder, clip } = self;
+        let Self { image, crop, denoiser, autoencoder, clip } = self;
         let (ring, unet, volume) = (&denoiser.ring, &denoiser.unet, &denoiser.volume);
         let mut counts: Vec<(&str, usize)> = vec![
             ("image", *image),
@@ -135,6 +136,7 @@ impl ModelSizes {
         let around = ring.distance > 3f64.sqrt() * ring.half && ring.focal > 0.0 && ring.half > 0.0;
         let channels = autoencoder.channels();
         for (name, fits, found, wanted) in [
+            ("crop", *crop <= 256, crop.to_string(), "0 to 256 pixels of 256"),
             (
                 "image",
                 image.is_multiple_of(autoencoder.factor()),

@@ -66,15 +66,27 @@ const ELSEWHERE: &[[&str; 2]] = &[["clip_image_encoder.model.", "cond_stage_mode
 const AVERAGES: &str = "model_ema.";
 
 impl FileWeights {
-    /// Maps a safetensors file or a PyTorch checkpoint (its `state_dict` where it has one) and lists its weights.
+    /// Maps a safetensors file or a PyTorch checkpoint (its `state_dict` where it has one) and lists its weights;
+    /// [`FileWeights::BUILT_IN`] opens those that come with the crate.
     ///
     /// # Errors
     /// [`ErrorKind::Input`] when the file is missing, damaged or of another format.
     pub fn open(path: impl AsRef<Path>, device: &Device) -> Result<Self> {
         let path = path.as_ref();
-        let archive = Archive::open(path)?;
+        let archive = match path == Self::BUILT_IN {
+            true => Archive::from_bytes(Self::built_in().to_vec())?,
+            false => Archive::open(path)?,
+        };
         let file = File { path: path.to_owned(), archive, device: device.clone(), kept: Mutex::default() };
         Ok(Self { file: Arc::new(file), tape: Tape::new() })
+    }
+
+    /// What stands for the path of the small model that comes with the crate ([`ModelSizes::small`]).
+    pub const BUILT_IN: &str = "built-in";
+
+    /// The file of that model, safetensors in `f16`.
+    pub fn built_in() -> &'static [u8] {
+        include_bytes!("../../weights/novel_view.safetensors")
     }
 
     /// The same weights as constants of this tape, for layers whose other weights are trained on it.

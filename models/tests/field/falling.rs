@@ -86,6 +86,7 @@ fn clip_of(cameras: Vec<Camera>) -> Clip {
         cameras,
         assumptions: Vec::new(),
         flight: None,
+        around: None,
     }
 }
 
@@ -230,7 +231,10 @@ fn silhouettes_leave_room_for_the_object_in_every_frame() {
     assert!(with(&[1, 2, 3]) > 0);
     // nor from the voxels of the first frame, unless it is real
     let ball = bounding_sphere(&clip, 0).unwrap();
-    let carved = |clip: &Clip| hull(clip, 0, &ball, 0.05, 0.3).map(|hull| hull.voxels.len());
+    let carved = |clip: &Clip| {
+        hull(clip, 0, &ball, 0.05, 0.3, clip.imagined.iter().filter(|imagined| **imagined).count() / 2)
+            .map(|hull| hull.voxels.len())
+    };
     let whole = carved(&clip).unwrap();
     assert!(carved(&wrong).is_err());
     wrong.imagine(&[1, 2, 3]).unwrap();

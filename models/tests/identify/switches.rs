@@ -41,6 +41,7 @@ fn clip_of(observed: &Observed, imagined: bool) -> Clip {
         cameras,
         assumptions: Vec::new(),
         flight: None,
+        around: None,
     }
 }
 

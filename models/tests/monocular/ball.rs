@@ -71,6 +71,7 @@ pub fn clip() -> Clip {
         imagined: vec![false],
         assumptions: vec![],
         flight: None,
+        around: None,
         cameras: vec![camera],
     }
 }

@@ -12,6 +12,7 @@ pub fn sizes() -> ModelSizes {
     let volumes = [8, 8, 16, 16];
     ModelSizes {
         image: 16,
+        crop: 200,
         denoiser: DenoiserSizes {
             ring: Ring::published(4),
             unet: UnetSizes { inputs: 8, outputs: 4, base: 32, multipliers: [1; 4], heads: 2, context: 8, volumes },

@@ -96,16 +96,8 @@ fn an_input_image_is_unprojected_from_where_it_was_taken() {
     }
     let ring = Ring::published(4);
     let (latent, voxels, width) = (4, 6, 8);
-    let sizes = VolumeSizes {
-        latent,
-        features: 3,
-        time: 16,
-        spatial: [8; 4],
-        frustum: [8; 4],
-        voxels,
-        depth: 8,
-        input: true,
-    };
+    let sizes =
+        VolumeSizes { latent, features: 3, time: 16, spatial: [8; 4], frustum: [8; 4], voxels, depth: 8, input: true };
     let tape = Tape::new();
     let given = |name: &str, shape: &[usize]| tape.constant(input("input view", name, shape));
     let weights = Alike(Source { seed: "input view", tape: tape.clone() });

@@ -20,7 +20,7 @@ use crate::views::{
 };
 
 /// What was asked for, as the folder of the run keeps it.
-const SETTINGS: &str = "settings.toml";
+pub(super) const SETTINGS: &str = "settings.toml";
 /// How far the run is.
 const STATE: &str = "state.safetensors";
 /// Memory for sampling that every machine of today has \[bytes\].
@@ -41,7 +41,9 @@ struct Settings {
     steps: usize,
     guidance: f64,
     seed: u64,
-    crop: usize,
+    /// That of the model if not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    crop: Option<usize>,
     device: Place,
 }
 
@@ -74,7 +76,7 @@ impl Job {
             steps: arguments.steps.unwrap_or(usual.steps),
             guidance: arguments.guidance.unwrap_or(usual.guidance),
             seed: arguments.seed.unwrap_or(usual.seed),
-            crop: arguments.crop.unwrap_or(200),
+            crop: arguments.crop,
             device: arguments.device.unwrap_or(Place::Cpu),
         };
         if settings.elevation.is_nan() || settings.elevation.abs() > 90.0 {
@@ -129,11 +131,12 @@ impl Job {
         let sizes = weights.sizes()?;
         weights.check(&sizes.weights()?).into_result()?;
         // pixels of 256, whatever the model's size
-        let crop = settings.crop.saturating_mul(sizes.image).div_ceil(256);
+        let crop = settings.crop.unwrap_or(sizes.crop);
+        let crop = crop.saturating_mul(sizes.image).div_ceil(256);
         if crop > sizes.image {
             return Err(Error::new(ErrorKind::Input, "the object would be larger than its picture")
                 .at("--crop")
-                .found(settings.crop)
+                .found(settings.crop.unwrap_or(sizes.crop))
                 .wanted("0 to 256")
                 .fix("200 leaves the margin that the published model was trained with"));
         }
@@ -155,6 +158,11 @@ impl Job {
     /// Where everything goes.
     pub fn folder(&self) -> &RunFolder {
         &self.folder
+    }
+
+    /// Whether all is done.
+    pub fn is_published(&self) -> bool {
+        self.folder.has(synthesis::PAGE)
     }
 
     /// All stages that are not done yet.

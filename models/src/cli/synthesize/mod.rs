@@ -3,9 +3,9 @@
 mod job;
 mod size;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use gradreel::{Error, ErrorKind, Result};
+use gradreel::{ErrorKind, Result};
 
 use self::job::Job;
 use self::size::Size;
@@ -13,14 +13,15 @@ use super::source::{LARGEST_SEED, Place};
 use crate::cli::output::say;
 use crate::report::interrupt;
 use crate::report::progress::Progress;
+use crate::views::{FileWeights, SamplerSettings};
 
 /// Arguments of `gradreel synthesize`.
-#[derive(clap::Args)]
+#[derive(clap::Args, Default)]
 #[command(after_help = WEIGHTS, after_long_help = LONG_HELP)]
 pub(super) struct Arguments {
     /// Picture of the object: PNG or JPEG, with transparency or on white
     image: PathBuf,
-    /// Weights of the model, a PyTorch checkpoint or a safetensors file; none come with gradreel, see below
+    /// Weights of the model, a PyTorch checkpoint or a safetensors file [default: built-in, a small model]
     #[arg(long, value_name = "FILE")]
     weights: Option<PathBuf>,
     /// Elevation of the camera that took the picture, above the horizon [degrees]
@@ -43,7 +44,8 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "NUMBER", conflicts_with = "resume")]
     #[arg(value_parser = clap::value_parser!(u64).range(..=LARGEST_SEED))]
     seed: Option<u64>,
-    /// Longer side of the object as the model sees it, in pixels of 256; 0 keeps the picture's own framing [default: 200]
+    /// Longer side of the object as the model sees it, in pixels of 256; 0 keeps the picture's own framing [default: that of the model,
+    /// 200 for the published one]
     #[arg(long, value_name = "PIXELS", conflicts_with = "resume")]
     crop: Option<usize>,
     /// Memory for sampling, beside the weights; decides how many views run at once, not what they show [default: 4GB]
@@ -57,15 +59,16 @@ pub(super) struct Arguments {
     quiet: bool,
 }
 
-const WEIGHTS: &str = "Weights: the checkpoint `syncdreamer-pretrain.ckpt` that the authors of SyncDreamer offer at \
-https://github.com/liuyuan-pal/SyncDreamer (5 GB); none come with gradreel.";
+const WEIGHTS: &str = "Weights: a small model of 64² pixels comes with gradreel; at 256² runs the checkpoint \
+`syncdreamer-pretrain.ckpt` that the authors of SyncDreamer offer at https://github.com/liuyuan-pal/SyncDreamer (5 GB).";
 
 const LONG_HELP: &str = "\
 What it does: a multi-view diffusion model (SyncDreamer, Liu et al. 2023) starts from noise in sixteen views, 22.5 degrees \
 apart and 30 degrees above the ground, and takes it away step by step, all views together, so that they show one object \
 that looks like the picture from where the picture was taken. The back is a guess: look at several seeds.
 
-Weights: none come with gradreel. The checkpoint `syncdreamer-pretrain.ckpt` (5 GB) is offered by the model's authors at \
+Weights: a small model comes with gradreel, trained on procedural objects on a processor: 64² pixels, silhouettes rather than \
+detail. The checkpoint `syncdreamer-pretrain.ckpt` (5 GB) is offered by the model's authors at \
 https://github.com/liuyuan-pal/SyncDreamer and is read as it is; look at their terms first. Weights of a model of other \
 sizes say so in the file's metadata, under `gradreel.sizes`.
 
@@ -81,6 +84,7 @@ Results, all in the folder of --out:
   preview.png           while sampling: what the views will be, as far as it is known
 
 Examples:
+  gradreel synthesize cup.png --elevation 20
   gradreel synthesize cup.png --elevation 20 --weights syncdreamer-pretrain.ckpt
   gradreel synthesize cup.png --elevation 20 --weights syncdreamer-pretrain.ckpt --seed 1 --steps 100 --out runs/cup-1
   gradreel synthesize cup.png --weights syncdreamer-pretrain.ckpt --out runs/cup-1 --resume     after Ctrl-C";
@@ -89,16 +93,16 @@ Examples:
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     interrupt::install()?;
     let progress = Progress::new(arguments.quiet);
-    let weights = arguments.weights.as_deref().ok_or_else(no_weights)?;
+    let weights = arguments.weights.as_deref().unwrap_or(Path::new(FileWeights::BUILT_IN));
     let job = if arguments.resume { Job::resume(arguments, weights)? } else { Job::begin(arguments, weights)? };
     if !arguments.quiet {
         eprintln!("{job}");
     }
     job.finish(&progress).map_err(|error| match error.kind() {
         ErrorKind::Interrupted => error.fix(format!(
-            "go on with `gradreel synthesize {} --weights {} --out {} --resume`",
+            "go on with `gradreel synthesize {}{} --out {} --resume`",
             arguments.image.display(),
-            weights.display(),
+            arguments.weights.as_ref().map_or(String::new(), |weights| format!(" --weights {}", weights.display())),
             job.folder().root().display()
         )),
         _ => error,
@@ -107,12 +111,27 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-fn no_weights() -> Error {
-    Error::new(ErrorKind::Input, "there are no weights to run the model with")
-        .found("no --weights; none come with gradreel")
-        .wanted("a PyTorch checkpoint or a safetensors file of the multi-view model")
-        .fix(
-            "get `syncdreamer-pretrain.ckpt` from its authors, https://github.com/liuyuan-pal/SyncDreamer, and give its \
-             path to --weights",
-        )
+/// Samples the views of a picture that was taken from this elevation in degrees within another run, in a folder of its own: from the
+/// beginning, from where it was interrupted, or not at all if it was finished.
+pub(super) fn within(
+    folder: &Path,
+    picture: PathBuf,
+    weights: &Path,
+    elevation: f64,
+    sampler: SamplerSettings,
+    progress: &Progress,
+) -> Result<()> {
+    let begun = folder.join(job::SETTINGS).exists();
+    let SamplerSettings { steps, guidance, seed } = sampler;
+    let arguments = Arguments {
+        image: picture,
+        elevation: Some(elevation),
+        out: Some(folder.to_owned()),
+        steps: Some(steps),
+        guidance: Some(guidance),
+        seed: Some(seed),
+        ..Arguments::default()
+    };
+    let job = if begun { Job::resume(&arguments, weights)? } else { Job::begin(&arguments, weights)? };
+    if job.is_published() { Ok(()) } else { job.finish(progress) }
 }
