@@ -69,7 +69,7 @@ pub(super) fn given(clip: &mut Clip, config: &Config) -> Result<()> {
 }
 
 /// Synthesizes the views of the clip's first frame in the folder of the run, or goes on with it, and puts them around the clip.
-pub(super) fn imagined(clip: &mut Clip, run: &Run, progress: &Progress) -> Result<()> {
+pub(super) fn imagined(clip: &mut Clip, run: &mut Run, progress: &Progress) -> Result<()> {
     let imagine = &run.config.imagine;
     let Some(weights) = &imagine.weights else { return Ok(()) };
     let folder = run.folder.path(VIEWS);
@@ -83,7 +83,10 @@ pub(super) fn imagined(clip: &mut Clip, run: &Run, progress: &Progress) -> Resul
     }
     let sampler = SamplerSettings { steps: imagine.steps, guidance: imagine.guidance, seed: imagine.seed };
     synthesize::within(&folder, run.folder.path(PICTURE), weights, elevation, sampler, progress)?;
-    put_around(clip, folder)
+    put_around(clip, folder)?;
+    run.state.notes.retain(|note| !note.starts_with("assumed: shape:"));
+    clip.assumptions.iter().for_each(|line| run.note(format!("assumed: {line}")));
+    run.save()
 }
 
 fn put_around(clip: &mut Clip, folder: PathBuf) -> Result<()> {

@@ -101,7 +101,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         )),
         _ => error,
     };
-    imagine::imagined(&mut clip, &run, &progress).map_err(|error| go_on(error, &run))?;
+    imagine::imagined(&mut clip, &mut run, &progress).map_err(|error| go_on(error, &run))?;
     if !arguments.quiet {
         let imagined = match clip.imagined.iter().filter(|imagined| **imagined).count() {
             0 => String::new(),

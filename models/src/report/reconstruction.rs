@@ -98,7 +98,7 @@ pub fn publish(found: &Reconstruction, run: &Run, clip: &Clip, progress: &Progre
         notes: notes(found, run, &assumed, &quality),
         timings: run.state.finished.iter().cloned().zip(run.state.seconds.iter().copied()).collect(),
         config_toml: run.config.to_toml()?,
-        files: files(),
+        files: files(run),
     };
     run.folder.write("index.html", page.html().as_bytes())?;
     bar.finish(&format!("{}", run.folder.path("index.html").display()));
@@ -340,7 +340,11 @@ fn plots(found: &Reconstruction, run: &Run) -> Vec<Plot> {
     plots
 }
 
-fn files() -> Vec<(String, String)> {
+/// The page of the views that were imagined in the run's folder.
+const IMAGINED: &str = "views/index.html";
+
+fn files(run: &Run) -> Vec<(String, String)> {
+    let imagined = run.folder.has(IMAGINED).then_some((IMAGINED, "the views of the first frame that were imagined"));
     [
         ("parameters.json", "every estimate with its SI unit, what was assumed, how well it fits"),
         ("input_and_reconstruction.gif", "the clip beside its reconstruction"),
@@ -350,6 +354,8 @@ fn files() -> Vec<(String, String)> {
         ("state.json", "every evaluation, and where --resume goes on"),
         ("field.safetensors", "the voxels of the first frame"),
     ]
+    .into_iter()
+    .chain(imagined)
     .map(|(link, what)| (link.to_owned(), what.to_owned()))
-    .to_vec()
+    .collect()
 }

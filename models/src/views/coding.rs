@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::{Autoencoder, AutoencoderSizes};
 
 /// How images become latents.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Coding {
     /// By an autoencoder, as in the published model.
@@ -18,11 +18,24 @@ pub enum Coding {
 /// Square patches of an image become channels: `[b, 3, h, w]` in −1..1 to `[b, 3 p², h / p, w / p]` in −2..0, white being 0.
 ///
 /// With white at 0 the background of a noised latent is noise alone, as at the beginning of a sampling run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Patches {
     /// Pixels along a side of a patch.
     pub patch: usize,
+    /// Latents of the diffusion are the patches times this. Below 1, what neighbouring pixels have in common drowns in the noise,
+    /// too, so that the model must learn what the input image tells (Chen 2023).
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    pub scale: f64,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde gives references")]
+fn is_one(scale: &f64) -> bool {
+    *scale == one()
 }
 
 impl Coding {
@@ -30,7 +43,7 @@ impl Coding {
     pub fn channels(&self) -> usize {
         match self {
             Self::Learned(sizes) => sizes.latent,
-            Self::Patches(Patches { patch }) => 3 * patch * patch,
+            Self::Patches(Patches { patch, .. }) => 3 * patch * patch,
         }
     }
 
@@ -38,7 +51,7 @@ impl Coding {
     pub fn factor(&self) -> usize {
         match self {
             Self::Learned(sizes) => 1 << sizes.multipliers.len().saturating_sub(1),
-            Self::Patches(Patches { patch }) => *patch,
+            Self::Patches(Patches { patch, .. }) => *patch,
         }
     }
 
@@ -46,7 +59,7 @@ impl Coding {
     pub fn scale(&self) -> f64 {
         match self {
             Self::Learned(_) => Autoencoder::SCALE,
-            Self::Patches(_) => 1.0,
+            Self::Patches(Patches { scale, .. }) => *scale,
         }
     }
 }

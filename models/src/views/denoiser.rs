@@ -195,9 +195,7 @@ impl Denoiser {
     }
 
     /// The training loss of the published model: all views of each sample noised at one time, some views predicted (the
-    /// published training: one of each sample), mean squared error of what the UNet gives. That of clean latents is divided by
-    /// `1 − ᾱ`: it is the error of the velocity `√ᾱ ε − √(1 − ᾱ) x₀` (Salimans and Ho 2022), which counts what is nearly all
-    /// noise as much as what is nearly clean. Returns the loss and the prediction.
+    /// published training: one of each sample), mean squared error of what the UNet gives. Returns the loss and the prediction.
     ///
     /// `x0` and `noise` are `[b, views, latent, w, w]`, with one time for each sample; targets of one sample are next to each
     /// other. `told` says what the model is told of each target; empty: all of all.
@@ -222,19 +220,11 @@ impl Denoiser {
         let predicted = self.predict(&look, condition, targets, told, 1.0)?;
         let loss = match self.output {
             Output::Noise => (&predicted - &of_targets(noise, targets)).square().mean_all(),
-            Output::Clean => {
-                let times = look.times_of(targets);
-                let [_, noise] = weights(&predicted, &times)?;
-                let off = &(&predicted - &of_targets(x0, targets)) / &noise.clamp(LEAST_NOISE, 1.0);
-                off.square().mean_all()
-            }
+            Output::Clean => (&predicted - &of_targets(x0, targets)).square().mean_all(),
         };
         Ok([loss, predicted])
     }
 }
-
-/// `√(1 − ᾱ)` below which the loss of clean latents grows no more.
-const LEAST_NOISE: f64 = 0.2;
 
 /// One view of one sample of the batch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -10,7 +10,7 @@ use gradreel::{Device, Error, ErrorKind, Result, Shape, Tape, Tensor, Var};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::denoiser::Sight;
-use super::{Condition, Denoiser, DenoiserSizes, Look, Moment, Predictor, Subject, Target, on_cpu};
+use super::{Condition, Denoiser, DenoiserSizes, Look, Moment, Output, Predictor, Subject, Target, on_cpu};
 use crate::layers::{Init, Scope, Weights};
 
 /// The multi-view denoiser as a [`Predictor`].
@@ -123,6 +123,10 @@ impl Ensemble {
 }
 
 impl Predictor for Ensemble {
+    fn ends_clean(&self) -> bool {
+        self.sizes.output == Output::Clean
+    }
+
     fn predict(
         &self,
         moment: &Moment<'_>,

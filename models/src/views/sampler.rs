@@ -75,6 +75,12 @@ pub trait Predictor {
         views: &[usize],
         found: &mut dyn FnMut(usize, Tensor) -> Result<()>,
     ) -> Result<()>;
+
+    /// Whether the result of a run is the clean latents that its last step estimates. Otherwise it is those of diffusion time 0 with
+    /// their little noise, as published.
+    fn ends_clean(&self) -> bool {
+        false
+    }
 }
 
 /// A run of the sampler: noised latents of all views, and what is known of the next step.
@@ -271,7 +277,11 @@ impl Sampling {
         let key = self.settings.keys()[2].fold(self.index() as u64);
         let latent = &self.subject.latent;
         let noise = noise(key, self.views(), latent.shape(), latent.dtype())?;
-        self.update(&noise)
+        self.update(&noise)?;
+        if let (true, true, Some(clean)) = (self.is_finished(), predictor.ends_clean(), &self.clean) {
+            self.latents = clean.clone();
+        }
+        Ok(())
     }
 
     #[track_caller]

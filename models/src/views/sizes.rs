@@ -73,7 +73,7 @@ impl ModelSizes {
         Self {
             image: 64,
             crop: 128,
-            autoencoder: Coding::Patches(Patches { patch: 4 }),
+            autoencoder: Coding::Patches(Patches { patch: 4, scale: 0.2 }),
             clip: None,
             denoiser: DenoiserSizes { ring: Ring::published(16), unet, volume, spatial_aware, output: Output::Clean },
         }
@@ -108,7 +108,7 @@ impl ModelSizes {
         counts.extend(volume.spatial.iter().map(|c| ("denoiser.volume.spatial", *c)));
         counts.extend(volume.frustum.iter().map(|c| ("denoiser.volume.frustum", *c)));
         match autoencoder {
-            Coding::Patches(Patches { patch }) => counts.push(("autoencoder.patch", *patch)),
+            Coding::Patches(Patches { patch, .. }) => counts.push(("autoencoder.patch", *patch)),
             Coding::Learned(AutoencoderSizes { base, multipliers, blocks, .. }) => {
                 groups.push(("autoencoder.base", vec![*base], 32));
                 counts.push(("autoencoder.base", *base));
@@ -136,6 +136,12 @@ impl ModelSizes {
         let around = ring.distance > 3f64.sqrt() * ring.half && ring.focal > 0.0 && ring.half > 0.0;
         let channels = autoencoder.channels();
         for (name, fits, found, wanted) in [
+            (
+                "autoencoder.scale",
+                autoencoder.scale() > 0.0 && autoencoder.scale().is_finite(),
+                autoencoder.scale().to_string(),
+                "a positive number",
+            ),
             ("crop", *crop <= 256, crop.to_string(), "0 to 256 pixels of 256"),
             (
                 "image",

@@ -42,3 +42,45 @@ fn a_film_is_reconstructed_and_resumed_and_made_again() {
     scene.succeeds("simulate --from out --set young=1e6 --out again");
     assert!(scene.path("again/index.html").is_file());
 }
+
+#[test]
+fn given_views_stand_around_what_a_film_shows() {
+    let scene = film();
+    // the first frame from all cameras of the bundled clip, as if they had been imagined
+    scene.copy_clip("views", &[0, 1, 2, 3, 4, 5, 6], 1);
+    scene.succeeds("reconstruct film --fps 24 --frames 8 --views views --out out --config quick.toml");
+    let notes = scene.state("out")["notes"].to_string();
+    assert!(
+        notes.contains("imagined views of the first frame show") && notes.contains("0 of 7 may be wrong"),
+        "{notes}"
+    );
+    assert!(!notes.contains("as deep as it is wide, part by part"), "{notes}");
+    scene.succeeds("reconstruct film --out out --resume");
+    scene.refuses("reconstruct film --fps 24 --views nowhere --out other", &["nowhere"]);
+    assert!(!scene.path("other").exists());
+}
+
+#[test]
+fn unseen_sides_are_imagined_and_kept() {
+    let scene = film();
+    let quick = fs::read_to_string(scene.path("quick.toml")).unwrap();
+    scene.write("imagine.toml", format!("{quick}\n[imagine]\nsteps = 3\nguidance = 1.0\n"));
+    scene.succeeds("reconstruct film --fps 24 --frames 8 --imagine --out out --config imagine.toml");
+    for file in ["first_frame.png", "views/views.png", "views/index.html", "views/data/r_15_0.png"] {
+        assert!(scene.path("out").join(file).is_file(), "no {file}");
+    }
+    let made = fs::metadata(scene.path("out/views/views.png")).unwrap().modified().unwrap();
+    scene.succeeds("reconstruct film --out out --resume");
+    assert_eq!(fs::metadata(scene.path("out/views/views.png")).unwrap().modified().unwrap(), made);
+
+    // a model of noise imagines noise: nothing comes of it, and nothing is lost
+    crate::model::weights().write(scene.path("tiny.safetensors")).unwrap();
+    let noise = "reconstruct film --fps 24 --frames 8 --imagine=tiny.safetensors --out noise --config imagine.toml";
+    let output = scene.run(noise);
+    let printed = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{printed}");
+    assert!(printed.contains("noise/views") && printed.contains("fix:"), "{printed}");
+    assert!(scene.path("noise/views/views.png").is_file());
+    scene.copy_clip("clip", &[0, 3], 4);
+    scene.refuses("reconstruct clip --imagine --out several", &["several cameras already", "--cameras"]);
+}

@@ -147,10 +147,25 @@ fn seeds_and_elevations_change_the_views() {
     }
 }
 
+/// The model that comes with the program: whole, within its size, and red where the picture is.
+#[test]
+fn the_built_in_model() {
+    let scene = scene();
+    let printed = scene.succeeds("weights check built-in");
+    assert!(printed.contains("gradreel") || !printed.is_empty(), "{printed}");
+    scene.succeeds("synthesize ball.png --elevation 30 --steps 4 --guidance 1 --out out --quiet");
+    let views: Vec<_> = (0..16).map(|view| scene.path(&format!("out/data/r_{view}_0.png"))).collect();
+    assert!(views.iter().all(|view| view.is_file()));
+    let settings = fs::read_to_string(scene.path("out/settings.toml")).unwrap();
+    assert!(settings.contains("path = \"built-in\"") && !settings.contains("crop"), "{settings}");
+    scene.succeeds("synthesize ball.png --out out --resume --quiet");
+    let size = fs::metadata(concat!(env!("CARGO_MANIFEST_DIR"), "/weights/novel_view.safetensors")).unwrap().len();
+    assert!(size <= 20_000_000, "{size} bytes");
+}
+
 #[test]
 fn weights_that_do_not_fit() {
     let scene = scene();
-    scene.refuses("synthesize ball.png --elevation 20", &["--weights", "SyncDreamer", "none come with"]);
     scene.refuses(&RUN.replace("tiny", "nowhere"), &["nowhere.safetensors"]);
     scene.write("junk.safetensors", [7; 100]);
     scene.refuses(&RUN.replace("tiny", "junk"), &["junk.safetensors"]);
@@ -278,7 +293,8 @@ fn the_help_says_where_weights_are_to_be_had() {
     let scene = Scene::new();
     for help in ["synthesize --help", "synthesize -h"] {
         let printed = scene.succeeds(help);
-        for part in ["syncdreamer-pretrain.ckpt", "github.com/liuyuan-pal/SyncDreamer", "none come with", "--elevation"]
+        for part in
+            ["syncdreamer-pretrain.ckpt", "github.com/liuyuan-pal/SyncDreamer", "comes with gradreel", "--elevation"]
         {
             assert!(
                 printed.split_whitespace().collect::<Vec<_>>().join(" ").contains(part),

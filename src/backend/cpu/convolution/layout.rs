@@ -3,10 +3,7 @@
 use rayon::prelude::*;
 
 use crate::backend::cpu::Temporary;
-use crate::scalar::Real;
-
-/// Channels that are read together while a row is turned.
-const BLOCK: usize = 16;
+use crate::scalar::{Job, Lane, Path, Real};
 
 /// What part of some planes is wanted: `extent` places along each axis, the first of which lies `before` places in front of
 /// the image. Places outside the image are 0.
@@ -43,17 +40,54 @@ pub(super) fn channels_last<T: Real>(planes: &[T], channels: usize, window: &Win
         row[(to + columns.len()) * pixel..].fill(T::ZERO);
         let row = &mut row[to * pixel..(to + columns.len()) * pixel];
         let start = image * channels * plane + (d * height + h) * width + from;
-        for first in (0..channels).step_by(BLOCK) {
-            let last = channels.min(first + BLOCK);
-            for (w, to) in row.chunks_exact_mut(pixel).enumerate() {
-                for c in first..last {
-                    to[c] = planes[start + c * plane + w];
-                }
-            }
-        }
+        let extent = [channels, columns.len()];
+        assert!(start + (channels - 1) * plane + columns.len() <= planes.len(), "within the planes");
+        let from = planes[start..].as_ptr();
+        let turn = Turn { from, from_row: plane, to: row.as_mut_ptr(), to_row: pixel, extent };
+        // SAFETY: the best path is available; the planes were checked on the lines above, and the row is this thread's.
+        unsafe { T::dispatch(Path::best(), turn) };
         if pixel > channels {
             row.chunks_exact_mut(pixel).for_each(|pixel| pixel[channels..].fill(T::ZERO));
         }
     });
     turned
+}
+
+/// Rows become columns: `to[c · to_row + r] = from[r · from_row + c]` for the rows and columns of `extent`. Both ends must be
+/// there, and nobody else may write to the one.
+pub(super) struct Turn<T> {
+    pub(super) from: *const T,
+    pub(super) from_row: usize,
+    pub(super) to: *mut T,
+    pub(super) to_row: usize,
+    pub(super) extent: [usize; 2],
+}
+
+impl<T: Real> Job<T> for Turn<T> {
+    type Output = ();
+
+    /// # Safety
+    /// Both ends must be there.
+    #[inline(always)]
+    unsafe fn run<V: Lane<Element = T>>(self) {
+        let Self { from, from_row, to, to_row, extent: [rows, columns] } = self;
+        let whole = [rows, columns].map(|count| count / V::SIDE * V::SIDE);
+        // SAFETY: all of it lies within the extent, both ends of which the caller promises.
+        unsafe {
+            for r in (0..whole[0]).step_by(V::SIDE) {
+                for c in (0..whole[1]).step_by(V::SIDE) {
+                    let mut square = [from; 8];
+                    for i in 0..V::SIDE {
+                        square[i] = from.add((r + i) * from_row + c);
+                    }
+                    V::transpose(&square, to.add(c * to_row + r), to_row);
+                }
+            }
+            for r in 0..rows {
+                for c in if r < whole[0] { whole[1] } else { 0 }..columns {
+                    *to.add(c * to_row + r) = *from.add(r * from_row + c);
+                }
+            }
+        }
+    }
 }

@@ -251,12 +251,22 @@ pub(super) fn transposed<T: Real>(
         for row in parts.chunk_by(|(a, _), (b, _)| (0..2).all(|axis| a.axes[axis].first == b.axes[axis].first)) {
             let [depth, height, _] = &row[0].0.axes;
             for number in 0..depth.count * height.count {
-                for (walk, part) in row {
-                    let [_, height, width] = &walk.axes;
-                    let to = walk.row(number / height.count, number % height.count).1;
-                    let from = &part[plane * walk.count() + number * width.count..][..width.count];
-                    let to = image[to..].iter_mut().step_by(width.every);
-                    to.zip(from).for_each(|(to, value)| *to = *value);
+                let to = |walk: &Walk| walk.row(number / height.count, number % height.count).1;
+                let from = |walk: &Walk| {
+                    let long = walk.axes[2].count;
+                    plane * walk.count() + number * long..plane * walk.count() + (number + 1) * long
+                };
+                match row {
+                    // two that take turns: whole vectors
+                    [(a, evens), (b, odds)] if a.axes[2].every == 2 && a.axes[2].count == b.axes[2].count => {
+                        let to = image[to(a)..].as_chunks_mut::<2>().0.iter_mut();
+                        let both = evens[from(a)].iter().zip(&odds[from(b)]);
+                        to.zip(both).for_each(|(to, (even, odd))| *to = [*even, *odd]);
+                    }
+                    _ => row.iter().for_each(|(walk, part)| {
+                        let to = image[to(walk)..].iter_mut().step_by(walk.axes[2].every);
+                        to.zip(&part[from(walk)]).for_each(|(to, value)| *to = *value);
+                    }),
                 }
             }
         }

@@ -12,7 +12,7 @@ mod transform;
 
 use rayon::prelude::*;
 
-use super::layout::{Window, channels_last};
+use super::layout::{Turn, Window, channels_last};
 use super::walk::Walk;
 use crate::backend::cpu::gemm::{Gemm, Out, Par, Strided};
 use crate::backend::cpu::{Temporary, buffer};
@@ -286,17 +286,19 @@ impl<'a> Plan<'a> {
                 let (image, d) = (slice / depth, slice % depth);
                 let first = 2 * (part.rows.start + number % rows);
                 for h in first..height.min(first + 2) {
-                    let line = &lines[(h - first) * 2 * across * row..][..2 * across * row];
-                    for block in (0..to).step_by(BLOCK) {
-                        for m in block..to.min(block + BLOCK) {
-                            let bias = bias.map_or(T::ZERO, |bias| bias[m]);
-                            let to = result.at((((image * to + m) * depth + d) * height + h) * width, width);
-                            for w in 0..width {
-                                // SAFETY: the row was checked to be there, and is written by one thread.
-                                unsafe { *to.add(w) = line[w * row + m] + bias };
-                            }
+                    let line = &mut lines[(h - first) * 2 * across * row..][..2 * across * row];
+                    if let Some(bias) = bias {
+                        for pixel in line.chunks_exact_mut(row).take(width) {
+                            pixel.iter_mut().zip(bias).for_each(|(value, bias)| *value = *value + *bias);
                         }
                     }
+                    let (plane, first) =
+                        (depth * height * width, (image * to * depth + d) * height * width + h * width);
+                    let (from, extent) = (line.as_ptr(), [width, to]);
+                    let to = result.at(first, (to - 1) * plane + width);
+                    let turn = Turn { from, from_row: row, to, to_row: plane, extent };
+                    // SAFETY: the best path is available; the rows of all channels were checked, and one thread writes them.
+                    unsafe { T::dispatch(Path::best(), turn) };
                 }
             },
         );
