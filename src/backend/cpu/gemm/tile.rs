@@ -17,6 +17,11 @@ const MOST_COLUMNS: usize = 32;
 /// Steps along the depth by which the right factor is asked for ahead of its use.
 const AHEAD: usize = 8;
 
+/// Pairs of steps along the depth for each line of the cache.
+const fn turns<T>() -> usize {
+    64 / (2 * size_of::<T>())
+}
+
 /// Vectors in a row of a full tile.
 pub(super) const fn vectors<V: Lane>() -> usize {
     if V::REGISTERS >= 16 { 2 } else { 1 }
@@ -258,7 +263,13 @@ impl<T: Real, const ROWS: usize, const VECTORS: usize, const SIDE_BY_SIDE: bool>
             }
             let mut rest = depth;
             if !SIDE_BY_SIDE {
+                // the rows of the next strip, a line of each in turn: what lies in many places the processor does not see coming
+                let next = if column == 0 { ROWS * left_row } else { 0 };
                 while rest >= 2 {
+                    for k in 0..ROWS.div_ceil(turns::<T>()) {
+                        let row = k * turns::<T>() + rest / 2 % turns::<T>();
+                        prefetch::to_read::<false, T>(left.wrapping_add(next + row * left_row));
+                    }
                     let mut b = [[V::splat(T::ZERO); VECTORS]; 2];
                     for v in 0..VECTORS {
                         prefetch::to_read::<true, T>(right.wrapping_add(AHEAD * step + v * V::WIDTH));
