@@ -1,6 +1,6 @@
 //! The views around what a single camera filmed: synthesized within a reconstruction, or given.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use gradreel::{Error, ErrorKind, Result};
 
@@ -12,7 +12,7 @@ use crate::report::png_file::png_with_alpha;
 use crate::report::progress::Progress;
 use crate::vector::minus;
 use crate::video::{Clip, Frame, OpenOptions};
-use crate::views::{FileWeights, SamplerSettings};
+use crate::views::FileWeights;
 
 /// What is known of the unseen sides.
 #[derive(clap::Args)]
@@ -47,6 +47,10 @@ impl ImagineArguments {
         if self.imagine.is_some() || self.views.is_some() {
             config.imagine.weights = self.imagine.as_ref().map(whole);
             config.imagine.views = self.views.as_ref().map(whole);
+            if config.imagine.weights.as_deref() == Some(Path::new(FileWeights::BUILT_IN)) {
+                // it knows outlines only
+                config.weights.imagined_colour = 0.0;
+            }
         }
         config.imagine.seed = self.seed.unwrap_or(config.imagine.seed);
     }
@@ -81,8 +85,7 @@ pub(super) fn imagined(clip: &mut Clip, run: &mut Run, progress: &Progress) -> R
         let (height, width) = frame.alpha.dim();
         run.folder.write(PICTURE, &png_with_alpha(width, height, &pixels(frame))?)?;
     }
-    let sampler = SamplerSettings { steps: imagine.steps, guidance: imagine.guidance, seed: imagine.seed };
-    synthesize::within(&folder, run.folder.path(PICTURE), weights, elevation, sampler, progress)?;
+    synthesize::within(&folder, run.folder.path(PICTURE), weights, elevation, imagine, progress)?;
     put_around(clip, folder)?;
     run.state.notes.retain(|note| !note.starts_with("assumed: shape:"));
     clip.assumptions.iter().for_each(|line| run.note(format!("assumed: {line}")));

@@ -189,6 +189,49 @@ pub fn hull(clip: &Clip, frame: usize, sphere: &Sphere, spacing: f64, threshold:
     Ok(Hull { lattice, voxels })
 }
 
+/// Adds what the first camera of a clip saw of the object where imagined views have left nothing along its rays: there it is as
+/// deep as it is wide, part by part. What somebody filmed is there, whatever was imagined.
+///
+/// The hull's lattice must reach around the object.
+pub(crate) fn fill_gaps(hull: Hull, clip: &Clip, frame: usize, centre: [f64; 3], threshold: f32) -> Hull {
+    let (camera, seen) = (&clip.cameras[0], &clip.frames[0][frame]);
+    let Some(inflated) = Inflated::of(camera, seen, centre) else { return hull };
+    let lattice = hull.lattice;
+    let place = |flat: usize| -> [f64; 3] {
+        let node = [
+            flat / (lattice.dims[1] * lattice.dims[2]),
+            flat / lattice.dims[2] % lattice.dims[1],
+            flat % lattice.dims[2],
+        ];
+        std::array::from_fn(|a| lattice.origin[a] + node[a] as f64 * lattice.spacing)
+    };
+    // pixels that a voxel of the hull covers
+    let mut covered = seen.alpha.mapv(|_| false);
+    let (height, width) = covered.dim();
+    for [u, v, depth] in hull.voxels.iter().filter_map(|&voxel| camera.project(place(voxel as usize))) {
+        let reach = 0.5 * lattice.spacing * camera.fx / depth;
+        let range = |x: f64, end: usize| (x - reach).max(0.0) as usize..((x + reach).max(0.0) as usize + 1).min(end);
+        let (rows, columns) = (range(v, height), range(u, width));
+        if !rows.is_empty() && !columns.is_empty() {
+            covered.slice_mut(ndarray::s![rows, columns]).fill(true);
+        }
+    }
+    let missing = |flat: usize| {
+        let point = place(flat);
+        camera.project(point).is_some_and(|[u, v, _]| {
+            coverage(seen, u, v).is_some_and(|alpha| alpha >= threshold)
+                && !covered[[v as usize, u as usize]]
+                && inflated.contains(point, 1.0, lattice.spacing)
+        })
+    };
+    let mut voxels: Vec<u32> =
+        (0..lattice.len()).into_par_iter().filter(|&flat| missing(flat)).map(|flat| flat as u32).collect();
+    voxels.extend(&hull.voxels);
+    voxels.sort_unstable();
+    voxels.dedup();
+    Hull { lattice, voxels }
+}
+
 /// Coverage at a point of the image, bilinear; `None` outside, or where the frame's weight excludes it.
 fn coverage(frame: &Frame, u: f64, v: f64) -> Option<f32> {
     let (height, width) = frame.alpha.dim();

@@ -39,25 +39,19 @@ pub struct Config {
 
 /// Where views of the first frame come from that nobody filmed, of what a single camera saw; without any, the object is taken to be
 /// as deep as it is wide, part by part.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ImagineConfig {
     /// Weights of the multi-view model that makes them.
     pub weights: Option<PathBuf>,
     /// A clip of one frame, whose first camera stands at the azimuth of the real one.
     pub views: Option<PathBuf>,
-    /// Sampling steps.
-    pub steps: usize,
-    /// Strength of the guidance by the first frame; 1 is none.
-    pub guidance: f64,
+    /// Sampling steps; as the model is used to if not given.
+    pub steps: Option<usize>,
+    /// Strength of the guidance by the first frame, 1 being none; as the model is used to if not given.
+    pub guidance: Option<f64>,
     /// Other seeds guess other backs.
     pub seed: u64,
-}
-
-impl Default for ImagineConfig {
-    fn default() -> Self {
-        Self { weights: None, views: None, steps: 50, guidance: 2.0, seed: 0 }
-    }
 }
 
 /// What of the clip is used.
@@ -274,9 +268,10 @@ impl Config {
             (positive(self.surface.step) && self.surface.step <= 2.0, "surface.step", "above 0, at most 2 cells"),
             (positive(self.surface.depth), "surface.depth", "a positive optical depth"),
             (positive(self.surface.width) && fraction(self.surface.low), "surface.low/width", "within 0 to 1"),
-            ((1..=1000).contains(&self.imagine.steps), "imagine.steps", "1 to 1000"),
-            (self.imagine.guidance.is_finite(), "imagine.guidance", "a number"),
+            (self.imagine.steps.is_none_or(|n| (1..=1000).contains(&n)), "imagine.steps", "1 to 1000"),
+            (self.imagine.guidance.is_none_or(f64::is_finite), "imagine.guidance", "a number"),
             (self.weights.colour >= 0.0 && positive(self.weights.coverage), "weights", "not negative"),
+            (self.weights.imagined_colour >= 0.0, "weights.imagined_colour", "0 or a positive number"),
         ];
         for (holds, name, wanted) in rules {
             if !holds {

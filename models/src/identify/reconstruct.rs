@@ -6,7 +6,7 @@ use std::time::Instant;
 use gradreel::optim::{Adam, Params};
 use gradreel::{DType, Error, ErrorKind, Result, Tensor};
 
-use crate::field::{Field, Pose, Sphere, bounding_sphere, fit, hull};
+use crate::field::{Field, Pose, Sphere, bounding_sphere, fill_gaps, fit, hull};
 use crate::identify::flight::displacement;
 use crate::identify::run::Run;
 use crate::identify::stages::Effort;
@@ -246,6 +246,10 @@ impl Stages<'_> {
             _ => (self.clip, sphere, half_of_imagined(self.clip)),
         };
         let hull = hull(clip, 0, &sphere, self.spacing, run.config.geometry.hull_coverage, dissent)?;
+        let hull = match self.around {
+            Some(_) => fill_gaps(hull, self.clip, 0, sphere.centre, run.config.geometry.hull_coverage),
+            None => hull,
+        };
         let (field, params) = Field::filling(hull, clip);
         run.save()?;
         Ok((field, params))

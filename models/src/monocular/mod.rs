@@ -8,6 +8,8 @@
 //! [`clip_of_film`] makes a clip of a film of which nothing is known: the camera is upright and looks down by an angle that is found
 //! with the fall, its angle of view is assumed (the metres hardly depend on it: what falls by so many pixels in a second is so far
 //! away in focal lengths), and the ground is where the object is lowest after its fall.
+//!
+//! [`surround`] puts views that nobody filmed around the object: what it looks like from elsewhere, as a model imagines it.
 
 mod film;
 mod free_fall;

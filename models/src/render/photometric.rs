@@ -50,11 +50,13 @@ pub struct Weights {
     pub colour: f64,
     /// Weight of a squared coverage residual.
     pub coverage: f64,
+    /// What colours of imagined views count, in shares of those of real ones; 0 where a model knows outlines better than colours.
+    pub imagined_colour: f64,
 }
 
 impl Default for Weights {
     fn default() -> Self {
-        Self { colour: 0.2, coverage: 1.0 }
+        Self { colour: 0.2, coverage: 1.0, imagined_colour: 1.0 }
     }
 }
 
@@ -79,14 +81,15 @@ impl Target {
         assert_eq!(views.len(), clip.cameras.len(), "one weight for each camera");
         let (mut rgba, mut weight) = (Vec::new(), Vec::new());
         let mut area = 0.0;
-        for (frames, view) in clip.frames.iter().zip(views) {
+        for ((frames, view), imagined) in clip.frames.iter().zip(views).zip(&clip.imagined) {
+            let colour = weights.colour * if *imagined { weights.imagined_colour } else { 1.0 };
             let image = &frames[frame];
             for ((row, column), &alpha) in image.alpha.indexed_iter() {
                 // the image lies on white: premultiplied colour = image − (1 − alpha)
                 rgba.extend((0..3).map(|c| f64::from(image.rgb[[row, column, c]] - (1.0 - alpha)).max(0.0)));
                 rgba.push(f64::from(alpha));
                 let counts = f64::from(image.weight[[row, column]]);
-                weight.extend([weights.colour * counts * view; 3]);
+                weight.extend([colour * counts * view; 3]);
                 weight.push(weights.coverage * counts * view);
                 area += f64::from(alpha) * counts;
             }

@@ -3,7 +3,7 @@
 use gradreel::{Error, ErrorKind, Result};
 
 use super::{AutoencoderSizes, ClipSizes, Coding, DenoiserSizes, ModelSizes, Output, Patches, Ring, SpatialAwareSizes};
-use super::{UnetSizes, VolumeSizes};
+use super::{SamplerSettings, UnetSizes, VolumeSizes};
 
 /// Greatest size that is believed.
 const MOST: usize = 1 << 16;
@@ -44,6 +44,16 @@ impl ModelSizes {
     /// Pixels along a side of a latent.
     pub fn latent_width(&self) -> usize {
         self.image / self.autoencoder.factor().max(1)
+    }
+
+    /// How a model of these sizes is sampled unless told otherwise: the published one in 50 steps with guidance 2, one of clean
+    /// latents in a dozen without guidance. (It knows at once where the object is; more steps make it smaller, with noise that
+    /// each of them adds.)
+    pub fn sampler(&self) -> SamplerSettings {
+        match self.denoiser.output {
+            Output::Noise => SamplerSettings::default(),
+            Output::Clean => SamplerSettings { steps: 12, guidance: 1.0, ..SamplerSettings::default() },
+        }
     }
 
     /// A model of 64² pixels that a processor can train and run: patches of pixels in place of an autoencoder, no CLIP tower,

@@ -157,7 +157,7 @@ fn the_built_in_model() {
     let views: Vec<_> = (0..16).map(|view| scene.path(&format!("out/data/r_{view}_0.png"))).collect();
     assert!(views.iter().all(|view| view.is_file()));
     let settings = fs::read_to_string(scene.path("out/settings.toml")).unwrap();
-    assert!(settings.contains("path = \"built-in\"") && !settings.contains("crop"), "{settings}");
+    assert!(settings.contains("path = \"built-in\"") && settings.contains("crop = 128"), "{settings}");
     scene.succeeds("synthesize ball.png --out out --resume --quiet");
     let size = fs::metadata(concat!(env!("CARGO_MANIFEST_DIR"), "/weights/novel_view.safetensors")).unwrap().len();
     assert!(size <= 20_000_000, "{size} bytes");

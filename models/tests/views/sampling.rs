@@ -1,6 +1,6 @@
 //! Noise schedule, sampler and a whole denoising step.
 
-use gradreel::{DType, Tape, Tensor, Var};
+use gradreel::{DType, Tape, Tensor};
 use gradreel_models::layers::Scope;
 use gradreel_models::views::{
     Condition, Ddim, Denoiser, DenoiserSizes, Output, Ring, Schedule, Target, UnetSizes, VolumeSizes,

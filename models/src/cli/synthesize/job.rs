@@ -41,9 +41,7 @@ struct Settings {
     steps: usize,
     guidance: f64,
     seed: u64,
-    /// That of the model if not given.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    crop: Option<usize>,
+    crop: usize,
     device: Place,
 }
 
@@ -68,7 +66,8 @@ pub(super) struct Job {
 impl Job {
     /// A new run. What cannot be used is refused before anything is written.
     pub fn begin(arguments: &Arguments, weights: &Path) -> Result<Self> {
-        let usual = SamplerSettings::default();
+        let sizes = FileWeights::open(weights, &Device::Cpu)?.sizes()?;
+        let usual = sizes.sampler();
         let settings = Settings {
             image: Source::of(&arguments.image, "the picture")?,
             weights: Source::of(weights, "the weights")?,
@@ -76,7 +75,7 @@ impl Job {
             steps: arguments.steps.unwrap_or(usual.steps),
             guidance: arguments.guidance.unwrap_or(usual.guidance),
             seed: arguments.seed.unwrap_or(usual.seed),
-            crop: arguments.crop,
+            crop: arguments.crop.unwrap_or(sizes.crop),
             device: arguments.device.unwrap_or(Place::Cpu),
         };
         if settings.elevation.is_nan() || settings.elevation.abs() > 90.0 {
@@ -131,12 +130,11 @@ impl Job {
         let sizes = weights.sizes()?;
         weights.check(&sizes.weights()?).into_result()?;
         // pixels of 256, whatever the model's size
-        let crop = settings.crop.unwrap_or(sizes.crop);
-        let crop = crop.saturating_mul(sizes.image).div_ceil(256);
+        let crop = settings.crop.saturating_mul(sizes.image).div_ceil(256);
         if crop > sizes.image {
             return Err(Error::new(ErrorKind::Input, "the object would be larger than its picture")
                 .at("--crop")
-                .found(settings.crop.unwrap_or(sizes.crop))
+                .found(settings.crop)
                 .wanted("0 to 256")
                 .fix("200 leaves the margin that the published model was trained with"));
         }

@@ -11,9 +11,10 @@ use self::job::Job;
 use self::size::Size;
 use super::source::{LARGEST_SEED, Place};
 use crate::cli::output::say;
+use crate::identify::ImagineConfig;
 use crate::report::interrupt;
 use crate::report::progress::Progress;
-use crate::views::{FileWeights, SamplerSettings};
+use crate::views::FileWeights;
 
 /// Arguments of `gradreel synthesize`.
 #[derive(clap::Args, Default)]
@@ -34,10 +35,10 @@ pub(super) struct Arguments {
     /// Go on with the run in --out where it was interrupted
     #[arg(long, requires = "out")]
     resume: bool,
-    /// Sampling steps; 50 are usual, 200 thorough [default: 50]
+    /// Sampling steps; 50 are usual, 200 thorough [default: 50; 12 for the built-in model]
     #[arg(long, value_name = "COUNT", conflicts_with = "resume")]
     steps: Option<usize>,
-    /// Strength of the guidance by the picture; 1 is none, at half the work [default: 2]
+    /// Strength of the guidance by the picture; 1 is none, at half the work [default: 2; 1 for the built-in model]
     #[arg(long, value_name = "STRENGTH", allow_negative_numbers = true, conflicts_with = "resume")]
     guidance: Option<f64>,
     /// Other seeds guess other backs; the same seed gives the same views on any number of threads [default: 0]
@@ -118,17 +119,17 @@ pub(super) fn within(
     picture: PathBuf,
     weights: &Path,
     elevation: f64,
-    sampler: SamplerSettings,
+    asked: &ImagineConfig,
     progress: &Progress,
 ) -> Result<()> {
     let begun = folder.join(job::SETTINGS).exists();
-    let SamplerSettings { steps, guidance, seed } = sampler;
+    let ImagineConfig { steps, guidance, seed, .. } = asked.clone();
     let arguments = Arguments {
         image: picture,
         elevation: Some(elevation),
         out: Some(folder.to_owned()),
-        steps: Some(steps),
-        guidance: Some(guidance),
+        steps,
+        guidance,
         seed: Some(seed),
         ..Arguments::default()
     };

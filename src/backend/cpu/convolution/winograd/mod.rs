@@ -289,7 +289,7 @@ impl<'a> Plan<'a> {
                     let line = &mut lines[(h - first) * 2 * across * row..][..2 * across * row];
                     if let Some(bias) = bias {
                         for pixel in line.chunks_exact_mut(row).take(width) {
-                            pixel.iter_mut().zip(bias).for_each(|(value, bias)| *value = *value + *bias);
+                            pixel.iter_mut().zip(bias).for_each(|(value, bias)| *value += *bias);
                         }
                     }
                     let (plane, first) =
