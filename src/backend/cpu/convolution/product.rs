@@ -258,7 +258,8 @@ pub(super) fn transposed<T: Real>(
                 };
                 match row {
                     // two that take turns: whole vectors
-                    [(a, evens), (b, odds)] if a.axes[2].every == 2 && a.axes[2].count == b.axes[2].count => {
+                    [one, two] if one.0.axes[2].every == 2 && one.0.axes[2].count == two.0.axes[2].count => {
+                        let ((a, evens), (b, odds)) = if to(one.0) < to(two.0) { (one, two) } else { (two, one) };
                         let to = image[to(a)..].as_chunks_mut::<2>().0.iter_mut();
                         let both = evens[from(a)].iter().zip(&odds[from(b)]);
                         to.zip(both).for_each(|(to, (even, odd))| *to = [*even, *odd]);
