@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use gradreel::{Error, ErrorKind, Result};
+use gradreel::{Device, Error, ErrorKind, Result};
 
+use crate::cli::source::Source;
 use crate::cli::synthesize;
 use crate::field::bounding_sphere;
 use crate::identify::{Config, Run};
@@ -65,6 +66,12 @@ pub(super) fn given(clip: &mut Clip, config: &Config) -> Result<()> {
             .found(format!("{} cameras", clip.cameras.len()))
             .wanted("a film, or a single calibrated camera (--cameras)")
             .fix("leave it out"));
+    }
+    // weights that cannot be used leave no trace
+    if let Some(weights) = &imagine.weights {
+        Source::of(weights, "the weights")?;
+        let weights = FileWeights::open(weights, &Device::Cpu)?;
+        weights.check(&weights.sizes()?.weights()?).into_result()?;
     }
     match &imagine.views {
         Some(folder) => put_around(clip, folder.clone()),

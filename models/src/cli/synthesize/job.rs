@@ -66,11 +66,13 @@ pub(super) struct Job {
 impl Job {
     /// A new run. What cannot be used is refused before anything is written.
     pub fn begin(arguments: &Arguments, weights: &Path) -> Result<Self> {
+        let image = Source::of(&arguments.image, "the picture")?;
+        let source = Source::of(weights, "the weights")?;
         let sizes = FileWeights::open(weights, &Device::Cpu)?.sizes()?;
         let usual = sizes.sampler();
         let settings = Settings {
-            image: Source::of(&arguments.image, "the picture")?,
-            weights: Source::of(weights, "the weights")?,
+            image,
+            weights: source,
             elevation: arguments.elevation.unwrap_or_default(),
             steps: arguments.steps.unwrap_or(usual.steps),
             guidance: arguments.guidance.unwrap_or(usual.guidance),
