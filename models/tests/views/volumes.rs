@@ -112,6 +112,6 @@ fn an_input_image_is_unprojected_from_where_it_was_taken() {
         let [a, b] = [&all.slice(1, 0..3), &seen].map(|x| x.slice(0, sample..sample + 1));
         (&a - &b).square().mean_all().item().unwrap().sqrt()
     };
-    assert_eq!(off(0), 0.0);
+    assert!(off(0) < 1e-5, "the same place: {}", off(0));
     assert!(off(1) > 0.1, "another camera sees the voxels elsewhere: {}", off(1));
 }
