@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use crate::cli::source::whole;
 use crate::video::FilmSettings;
 
 /// Heading of these options.
@@ -39,8 +40,6 @@ impl FilmArguments {
         film.frames_per_s = self.fps.unwrap_or(film.frames_per_s);
         film.field_of_view = self.field_of_view.unwrap_or(film.field_of_view);
         film.elevation = self.elevation.or(film.elevation);
-        // a run can be resumed from anywhere
-        let whole = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
         if self.masks.is_some() || self.background.is_some() {
             film.masks = self.masks.as_ref().map(whole);
             film.background = self.background.as_ref().map(whole);

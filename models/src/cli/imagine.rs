@@ -4,13 +4,14 @@ use std::path::{Path, PathBuf};
 
 use gradreel::{Device, Error, ErrorKind, Result};
 
-use crate::cli::source::Source;
+use crate::cli::source::{Source, whole};
 use crate::cli::synthesize;
 use crate::field::bounding_sphere;
 use crate::identify::{Config, Run};
 use crate::monocular;
 use crate::report::png_file::png_with_alpha;
 use crate::report::progress::Progress;
+use crate::report::reconstruction::VIEWS;
 use crate::vector::minus;
 use crate::video::{Clip, Frame, OpenOptions};
 use crate::views::FileWeights;
@@ -36,15 +37,12 @@ pub(super) struct ImagineArguments {
 /// Heading of these options.
 const HEADING: &str = "What a single camera did not see";
 
-/// The folder of the views in that of the run, and the picture they are made from.
-const VIEWS: &str = "views";
+/// The picture that the views are made from, in the folder of the run.
 const PICTURE: &str = "first_frame.png";
 
 impl ImagineArguments {
     /// Lets what was said replace what the settings have.
     pub fn apply(&self, config: &mut Config) {
-        // a run can be resumed from anywhere
-        let whole = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
         if self.imagine.is_some() || self.views.is_some() {
             config.imagine.weights = self.imagine.as_ref().map(whole);
             config.imagine.views = self.views.as_ref().map(whole);

@@ -2,7 +2,7 @@
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use gradreel::{Device, Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
@@ -35,6 +35,11 @@ impl Place {
             Self::Gpu => views,
         }
     }
+}
+
+/// A path that means the same wherever a run is resumed from; what is not there is left as it was given.
+pub(super) fn whole(path: &PathBuf) -> PathBuf {
+    path.canonicalize().unwrap_or_else(|_| path.clone())
 }
 
 /// The largest number that the file of settings can hold.

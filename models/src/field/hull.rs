@@ -156,8 +156,7 @@ pub fn hull(clip: &Clip, frame: usize, sphere: &Sphere, spacing: f64, threshold:
     };
     let lattice = Lattice { origin: first.map(|i| (i + 0.5) * spacing), spacing, dims };
     let inside = |flat: usize| {
-        let node = [flat / (dims[1] * dims[2]), flat / dims[2] % dims[1], flat % dims[2]];
-        let point: [f64; 3] = std::array::from_fn(|a| lattice.origin[a] + node[a] as f64 * spacing);
+        let point = place(&lattice, flat);
         let from_centre: f64 = (0..3).map(|a| (point[a] - sphere.centre[a]).powi(2)).sum();
         let within = inflated.as_ref().is_none_or(|body| body.contains(point, 1.0, spacing));
         from_centre <= sphere.radius * sphere.radius && within && {
@@ -189,6 +188,13 @@ pub fn hull(clip: &Clip, frame: usize, sphere: &Sphere, spacing: f64, threshold:
     Ok(Hull { lattice, voxels })
 }
 
+/// Where the voxel of this flat number is.
+pub(crate) fn place(lattice: &Lattice, flat: usize) -> [f64; 3] {
+    let [_, ny, nz] = lattice.dims;
+    let node = [flat / (ny * nz), flat / nz % ny, flat % nz];
+    std::array::from_fn(|axis| lattice.origin[axis] + node[axis] as f64 * lattice.spacing)
+}
+
 /// Adds what the first camera of a clip saw of the object where imagined views have left nothing along its rays: there it is as
 /// deep as it is wide, part by part. What somebody filmed is there, whatever was imagined.
 ///
@@ -197,18 +203,10 @@ pub(crate) fn fill_gaps(hull: Hull, clip: &Clip, frame: usize, centre: [f64; 3],
     let (camera, seen) = (&clip.cameras[0], &clip.frames[0][frame]);
     let Some(inflated) = Inflated::of(camera, seen, centre) else { return hull };
     let lattice = hull.lattice;
-    let place = |flat: usize| -> [f64; 3] {
-        let node = [
-            flat / (lattice.dims[1] * lattice.dims[2]),
-            flat / lattice.dims[2] % lattice.dims[1],
-            flat % lattice.dims[2],
-        ];
-        std::array::from_fn(|a| lattice.origin[a] + node[a] as f64 * lattice.spacing)
-    };
     // pixels that a voxel of the hull covers
     let mut covered = seen.alpha.mapv(|_| false);
     let (height, width) = covered.dim();
-    for [u, v, depth] in hull.voxels.iter().filter_map(|&voxel| camera.project(place(voxel as usize))) {
+    for [u, v, depth] in hull.voxels.iter().filter_map(|&voxel| camera.project(place(&lattice, voxel as usize))) {
         let reach = 0.5 * lattice.spacing * camera.fx / depth;
         let range = |x: f64, end: usize| (x - reach).max(0.0) as usize..((x + reach).max(0.0) as usize + 1).min(end);
         let (rows, columns) = (range(v, height), range(u, width));
@@ -217,18 +215,18 @@ pub(crate) fn fill_gaps(hull: Hull, clip: &Clip, frame: usize, centre: [f64; 3],
         }
     }
     let missing = |flat: usize| {
-        let point = place(flat);
+        let point = place(&lattice, flat);
         camera.project(point).is_some_and(|[u, v, _]| {
             coverage(seen, u, v).is_some_and(|alpha| alpha >= threshold)
                 && !covered[[v as usize, u as usize]]
                 && inflated.contains(point, 1.0, lattice.spacing)
         })
     };
+    // none of them is in the hull, whose voxels cover their own pixels
     let mut voxels: Vec<u32> =
         (0..lattice.len()).into_par_iter().filter(|&flat| missing(flat)).map(|flat| flat as u32).collect();
     voxels.extend(&hull.voxels);
     voxels.sort_unstable();
-    voxels.dedup();
     Hull { lattice, voxels }
 }
 

@@ -25,7 +25,7 @@ pub(crate) use dense::channel;
 pub use dense::{DenseGrid, opacity_shift};
 pub use fit::{FitSettings, FitState, Pose, fit};
 pub use hull::{Hull, Sphere, bounding_sphere, hull};
-pub(crate) use hull::{fill_gaps, meeting_point, middle};
+pub(crate) use hull::{fill_gaps, meeting_point, middle, place};
 pub(crate) use inflate::Inflated;
 pub use inflate::half_thickness;
 pub use occupancy::Occupancy;

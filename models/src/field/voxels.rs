@@ -5,7 +5,7 @@ use gradreel::optim::{Bound, Params};
 use gradreel::{DType, Result, Tape, Tensor, Var};
 use ndarray::Array2;
 
-use crate::field::Hull;
+use crate::field::{Hull, place};
 use crate::video::Clip;
 
 /// Raw density and raw colour at the voxels of a hull; the numbers themselves are in a [`Params`] store under
@@ -64,12 +64,7 @@ impl Field {
 
     /// Centres of the voxels \[m\], `[voxels, 3]`.
     pub fn centres(&self) -> Array2<f64> {
-        let [_, ny, nz] = self.lattice.dims;
-        Array2::from_shape_fn((self.len(), 3), |(i, axis)| {
-            let flat = self.voxels[i] as usize;
-            let node = [flat / (ny * nz), flat / nz % ny, flat % nz];
-            self.lattice.origin[axis] + node[axis] as f64 * self.lattice.spacing
-        })
+        Array2::from_shape_fn((self.len(), 3), |(i, axis)| place(&self.lattice, self.voxels[i] as usize)[axis])
     }
 
     /// Opacity of the voxels, `[voxels, 1]` in 0…1.

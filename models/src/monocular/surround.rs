@@ -5,7 +5,7 @@ use gradreel::{Error, ErrorKind, Result};
 use ndarray::Array2;
 use rayon::prelude::*;
 
-use crate::field::{Sphere, bounding_sphere, hull};
+use crate::field::{Sphere, bounding_sphere, hull, place};
 use crate::vector::{dot, minus, plus, product, times};
 use crate::video::{Around, Camera, Clip};
 
@@ -98,11 +98,9 @@ impl Body {
 
     /// The mean of its voxels.
     fn middle(&self) -> [f64; 3] {
-        let [_, ny, nz] = self.lattice.dims;
         let (mut sum, mut count) = ([0.0; 3], 0.0);
         for (flat, _) in self.filled.iter().enumerate().filter(|(_, filled)| **filled) {
-            let node = [flat / (ny * nz), flat / nz % ny, flat % nz];
-            sum = plus(sum, [0, 1, 2].map(|a| self.lattice.origin[a] + node[a] as f64 * self.lattice.spacing));
+            sum = plus(sum, place(&self.lattice, flat));
             count += 1.0;
         }
         sum.map(|s| s / count)

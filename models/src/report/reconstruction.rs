@@ -13,6 +13,7 @@ use crate::report::ply::ply;
 use crate::report::png_file::png;
 use crate::report::progress::Progress;
 use crate::report::quantity::{Quantity, parameters_json};
+use crate::report::synthesis::PAGE;
 use crate::video::{Camera, Clip};
 
 /// Cameras shown in the animation at most.
@@ -340,11 +341,13 @@ fn plots(found: &Reconstruction, run: &Run) -> Vec<Plot> {
     plots
 }
 
-/// The page of the views that were imagined in the run's folder.
-const IMAGINED: &str = "views/index.html";
+/// The folder of the views that were imagined, in that of the run.
+pub const VIEWS: &str = "views";
 
 fn files(run: &Run) -> Vec<(String, String)> {
-    let imagined = run.folder.has(IMAGINED).then_some((IMAGINED, "the views of the first frame that were imagined"));
+    let imagined = format!("{VIEWS}/{PAGE}");
+    let imagined =
+        run.folder.has(&imagined).then_some((imagined.as_str(), "the views of the first frame that were imagined"));
     [
         ("parameters.json", "every estimate with its SI unit, what was assumed, how well it fits"),
         ("input_and_reconstruction.gif", "the clip beside its reconstruction"),
