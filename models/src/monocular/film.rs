@@ -3,11 +3,12 @@
 use std::path::Path;
 
 use gradreel::{Error, ErrorKind, Result};
+use ndarray::azip;
 
 use super::free_fall::Down;
 use super::{ground, locate};
 use crate::vector::times;
-use crate::video::{Camera, Clip, Film, FilmSettings, Flight, OpenOptions};
+use crate::video::{Camera, Clip, Film, FilmSettings, Flight, Frame, OpenOptions};
 
 /// The angle of view along the longer side of the image, if nobody said \[degrees\].
 const FIELD_OF_VIEW: f64 = 50.0;
@@ -60,7 +61,18 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
         Some(angle) => Down::Known([0.0, -angle.cos(), -angle.sin()]),
         None => Down::Tilted { angle: ELEVATION[0].to_radians(), deviation: ELEVATION[1].to_radians() },
     };
-    let Some(fall) = locate(&clip, down)? else {
+    let mut fall = locate(&clip, down)?;
+    if let Some(hueless) = film.hueless {
+        let flight = fall.as_ref().map_or(LEAST_FLIGHT, |fall| fall.frames);
+        if complete(&mut clip.frames[0], hueless, flight) {
+            clip.assumptions.push(
+                "parts in the background's hue: of the object while it is in the air, of nothing afterwards (the film has few colours)"
+                    .to_owned(),
+            );
+            fall = locate(&clip, down)?.or(fall);
+        }
+    }
+    let Some(fall) = fall else {
         return Err(Error::new(ErrorKind::Input, "the film does not begin with a free fall")
             .at(path.display())
             .found(format!("{count} frames, {} 1/s", film.frames_per_s))
@@ -107,6 +119,32 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
     });
     say("shape: as deep as it is wide, part by part".to_owned());
     Ok(clip)
+}
+
+/// The frames that show a free fall at least.
+const LEAST_FLIGHT: usize = 3;
+
+/// A difference of coverage that is one.
+const DIFFERENT: f32 = 0.1;
+
+/// Takes parts in the background's hue for the object's in the frames of its flight; in the others, where they may be its shadow,
+/// they count nothing. Returns whether there are any.
+fn complete(frames: &mut [Frame], hueless: Vec<Frame>, flight: usize) -> bool {
+    let mut any = false;
+    for (k, (frame, whole)) in frames.iter_mut().zip(hueless).enumerate() {
+        let mut differs = false;
+        azip!((weight in &mut frame.weight, a in &frame.alpha, b in &whole.alpha) {
+            if (a - b).abs() > DIFFERENT {
+                differs = true;
+                *weight = 0.0;
+            }
+        });
+        if k < flight {
+            *frame = whole;
+        }
+        any |= differs;
+    }
+    any
 }
 
 /// Where the ground is put that is never reached, below the start, as a share of the distance.

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use crate::video::image::Image;
 
 /// Most frames that are compared with each other.
-const MOST_FRAMES: usize = 32;
+pub(super) const MOST_FRAMES: usize = 32;
 
 /// Two values closer than this in every channel may be of the same thing.
 const ALIKE: u8 = 26;
@@ -88,7 +88,7 @@ fn is_alike(a: [u8; 4], b: [u8; 4]) -> bool {
 }
 
 /// The sets of frames in which a pixel shows about what it shows in one of them.
-fn alike(frames: &[&Image], i: usize) -> Vec<Frames> {
+pub(super) fn alike(frames: &[&Image], i: usize) -> Vec<Frames> {
     let set = |like: &&Image| {
         let all = frames.iter().enumerate().filter(|(_, other)| is_alike(like.pixels[i], other.pixels[i]));
         all.fold(0, |set, (k, _)| set | 1 << k)

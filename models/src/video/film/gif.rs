@@ -58,5 +58,5 @@ pub(super) fn read(path: &Path, wanted: Wanted) -> Result<Decoded> {
         count += 1;
     }
     let frames_per_s = (count > 0).then(|| 100.0 * count as f64 / hundredths as f64);
-    Ok(Decoded { images, frames_per_s })
+    Ok(Decoded { images, frames_per_s, few_colours: true })
 }

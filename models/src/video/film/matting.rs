@@ -6,7 +6,7 @@ use gradreel::{Error, ErrorKind, Result};
 use ndarray::{Array2, Array3};
 use rayon::prelude::*;
 
-use super::{FilmSettings, Wanted, backdrop, pictures};
+use super::{Decoded, FilmSettings, Wanted, backdrop, corrected, pictures};
 use crate::video::clip::Frame;
 use crate::video::foreground::{Foreground, masked, on_white};
 use crate::video::image::Image;
@@ -18,17 +18,26 @@ const PLAIN: (u8, f64) = (12, 0.95);
 /// A background that is at least so bright in every channel is white.
 const WHITE: u8 = 248;
 
+/// How often the background is corrected by where the object is.
+const ROUNDS: usize = 2;
+
 /// A frame that shows less than this share of what frames usually show has lost the object.
 const LOST: f64 = 0.25;
 
-/// The frames of a film with the object alone on white, and what tells it: given masks, the pictures' own transparency, a given
+/// What was found in the pictures of a film.
+pub(super) struct Found {
+    /// What tells the object.
+    pub foreground: Foreground,
+    /// The frames, with the object alone on white.
+    pub frames: Vec<Frame>,
+    /// The same with parts in the background's hue, see [`super::Film::hueless`].
+    pub hueless: Option<Vec<Frame>>,
+}
+
+/// The object in the pictures of a film, and what tells it: given masks, the pictures' own transparency, a given
 /// background, a plain one (white, or a colour), or what stays the same while the object moves.
-pub(super) fn frames(
-    path: &Path,
-    images: &[Image],
-    settings: &FilmSettings,
-    wanted: Wanted,
-) -> Result<(Foreground, Vec<Frame>)> {
+pub(super) fn frames(path: &Path, pictures: &Decoded, settings: &FilmSettings, wanted: Wanted) -> Result<Found> {
+    let images = &pictures.images;
     let (width, height) = (images[0].width, images[0].height);
     if let Some((k, other)) =
         images.iter().enumerate().find(|(_, image)| (image.width, image.height) != (width, height))
@@ -39,7 +48,7 @@ pub(super) fn frames(
             .wanted(format!("{width} × {height} pixels, like the first"))
             .fix("export all frames at one size"));
     }
-    let (foreground, mattes) = mattes(images, settings, wanted)?;
+    let (foreground, mattes, hueless) = mattes(pictures, settings, wanted)?;
     check_seen(path, &mattes, foreground, wanted)?;
     let frame = |(rgb, alpha): Matte| Frame {
         rgb: Array3::from_shape_vec((height, width, 3), rgb.into_iter().flatten().collect())
@@ -47,36 +56,59 @@ pub(super) fn frames(
         alpha: Array2::from_shape_vec((height, width), alpha).expect("one value a pixel"),
         weight: Array2::ones((height, width)),
     };
-    Ok((foreground, mattes.into_iter().map(frame).collect()))
+    let frames = |mattes: Vec<Matte>| mattes.into_iter().map(frame).collect::<Vec<_>>();
+    Ok(Found { foreground, frames: frames(mattes), hueless: hueless.map(frames) })
 }
 
-fn mattes(images: &[Image], settings: &FilmSettings, wanted: Wanted) -> Result<(Foreground, Vec<Matte>)> {
+/// What tells the object, the mattes, and those with parts in the background's hue.
+fn mattes(
+    pictures: &Decoded,
+    settings: &FilmSettings,
+    wanted: Wanted,
+) -> Result<(Foreground, Vec<Matte>, Option<Vec<Matte>>)> {
+    let images = &pictures.images;
     let against = |plate: &Image| {
+        if pictures.few_colours {
+            let both = images.par_iter().map(|image| matte::of_few_colours(image, plate).into());
+            let (without, with): (Vec<_>, Vec<_>) = both.collect::<Vec<(Matte, Matte)>>().into_iter().unzip();
+            return (without, Some(with));
+        }
         let weight = vec![1.0; plate.pixels.len()];
-        images.par_iter().map(|image| matte::against_plate(image, plate, &weight)).collect()
+        (images.par_iter().map(|image| matte::against_plate(image, plate, &weight)).collect(), None)
     };
+    let only = |foreground, mattes| Ok((foreground, mattes, None));
     if let Some(folder) = &settings.masks {
         let masks = masks(folder, images, wanted)?;
-        return Ok((Foreground::Mask, images.iter().zip(&masks).map(|(image, mask)| masked(image, mask)).collect()));
+        return only(Foreground::Mask, images.iter().zip(&masks).map(|(image, mask)| masked(image, mask)).collect());
     }
     if images.iter().any(Image::is_transparent_somewhere) {
-        return Ok((Foreground::ImageAlpha, images.iter().map(on_white).collect()));
+        return only(Foreground::ImageAlpha, images.iter().map(on_white).collect());
     }
-    if let Some(file) = &settings.background {
+    let (foreground, (mattes, hueless)) = if let Some(file) = &settings.background {
         let plate = Image::read_any(file)?;
         same_size(file, &plate, &images[0])?;
-        return Ok((Foreground::Plate, against(&plate)));
-    }
-    Ok(match plain(images) {
-        Some(colour) if colour.iter().all(|v| *v >= WHITE) => {
-            (Foreground::White, images.par_iter().map(matte::from_white).collect())
+        (Foreground::Plate, against(&plate))
+    } else {
+        match plain(images) {
+            Some(colour) if colour.iter().all(|v| *v >= WHITE) => {
+                return only(Foreground::White, images.par_iter().map(matte::from_white).collect());
+            }
+            Some([r, g, b]) => {
+                let plate = Image { pixels: vec![[r, g, b, 255]; images[0].pixels.len()], ..images[0].clone() };
+                (Foreground::Plain, against(&plate))
+            }
+            None => {
+                let mut empty = backdrop::of(images);
+                for _ in 0..ROUNDS {
+                    // rather too much of the object than too little of it
+                    let (without, with) = against(&empty);
+                    empty = corrected::of(images, with.as_ref().unwrap_or(&without), &empty);
+                }
+                (Foreground::Still, against(&empty))
+            }
         }
-        Some([r, g, b]) => {
-            let plate = Image { pixels: vec![[r, g, b, 255]; images[0].pixels.len()], ..images[0].clone() };
-            (Foreground::Plain, against(&plate))
-        }
-        None => (Foreground::Still, against(&backdrop::of(images))),
-    })
+    };
+    Ok((foreground, mattes, hueless))
 }
 
 /// The colour of the border of all frames, if it is one.

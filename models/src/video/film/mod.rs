@@ -1,6 +1,7 @@
 //! Films: a GIF, a video file or a folder of pictures, from one camera of which nothing is known.
 
 mod backdrop;
+mod corrected;
 mod gif;
 mod grain;
 mod lens;
@@ -13,6 +14,7 @@ use std::path::{Path, PathBuf};
 use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
+use self::matting::Found;
 use super::clip::{Frame, OpenOptions};
 use super::foreground::Foreground;
 use super::image::Image;
@@ -79,6 +81,9 @@ pub struct Film {
     pub name: String,
     /// The pictures.
     pub frames: Vec<Frame>,
+    /// In films of few colours whose object is told by difference: the pictures with those parts, too, that have the hue of the
+    /// background. While the object is in the air they are its own; when it has met its shadow they may be that.
+    pub hueless: Option<Vec<Frame>>,
     /// Number of the first one in the film.
     pub first: usize,
     /// Their rate \[1/s\].
@@ -96,6 +101,8 @@ struct Decoded {
     images: Vec<Image>,
     /// Frame rate that the file states \[1/s\].
     frames_per_s: Option<f64>,
+    /// Whether each picture has a palette of its own few colours, and times are whole hundredths of a second.
+    few_colours: bool,
 }
 
 /// Which pictures are decoded: so many from this one on.
@@ -140,8 +147,10 @@ impl Film {
         let mut assumptions = Vec::new();
         let frames_per_s = match (settings.frames_per_s, decoded.frames_per_s) {
             (0.0, Some(rate)) => {
+                let coarse =
+                    if decoded.few_colours { " in whole hundredths of a second (25 may stand for 24)" } else { "" };
                 assumptions.push(format!(
-                    "time: {rate:.4} frames per second, as the file says; give --fps if it is slow motion"
+                    "time: {rate:.4} frames per second, as the file says{coarse}; give --fps if it is slow motion"
                 ));
                 rate
             }
@@ -153,20 +162,17 @@ impl Film {
             }
             (rate, _) => rate,
         };
-        let images = match grain::removed(&decoded.images) {
-            None => decoded.images,
-            Some(smooth) => {
-                assumptions
-                    .push("the grain of the pictures is that of a palette of few colours: it was smoothed".into());
-                smooth
-            }
-        };
-        let (foreground, frames) = matting::frames(path, &images, settings, wanted)?;
+        let mut decoded = decoded;
+        if let Some(smooth) = grain::removed(&decoded.images) {
+            assumptions.push("the grain of the pictures is that of a palette of few colours: it was smoothed".into());
+            decoded = Decoded { images: smooth, few_colours: false, ..decoded };
+        }
+        let Found { foreground, frames, hueless } = matting::frames(path, &decoded, settings, wanted)?;
         assumptions.push(format!("the object is told from the background by {foreground}"));
         let name = path.canonicalize().unwrap_or_else(|_| path.to_path_buf());
         let name = name.file_stem().map_or_else(|| "film".into(), |name| name.to_string_lossy().into_owned());
         let focal = if ending(path) == "gif" { None } else { lens::focal(path) };
-        Ok(Self { name, frames, first: wanted.first, frames_per_s, focal, foreground, assumptions })
+        Ok(Self { name, frames, hueless, first: wanted.first, frames_per_s, focal, foreground, assumptions })
     }
 }
 

@@ -32,5 +32,5 @@ pub(super) fn read(folder: &Path, wanted: Wanted) -> Result<Decoded> {
         check_bytes(&path, width, height, images.len() + 1)?;
         images.push(Image::read_frame(&path)?);
     }
-    Ok(Decoded { images, frames_per_s: None })
+    Ok(Decoded { images, frames_per_s: None, few_colours: false })
 }

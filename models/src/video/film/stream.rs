@@ -49,7 +49,7 @@ pub(super) fn read(path: &Path, wanted: Wanted) -> Result<Decoded> {
     if !status.success() {
         return Err(undecodable(path, &said));
     }
-    Ok(Decoded { images, frames_per_s: Some(rate) })
+    Ok(Decoded { images, frames_per_s: Some(rate), few_colours: false })
 }
 
 /// One of ffmpeg's programs on a local file, and nothing but files: a playlist must not open a connection.

@@ -9,9 +9,12 @@
 //! 2. [`walk`] spreads this evidence to neighbouring pixels except across sharp edges of the change;
 //! 3. [`outline`] cuts the result at the level whose contour is sharpest and drops specks and pinholes;
 //! 4. [`edge`] estimates coverage in the pixels along the outline and removes the background from their colour.
+//!
+//! In images of few colours, parts of the object may have got the background's hue: [`hueless`] finds them by their outline.
 
 mod change;
 mod edge;
+mod hueless;
 mod outline;
 mod walk;
 
@@ -45,21 +48,52 @@ impl Mask {
 
 /// Matte of an image by difference against its plate; pixels of weight 0 take part without an opinion.
 pub(super) fn against_plate(image: &Image, plate: &Image, weight: &[f32]) -> Matte {
-    let table: Vec<f32> = (0..=255).map(linear_from_srgb).collect();
-    let linear = |image: &Image| image.pixels.iter().map(|p| [0, 1, 2].map(|c| table[usize::from(p[c])])).collect();
-    let (seen, empty): (Vec<[f32; 3]>, Vec<[f32; 3]>) = (linear(image), linear(plate));
-    let change = Change::between(&seen, &empty);
-    let belief = walk::spread(&change, weight, image.width, image.height);
-    let mask = outline::cut(&belief, image.width, image.height);
-    let (colour, alpha) = edge::refine(&mask, &seen, &empty);
-    let rgb = image.pixels.iter().zip(colour).zip(&alpha).map(|((pixel, colour), &a)| {
-        let srgb = match colour {
-            Some(linear) => linear.map(srgb_from_linear),
-            None => [pixel[0], pixel[1], pixel[2]].map(|v| f32::from(v) / 255.0),
-        };
-        srgb.map(|v| a * v + (1.0 - a))
-    });
-    (rgb.collect(), alpha)
+    let difference = Difference::between(image, plate);
+    difference.matte(image, &difference.mask(image, weight))
+}
+
+/// Matte of an image of few colours by difference against its plate, and the same with those parts that have the background's
+/// hue but are of one piece with the object.
+pub(super) fn of_few_colours(image: &Image, plate: &Image) -> [Matte; 2] {
+    let difference = Difference::between(image, plate);
+    let mut mask = difference.mask(image, &vec![1.0; image.pixels.len()]);
+    let without = difference.matte(image, &mask);
+    hueless::add(&mut mask, &difference.change);
+    [without, difference.matte(image, &mask)]
+}
+
+/// An image and its plate in linear light.
+struct Difference {
+    seen: Vec<[f32; 3]>,
+    empty: Vec<[f32; 3]>,
+    change: Change,
+}
+
+impl Difference {
+    fn between(image: &Image, plate: &Image) -> Self {
+        let table: Vec<f32> = (0..=255).map(linear_from_srgb).collect();
+        let linear = |image: &Image| image.pixels.iter().map(|p| [0, 1, 2].map(|c| table[usize::from(p[c])])).collect();
+        let (seen, empty): (Vec<[f32; 3]>, Vec<[f32; 3]>) = (linear(image), linear(plate));
+        Self { change: Change::between(&seen, &empty), seen, empty }
+    }
+
+    /// Where the object is.
+    fn mask(&self, image: &Image, weight: &[f32]) -> Mask {
+        let belief = walk::spread(&self.change, weight, image.width, image.height);
+        outline::cut(&belief, image.width, image.height)
+    }
+
+    fn matte(&self, image: &Image, mask: &Mask) -> Matte {
+        let (colour, alpha) = edge::refine(mask, &self.seen, &self.empty);
+        let rgb = image.pixels.iter().zip(colour).zip(&alpha).map(|((pixel, colour), &a)| {
+            let srgb = match colour {
+                Some(linear) => linear.map(srgb_from_linear),
+                None => [pixel[0], pixel[1], pixel[2]].map(|v| f32::from(v) / 255.0),
+            };
+            srgb.map(|v| a * v + (1.0 - a))
+        });
+        (rgb.collect(), alpha)
+    }
 }
 
 /// Matte of an image that already shows the object on white: coverage is distance from white, and white pixels enclosed
@@ -76,6 +110,15 @@ pub(crate) fn from_white(image: &Image) -> Matte {
     }
     let rgb = image.pixels.iter().map(|p| [p[0], p[1], p[2]].map(|v| f32::from(v) / 255.0)).collect();
     (rgb, alpha)
+}
+
+/// The largest connected piece of what a matte shows.
+pub(super) fn largest_piece(alpha: &[f32], width: usize, height: usize) -> Vec<bool> {
+    let mask = Mask { width, height, inside: alpha.iter().map(|a| *a > 0.5).collect() };
+    let largest = outline::pieces(&mask, true).into_iter().max_by_key(Vec::len).unwrap_or_default();
+    let mut inside = vec![false; alpha.len()];
+    largest.into_iter().for_each(|pixel| inside[pixel] = true);
+    inside
 }
 
 /// Linear light of an 8-bit sRGB value.

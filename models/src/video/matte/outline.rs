@@ -70,7 +70,7 @@ pub(super) fn fill_holes(mask: &mut Mask, largest: usize) -> Vec<usize> {
 }
 
 /// The 4-connected pieces of the pixels whose value is `inside`.
-fn pieces(mask: &Mask, inside: bool) -> Vec<Vec<usize>> {
+pub(super) fn pieces(mask: &Mask, inside: bool) -> Vec<Vec<usize>> {
     let mut seen = vec![false; mask.inside.len()];
     let mut pieces = Vec::new();
     for start in 0..seen.len() {

@@ -1,0 +1,128 @@
+//! The background of a film, corrected by where the object was found.
+
+use rayon::prelude::*;
+
+use super::backdrop::{MOST_FRAMES, alike};
+use crate::video::image::Image;
+use crate::video::matte::{self, Matte};
+
+/// How far around the object a pixel is not trusted to be free of it \[pixels\].
+const DISTANCE: isize = 3;
+
+/// Of the frames in which a pixel is free, the share of which it shows about the same, at least …
+const COMMON: f64 = 0.2;
+
+/// … and which of these, from dark to bright, show it as it is: those in which no shadow falls on it.
+const LIT: [f64; 2] = [0.6, 0.9];
+
+/// Channels that a shadow darkens differ in their ratios by this factor at most.
+const SAME_HUE: f64 = 1.1;
+
+/// The background behind an object that was found against a first estimate `empty` of it: what pixels show, unshadowed, while the
+/// object, the largest piece of each matte, is elsewhere.
+///
+/// A wrong estimate looks like a thing that stands still in every frame where the object is elsewhere, and a shadow that
+/// fell on it like a light that nothing casts; neither is left then.
+pub(super) fn of(images: &[Image], mattes: &[Matte], empty: &Image) -> Image {
+    let step = images.len().div_ceil(MOST_FRAMES).max(1);
+    let (width, height) = (empty.width, empty.height);
+    let frames: Vec<(&Image, Vec<bool>)> = images
+        .par_iter()
+        .zip(mattes)
+        .step_by(step)
+        .map(|(image, (_, alpha))| (image, grown(&matte::largest_piece(alpha, width, height), width, height)))
+        .collect();
+    let pixel = |i: usize| {
+        let free = frames.iter().filter(|(_, covered)| !covered[i]).map(|(image, _)| *image).collect::<Vec<_>>();
+        unshadowed(&free, i).unwrap_or(empty.pixels[i])
+    };
+    Image { pixels: (0..width * height).into_par_iter().map(pixel).collect(), ..empty.clone() }
+}
+
+/// What a pixel shows in most of some frames, or lit in enough of them; `None` without frames.
+fn unshadowed(frames: &[&Image], i: usize) -> Option<[u8; 4]> {
+    let sets: Vec<Vec<[u8; 3]>> = alike(frames, i)
+        .into_iter()
+        .map(|set| {
+            let members = frames.iter().enumerate().filter(|(k, _)| set >> k & 1 == 1);
+            members.map(|(_, frame)| [0, 1, 2].map(|c| frame.pixels[i][c])).collect()
+        })
+        .collect();
+    let most = sets.iter().max_by_key(|set| set.len())?;
+    let enough = |set: &&Vec<[u8; 3]>| set.len() as f64 >= COMMON * frames.len() as f64;
+    let usual = mean(most);
+    let lit = sets
+        .iter()
+        .filter(enough)
+        .filter(|set| is_lit(mean(set), usual))
+        .max_by_key(|set| mean(set).iter().sum::<usize>());
+    let mut values = lit.unwrap_or(most).clone();
+    values.sort_by_key(|v| v.iter().map(|v| usize::from(*v)).sum::<usize>());
+    let [from, to] = LIT.map(|share| share * values.len() as f64);
+    let [r, g, b] = mean(&values[from as usize..to.ceil() as usize]).map(|v| v as u8);
+    Some([r, g, b, 255])
+}
+
+/// Whether a colour is brighter than another, as much in all channels: the same thing out of the shadow.
+fn is_lit(colour: [usize; 3], shadowed: [usize; 3]) -> bool {
+    let ratio = [0, 1, 2].map(|c| (colour[c] + 1) as f64 / (shadowed[c] + 1) as f64);
+    let [low, high] = [f64::min, f64::max].map(|of| ratio.into_iter().reduce(of).expect("three"));
+    low >= 1.0 && high <= SAME_HUE * low
+}
+
+/// The rounded mean of some colours.
+fn mean(colours: &[[u8; 3]]) -> [usize; 3] {
+    let count = colours.len().max(1);
+    [0, 1, 2].map(|c| (colours.iter().map(|v| usize::from(v[c])).sum::<usize>() + count / 2) / count)
+}
+
+/// A mask and what is near it.
+fn grown(mask: &[bool], width: usize, height: usize) -> Vec<bool> {
+    let mut near = mask.to_vec();
+    for (x, y) in (0..width * height).filter(|i| mask[*i]).map(|i| ((i % width) as isize, (i / width) as isize)) {
+        for (u, v) in (-DISTANCE..=DISTANCE).flat_map(|dy| (-DISTANCE..=DISTANCE).map(move |dx| (x + dx, y + dy))) {
+            if (0..width as isize).contains(&u) && (0..height as isize).contains(&v) {
+                near[(v * width as isize + u) as usize] = true;
+            }
+        }
+    }
+    near
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A square moves along; in the first estimate something is where nothing is, and a shadow lies where it lies mostly.
+    #[test]
+    fn what_stands_still_or_is_shadowed_is_corrected() {
+        let (side, square) = (40, 8);
+        let thing = |x: usize, y: usize| (28..34).contains(&x) && (4..8).contains(&y);
+        let shadow = |x: usize, y: usize, k: usize| (28..36).contains(&x) && (28..36).contains(&y) && k < 6;
+        let object =
+            |x: usize, y: usize, k: usize| (3 * k..3 * k + square).contains(&x) && (16..16 + square).contains(&y);
+        let picture = |colour: &dyn Fn(usize, usize) -> [u8; 4]| Image {
+            width: side,
+            height: side,
+            pixels: (0..side * side).map(|i| colour(i % side, i / side)).collect(),
+            has_alpha: false,
+        };
+        let floor = |x: usize| [100 + x as u8, 120, 90, 255];
+        let lit_in = |x: usize, y: usize, k: usize| match floor(x) {
+            [r, g, b, a] if shadow(x, y, k) => [r / 2, g / 2, b / 2, a],
+            colour => colour,
+        };
+        let frame = |k: usize| picture(&|x, y| if object(x, y, k) { [200, 20, 20, 255] } else { lit_in(x, y, k) });
+        let film: Vec<Image> = (0..10).map(frame).collect();
+        let matte = |k: usize| {
+            let inside = (0..side * side).map(|i| object(i % side, i / side, k) || thing(i % side, i / side));
+            (vec![[1.0; 3]; side * side], inside.map(|inside| if inside { 1.0 } else { 0.0 }).collect())
+        };
+        let mattes: Vec<Matte> = (0..10).map(matte).collect();
+        let wrong = picture(&|x, y| if thing(x, y) { [10, 10, 200, 255] } else { lit_in(x, y, 0) });
+        let found = of(&film, &mattes, &wrong);
+        for (i, pixel) in found.pixels.iter().enumerate() {
+            assert_eq!(*pixel, floor(i % side), "column {} of row {}", i % side, i / side);
+        }
+    }
+}
