@@ -10,8 +10,9 @@ use crate::video::Camera;
 /// Standard deviation of a silhouette's middle: a share of its side, at least so many pixels.
 const MIDDLE: [f64; 2] = [0.003, 0.25];
 
-/// Standard deviation of the logarithm of a silhouette's side.
-const SIZE: f64 = 0.02;
+/// Standard deviation of the logarithm of a silhouette's side: of that of a body which is turned by what it is seen from, as its body is
+/// known roughly only. Taking it for surer makes things seem to come or go, and with that all lengths wrong.
+const SIZE: f64 = 0.05;
 
 /// How much the cost may grow by another frame of free fall, as a multiple of the residuals' variance: three numbers do so by
 /// chance one time in twenty. Half a pixel above the path, an object may have touched the ground already.

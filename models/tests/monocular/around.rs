@@ -70,8 +70,8 @@ fn views_find_their_places() {
         assert!((towards(first.centre()) - towards(camera().centre())).abs() < 0.03);
         for (view, _) in &around.views {
             let [u, v, depth] = view.project(middle(0)).unwrap();
-            assert!((u - 32.0).abs() < 1.0 && (v - 32.0).abs() < 1.0, "{u} {v}");
-            approx::assert_relative_eq!(depth, DISTANCE, max_relative = 0.06);
+            assert!((u - 32.0).abs() < 1.5 && (v - 32.0).abs() < 1.5, "{u} {v}");
+            approx::assert_relative_eq!(depth, DISTANCE, max_relative = 0.1);
         }
     }
 }

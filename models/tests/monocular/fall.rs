@@ -20,7 +20,9 @@ fn a_fall_tells_distance_and_velocity() {
     assert!((0.005..0.15).contains(&flight.deviation), "{}", flight.deviation);
     for axis in 0..3 {
         let (off, deviation) = ((flight.velocity[axis] - VELOCITY[axis]).abs(), flight.velocity_deviation[axis]);
-        assert!(off < 2.5 * deviation && deviation < 0.2, "axis {axis}: {off:.3} of {deviation:.3} m/s");
+        // what a body whose shape is not known does along the line of sight is seen least
+        let most = if axis == 2 { 0.5 } else { 0.2 };
+        assert!(off < 2.5 * deviation && deviation < most, "axis {axis}: {off:.3} of {deviation:.3} m/s");
     }
     assert!(clip.assumptions.iter().any(|line| line.contains("m away")), "{:?}", clip.assumptions);
 

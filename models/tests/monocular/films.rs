@@ -73,9 +73,10 @@ fn an_unknown_camera_still_gives_metres() {
         let flight = clip.flight.unwrap();
         assert_eq!(flight.frames, landed());
         // directions follow the camera, which looks along −z in the world of the film, too
-        let speed = VELOCITY.iter().map(|v| v * v).sum::<f64>().sqrt();
-        let error = (0..3).map(|axis| (flight.velocity[axis] - VELOCITY[axis]).powi(2)).sum::<f64>().sqrt();
-        assert!(error < 0.1 * speed, "{:.3?}", flight.velocity);
+        let off = [0, 1, 2].map(|axis| (flight.velocity[axis] - VELOCITY[axis]).abs());
+        assert!(off[0] < 0.07 && off[1] < 0.07, "{:.3?}", flight.velocity);
+        // what it does along the line of sight is seen least, and said so
+        assert!(off[2] < 2.0 * flight.velocity_deviation[2] && off[2] < 0.5, "{:.3?}", flight.velocity);
         // the floor is at height 0
         assert!((flight.centre[1] - START[1]).abs() < 0.04, "{:.3?}", flight.centre);
         let bottom = flight.at(landed() as f64 / 24.0)[1] - RADIUS;

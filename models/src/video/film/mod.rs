@@ -101,7 +101,7 @@ struct Decoded {
     images: Vec<Image>,
     /// Frame rate that the file states \[1/s\].
     frames_per_s: Option<f64>,
-    /// Whether each picture has a palette of its own few colours, and times are whole hundredths of a second.
+    /// Whether it is a GIF: pictures have few colours, and delays are whole hundredths of a second.
     few_colours: bool,
 }
 
@@ -147,10 +147,16 @@ impl Film {
         let mut assumptions = Vec::new();
         let frames_per_s = match (settings.frames_per_s, decoded.frames_per_s) {
             (0.0, Some(rate)) => {
-                let coarse =
-                    if decoded.few_colours { " in whole hundredths of a second (25 may stand for 24)" } else { "" };
+                let delay = 100.0 / rate;
+                let cut_off = match decoded.few_colours && (delay - delay.round()).abs() < 1e-9 {
+                    true => format!(
+                        " (it counts whole hundredths of a second: more than {:.4} may be meant)",
+                        100.0 / (delay + 1.0)
+                    ),
+                    false => String::new(),
+                };
                 assumptions.push(format!(
-                    "time: {rate:.4} frames per second, as the file says{coarse}; give --fps if it is slow motion"
+                    "time: {rate:.4} frames per second, as the file says{cut_off}; give --fps if it is slow motion"
                 ));
                 rate
             }
