@@ -41,8 +41,8 @@ impl FilmArguments {
         film.field_of_view = self.field_of_view.unwrap_or(film.field_of_view);
         film.elevation = self.elevation.or(film.elevation);
         if self.masks.is_some() || self.background.is_some() {
-            film.masks = self.masks.as_ref().map(whole);
-            film.background = self.background.as_ref().map(whole);
+            film.masks = self.masks.as_deref().map(whole);
+            film.background = self.background.as_deref().map(whole);
         }
     }
 }

@@ -44,8 +44,8 @@ impl ImagineArguments {
     /// Lets what was said replace what the settings have.
     pub fn apply(&self, config: &mut Config) {
         if self.imagine.is_some() || self.views.is_some() {
-            config.imagine.weights = self.imagine.as_ref().map(whole);
-            config.imagine.views = self.views.as_ref().map(whole);
+            config.imagine.weights = self.imagine.as_deref().map(whole);
+            config.imagine.views = self.views.as_deref().map(whole);
             if config.imagine.weights.as_deref() == Some(Path::new(FileWeights::BUILT_IN)) {
                 // it knows outlines only
                 config.weights.imagined_colour = 0.0;

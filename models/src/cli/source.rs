@@ -38,8 +38,8 @@ impl Place {
 }
 
 /// A path that means the same wherever a run is resumed from; what is not there is left as it was given.
-pub(super) fn whole(path: &PathBuf) -> PathBuf {
-    path.canonicalize().unwrap_or_else(|_| path.clone())
+pub(super) fn whole(path: &Path) -> PathBuf {
+    path.canonicalize().unwrap_or_else(|_| path.to_owned())
 }
 
 /// The largest number that the file of settings can hold.
