@@ -321,5 +321,7 @@ fn trajectory_of_sand() {
 #[test]
 fn trajectory_of_damp_sand_that_lifts_off() {
     trajectory::<f64>(Kind::Sand, "traj_sand_separate_cohesion", PLASTIC, 1e-7);
-    trajectory::<f32>(Kind::Sand, "traj_sand_separate_cohesion", SINGLE, 5e-3);
+    // in single precision some particles yield a step earlier or later; which, the width of the vectors decides: grad.C0 is off by
+    // 5.2e-3 with AVX2, by less than 5e-3 with AVX-512
+    trajectory::<f32>(Kind::Sand, "traj_sand_separate_cohesion", SINGLE, 6e-3);
 }
