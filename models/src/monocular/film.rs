@@ -5,7 +5,7 @@ use std::path::Path;
 use gradreel::{Error, ErrorKind, Result};
 use ndarray::azip;
 
-use super::free_fall::Down;
+use super::free_fall::{Down, LEAST_FRAMES};
 use super::{ground, locate};
 use crate::vector::times;
 use crate::video::{Camera, Clip, Film, FilmSettings, Flight, Frame, OpenOptions};
@@ -63,7 +63,7 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
     };
     let mut fall = locate(&clip, down)?;
     if let Some(hueless) = film.hueless {
-        let flight = fall.as_ref().map_or(LEAST_FLIGHT, |fall| fall.frames);
+        let flight = fall.as_ref().map_or(LEAST_FRAMES, |fall| fall.frames);
         if complete(&mut clip.frames[0], hueless, flight) {
             clip.assumptions.push(
                 "parts in the background's hue: of the object while it is in the air, of nothing afterwards (the film has few colours)"
@@ -121,9 +121,6 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
     Ok(clip)
 }
 
-/// The frames that show a free fall at least.
-const LEAST_FLIGHT: usize = 3;
-
 /// A difference of coverage that is one.
 const DIFFERENT: f32 = 0.1;
 
@@ -132,17 +129,15 @@ const DIFFERENT: f32 = 0.1;
 fn complete(frames: &mut [Frame], hueless: Vec<Frame>, flight: usize) -> bool {
     let mut any = false;
     for (k, (frame, whole)) in frames.iter_mut().zip(hueless).enumerate() {
-        let mut differs = false;
         azip!((weight in &mut frame.weight, a in &frame.alpha, b in &whole.alpha) {
             if (a - b).abs() > DIFFERENT {
-                differs = true;
+                any = true;
                 *weight = 0.0;
             }
         });
         if k < flight {
             *frame = whole;
         }
-        any |= differs;
     }
     any
 }

@@ -14,6 +14,9 @@ const MIDDLE: [f64; 2] = [0.003, 0.25];
 /// known roughly only. Taking it for surer makes things seem to come or go, and with that all lengths wrong.
 const SIZE: f64 = 0.05;
 
+/// The frames that show a free fall, at least.
+pub(super) const LEAST_FRAMES: usize = 3;
+
 /// How much the cost may grow by another frame of free fall, as a multiple of the residuals' variance: three numbers do so by
 /// chance one time in twenty. Half a pixel above the path, an object may have touched the ground already.
 const SURPRISE: f64 = 4.0;
@@ -176,7 +179,7 @@ impl FreeFall {
     /// Those of [`FreeFall::fit`].
     pub fn longest(camera: &Camera, sightings: &[Sighting], bias: &[[f64; 3]], down: Down) -> Result<Option<Self>> {
         let mut found: Option<Self> = None;
-        for frames in 3..=sightings.len() {
+        for frames in LEAST_FRAMES..=sightings.len() {
             let longer = Self::fit(camera, &sightings[..frames], bias, down)?;
             // noise is what is expected, or what there was if that was more
             let noise = |shorter: &Self| (2.0 * shorter.cost / (3 * shorter.frames - 7) as f64).max(1.0);

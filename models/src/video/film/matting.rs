@@ -69,8 +69,8 @@ fn mattes(
     let images = &pictures.images;
     let against = |plate: &Image| {
         if pictures.few_colours {
-            let both = images.par_iter().map(|image| matte::of_few_colours(image, plate).into());
-            let (without, with): (Vec<_>, Vec<_>) = both.collect::<Vec<(Matte, Matte)>>().into_iter().unzip();
+            let (without, with): (Vec<_>, Vec<_>) =
+                images.par_iter().map(|image| matte::of_few_colours(image, plate)).unzip();
             return (without, Some(with));
         }
         let weight = vec![1.0; plate.pixels.len()];

@@ -133,7 +133,7 @@ impl Film {
             first: options.first_frame.map_or(0, |first| first.max(0) as usize),
             count: options.max_frames.unwrap_or(usize::MAX),
         };
-        let decoded = match ending(path).as_str() {
+        let mut decoded = match ending(path).as_str() {
             _ if path.is_dir() => pictures::read(path, wanted)?,
             "gif" => gif::read(path, wanted)?,
             _ => stream::read(path, wanted)?,
@@ -168,7 +168,6 @@ impl Film {
             }
             (rate, _) => rate,
         };
-        let mut decoded = decoded;
         if let Some(smooth) = grain::removed(&decoded.images) {
             assumptions.push("the grain of the pictures is that of a palette of few colours: it was smoothed".into());
             decoded = Decoded { images: smooth, few_colours: false, ..decoded };

@@ -54,12 +54,12 @@ pub(super) fn against_plate(image: &Image, plate: &Image, weight: &[f32]) -> Mat
 
 /// Matte of an image of few colours by difference against its plate, and the same with those parts that have the background's
 /// hue but are of one piece with the object.
-pub(super) fn of_few_colours(image: &Image, plate: &Image) -> [Matte; 2] {
+pub(super) fn of_few_colours(image: &Image, plate: &Image) -> (Matte, Matte) {
     let difference = Difference::between(image, plate);
     let mut mask = difference.mask(image, &vec![1.0; image.pixels.len()]);
     let without = difference.matte(image, &mask);
     hueless::add(&mut mask, &difference.change);
-    [without, difference.matte(image, &mask)]
+    (without, difference.matte(image, &mask))
 }
 
 /// An image and its plate in linear light.
