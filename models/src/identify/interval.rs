@@ -1,13 +1,16 @@
 //! How sure an estimate is: intervals from the curvature of the loss and from how the pictures disagree about it.
 
+use faer::linalg::solvers::DenseSolveCore;
 use faer::{Mat, Side};
 use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
+use crate::identify::fall::Fallen;
 use crate::identify::plausible::Plausible;
 use crate::identify::unknowns::Unknown;
 use crate::identify::{Free, Linearised, Unknowns, VELOCITY};
 use crate::physics::Law;
+use crate::video::Flight;
 
 /// What is known of one unknown.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -28,17 +31,26 @@ pub struct Interval {
 /// `C⁻¹ M C⁻¹` with the curvature `C` and the scatter `M` of the parts that cameras, and that frames, have in the gradient:
 /// `M = Σ_cameras s sᵀ n/(n−1) + Σ_frames s sᵀ m/(m−1)` (Cameron, Gelbach and Miller 2011, without the term for their overlap,
 /// on the safe side). `bias` is a further deviation of each coordinate that is the same in all pictures, that of the grid for
-/// instance. What is plausible beforehand is added as a weak prior, `Σ = ((C⁻¹ M C⁻¹ + diag bias²)⁻¹ + diag prior⁻²)⁻¹`, so that a
-/// direction that no picture shows keeps the width of what is plausible. Student's t for as many degrees of freedom as there are
-/// clusters of the rarer kind, less one.
+/// instance. What is plausible beforehand, and what the flight of an object that a single camera saw says of its velocity, is
+/// added as a prior of covariance `P`, `Σ = ((C⁻¹ M C⁻¹ + diag bias²)⁻¹ + P⁻¹)⁻¹`, so that a direction that no picture shows keeps
+/// the width of what is plausible. Student's t for as many degrees of freedom as there are clusters of the rarer kind, less one.
 ///
 /// # Errors
-/// [`ErrorKind::NonFinite`] when the derivatives are not finite.
-pub fn intervals(at: &Unknowns, law: &Law, free: Free, linearised: &Linearised, bias: &[f64]) -> Result<Vec<Interval>> {
+/// [`ErrorKind::NonFinite`] when the derivatives, or the flight's covariance, are not finite.
+pub fn intervals(
+    at: &Unknowns,
+    law: &Law,
+    free: Free,
+    linearised: &Linearised,
+    bias: &[f64],
+    flight: Option<&Flight>,
+) -> Result<Vec<Interval>> {
     let list = free.list(law);
     let n = list.len();
-    let prior = Plausible::new(law, free).deviations(at);
-    let deviations = deviations(linearised, &prior, bias)?;
+    let fall = flight.map(Fallen::of).transpose()?;
+    let plausible = Plausible::new(law, free).after(fall.as_ref());
+    let prior = plausible.deviations(at);
+    let deviations = deviations(linearised, &plausible.factor(at), bias)?;
     let student = student(clusters(linearised));
     let x = at.coordinates(law, free);
     let end = |k: usize, sign: f64| {
@@ -63,8 +75,9 @@ pub fn intervals(at: &Unknowns, law: &Law, free: Free, linearised: &Linearised, 
     Ok((0..n).map(interval).collect())
 }
 
-/// The noise of the loss along each free unknown's coordinate, `(C⁻¹ M C⁻¹)_kk / (C⁻¹)_kk` with curvature and scatter as for
-/// [`intervals`]: a loss of so much noise that is curved like this one leaves an unknown as unsure as the pictures do.
+/// The noise of the loss along each free unknown's coordinate, for the velocity along the directions of the fall,
+/// `(C⁻¹ M C⁻¹)_kk / (C⁻¹)_kk` with curvature and scatter as for [`intervals`]: a loss of so much noise that is curved like this one
+/// leaves an unknown as unsure as the pictures do.
 /// Nowhere less than that of the clip as a whole, `tr M / tr C` in units of what is plausible. `bias` is a deviation of each
 /// coordinate that all pictures share and that counts as noise, too.
 ///
@@ -76,13 +89,13 @@ pub(super) fn noise(
     linearised: &Linearised,
     bias: &[f64],
 ) -> Result<Vec<f64>> {
-    let prior = plausible.deviations(at);
-    let known = Known::of(linearised, &prior, bias)?;
+    let known = Known::of(linearised, &plausible.factor(at), bias)?;
     let of = |k: usize| (known.covariance[(k, k)] / known.inverse[(k, k)]).max(known.noise);
-    Ok((0..prior.len()).map(of).collect())
+    Ok((0..bias.len()).map(of).collect())
 }
 
-/// What the clip alone tells of the unknowns, in units of the prior's deviations, so that everything is of one kind.
+/// What the clip alone tells of the unknowns, in units in which the prior's covariance is the unit matrix, so that everything is of
+/// one kind.
 struct Known {
     /// The inverse of the curvature; directions that no picture shows at all have a huge one.
     inverse: Mat<f64>,
@@ -95,11 +108,11 @@ struct Known {
 }
 
 impl Known {
-    fn of(at: &Linearised, prior: &[f64], bias: &[f64]) -> Result<Self> {
-        let n = prior.len();
-        let curvature = Mat::from_fn(n, n, |i, j| at.curvature[i][j] * prior[i] * prior[j]);
-        let scatter = scatter(at);
-        let scatter = Mat::from_fn(n, n, |i, j| scatter[i][j] * prior[i] * prior[j]);
+    fn of(at: &Linearised, prior: &Mat<f64>, bias: &[f64]) -> Result<Self> {
+        let n = bias.len();
+        let in_units = |m: &[Vec<f64>]| prior.transpose() * Mat::from_fn(n, n, |i, j| m[i][j]) * prior;
+        let curvature = in_units(&at.curvature);
+        let scatter = in_units(&scatter(at));
         let eigen = curvature.self_adjoint_eigen(Side::Lower).map_err(failed)?;
         let (u, s) = (eigen.U(), eigen.S().column_vector());
         let most = (0..n).fold(0.0f64, |m, k| m.max(s[k]));
@@ -109,10 +122,9 @@ impl Known {
         // directions that no picture shows at all stand at a floor: they come out far wider than the prior
         let floor = (1e-12 * most).max(f64::MIN_POSITIVE);
         let inverse = Mat::from_fn(n, n, |i, j| (0..n).map(|k| u[(i, k)] * u[(j, k)] / s[k].max(floor)).sum::<f64>());
-        let mut covariance = &inverse * &scatter * &inverse;
-        for k in 0..n {
-            covariance[(k, k)] += (bias[k] / prior[k]).powi(2);
-        }
+        let units = prior.partial_piv_lu().inverse();
+        let biased = Mat::from_fn(n, n, |i, k| units[(i, k)] * bias[k]);
+        let covariance = &inverse * &scatter * &inverse + &biased * biased.transpose();
         let direction = |k: usize| (0..n).map(|i| u[(i, k)]).collect();
         let unseen = (0..n).filter(|&k| s[k] <= floor).map(direction).collect();
         let trace = |matrix: &Mat<f64>| (0..n).map(|k| matrix[(k, k)]).sum::<f64>();
@@ -126,18 +138,19 @@ fn failed(_: faer::linalg::evd::EvdError) -> Error {
 }
 
 /// The standard deviation of each coordinate.
-fn deviations(at: &Linearised, prior: &[f64], bias: &[f64]) -> Result<Vec<f64>> {
-    let n = prior.len();
+fn deviations(at: &Linearised, prior: &Mat<f64>, bias: &[f64]) -> Result<Vec<f64>> {
+    let n = bias.len();
     let known = Known::of(at, prior, bias)?;
     // (Σ⁻¹ + I)⁻¹ = U diag(σ/(σ+1)) Uᵀ; directions without any score are not known, not known exactly
     let eigen = known.covariance.self_adjoint_eigen(Side::Lower).map_err(failed)?;
-    let (v, sigma) = (eigen.U(), eigen.S().column_vector());
+    let (v, sigma) = (prior * eigen.U(), eigen.S().column_vector());
     let variance = |i: usize| {
         let seen: f64 = (0..n).map(|k| v[(i, k)].powi(2) * share(sigma[k])).sum();
-        let hidden: f64 = known.unseen.iter().map(|direction| direction[i].powi(2)).sum();
+        let along = |direction: &Vec<f64>| (0..n).map(|k| prior[(i, k)] * direction[k]).sum::<f64>();
+        let hidden: f64 = known.unseen.iter().map(|direction| along(direction).powi(2)).sum();
         seen.max(hidden)
     };
-    Ok((0..n).map(|i| variance(i).max(0.0).sqrt() * prior[i]).collect())
+    Ok((0..n).map(|i| variance(i).max(0.0).sqrt()).collect())
 }
 
 /// `σ/(σ + 1)` for `σ` from 0 to ∞.
@@ -213,18 +226,19 @@ mod tests {
         });
         let curvature = vec![vec![(cameras * frames) as f64, 0.0], vec![0.0, 0.0]];
         let at = Linearised { loss: 1.0, gradient: vec![0.0, 0.0], curvature, scores: scores.collect() };
-        let found = deviations(&at, &[100.0, 3.0], &[0.0, 0.0]).unwrap();
+        let prior = Mat::from_fn(2, 2, |i, j| if i == j { [100.0, 3.0][i] } else { 0.0 });
+        let found = deviations(&at, &prior, &[0.0, 0.0]).unwrap();
         let spread = (0..cameras).map(|c| (error(c) - mean).powi(2)).sum::<f64>() / (cameras as f64 - 1.0);
         let wanted = (spread / cameras as f64).sqrt();
         approx::assert_relative_eq!(found[0], wanted, max_relative = 1e-3);
         approx::assert_relative_eq!(found[1], 3.0, max_relative = 1e-6);
         // the same noise per curvature, which makes the deviation what it is
-        let noise = Known::of(&at, &[100.0, 3.0], &[0.0, 0.0]).unwrap();
+        let noise = Known::of(&at, &prior, &[0.0, 0.0]).unwrap();
         let curvature = (cameras * frames) as f64;
         let of_x = noise.covariance[(0, 0)] / noise.inverse[(0, 0)];
         approx::assert_relative_eq!((of_x / curvature).sqrt(), wanted, max_relative = 1e-3);
         // an error that all pictures share adds its square
-        let biased = deviations(&at, &[100.0, 3.0], &[0.5, 0.0]).unwrap();
+        let biased = deviations(&at, &prior, &[0.5, 0.0]).unwrap();
         approx::assert_relative_eq!(biased[0], wanted.hypot(0.5), max_relative = 1e-3);
     }
 }

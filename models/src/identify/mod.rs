@@ -23,6 +23,7 @@ mod again;
 mod config;
 mod contact;
 mod estimate;
+mod fall;
 mod family;
 mod field_file;
 mod flight;

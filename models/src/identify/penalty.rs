@@ -92,8 +92,8 @@ impl RangePenalty {
         if self.enabled { law.parameters().iter().zip(values).map(one).sum() } else { 0.0 }
     }
 
-    /// The penalty, its gradient and the diagonal of its curvature in the coordinates of the free unknowns.
-    pub fn derivatives(&self, law: &Law, at: &Unknowns, free: Free) -> (f64, Vec<f64>, Vec<f64>) {
+    /// The penalty, its gradient and its curvature in the coordinates of the free unknowns.
+    pub fn derivatives(&self, law: &Law, at: &Unknowns, free: Free) -> (f64, Vec<f64>, Vec<Vec<f64>>) {
         let derivatives = |unknown| {
             let Unknown::Parameter(k) = unknown else { return (0.0, 0.0) };
             let (parameter, value) = (&law.parameters()[k], at.parameters[k]);
@@ -111,10 +111,12 @@ impl RangePenalty {
             (first * rate, second * rate * rate)
         };
         let unknowns = free.list(law).into_iter();
-        let (gradient, curvature) = match self.enabled {
+        let (gradient, bends): (Vec<f64>, Vec<f64>) = match self.enabled {
             true => unknowns.map(derivatives).unzip(),
             false => unknowns.map(|_| (0.0, 0.0)).unzip(),
         };
+        let row = |k: usize| (0..bends.len()).map(|l| if k == l { bends[k] } else { 0.0 }).collect();
+        let curvature = (0..bends.len()).map(row).collect();
         (self.of(law, &at.parameters), gradient, curvature)
     }
 
@@ -136,14 +138,15 @@ impl RangePenalty {
     }
 }
 
-/// Adds the gradient and the diagonal of the curvature of a penalty to those of a loss, where they were asked for, and returns
-/// the penalty itself.
+/// Adds the gradient and the curvature of a penalty to those of a loss, where they were asked for, and returns the penalty
+/// itself.
 pub(super) fn add_penalty(
-    (penalty, slopes, bends): (f64, Vec<f64>, Vec<f64>),
+    (penalty, slopes, bends): (f64, Vec<f64>, Vec<Vec<f64>>),
     gradient: &mut [f64],
     curvature: &mut [Vec<f64>],
 ) -> f64 {
     gradient.iter_mut().zip(slopes).for_each(|(g, slope)| *g += slope);
-    curvature.iter_mut().zip(bends).enumerate().for_each(|(k, (row, bend))| row[k] += bend);
+    let rows = curvature.iter_mut().zip(bends);
+    rows.for_each(|(row, bends)| row.iter_mut().zip(bends).for_each(|(c, bend)| *c += bend));
     penalty
 }

@@ -1,5 +1,8 @@
 //! What is plausible before anything was seen: where to look for a material, and a penalty on leaving that range.
 
+use faer::Mat;
+
+use crate::identify::fall::Fallen;
 use crate::identify::unknowns::{Unknown, unit};
 use crate::identify::{Free, Unknowns};
 use crate::physics::{Law, Map, Parameter};
@@ -12,12 +15,17 @@ const PENALTY: f64 = 0.01;
 ///
 /// It decides only where the clip does not: bare of it, a parameter that the motion hardly shows could wander off. Where the
 /// noise of the clip is known, a parameter is pulled to the middle of its range besides, as weakly as the clip shows it well:
-/// `½ noise z²` with `z` in standard deviations from the middle, the prior of a most probable estimate.
+/// `½ noise z²` with `z` in standard deviations from the middle, the prior of a most probable estimate. So is the velocity to that
+/// of a fall, along each of the three directions in which that is known independently.
+#[derive(Clone)]
 pub(crate) struct Plausible<'a> {
     pub law: &'a Law,
     pub free: Free,
-    /// The noise of the loss along each free unknown's coordinate; empty where it is not known.
+    /// The noise of the loss along each free unknown's coordinate, for the velocity along the directions of the fall; empty where
+    /// it is not known.
     pub noise: Vec<f64>,
+    /// What a fall says of the velocity.
+    fall: Option<&'a Fallen>,
 }
 
 /// The parameter on the scale on which its range is even, the ends of the range there, and `d scale/d value`.
@@ -34,32 +42,56 @@ const NINETY: f64 = 1.645;
 impl<'a> Plausible<'a> {
     /// What is plausible of the free unknowns, without a pull.
     pub fn new(law: &'a Law, free: Free) -> Self {
-        Self { law, free, noise: Vec::new() }
+        Self { law, free, noise: Vec::new(), fall: None }
     }
 
-    /// The penalty, its gradient and the diagonal of its curvature in the coordinates of the free unknowns.
-    pub fn penalty(&self, at: &Unknowns) -> (f64, Vec<f64>, Vec<f64>) {
-        let (mut total, mut gradient, mut curvature) = (0.0, Vec::new(), Vec::new());
-        for (i, unknown) in self.free.list(self.law).into_iter().enumerate() {
+    /// The same with what a fall says of the velocity.
+    #[must_use]
+    pub fn after(mut self, fall: Option<&'a Fallen>) -> Self {
+        self.fall = fall;
+        self
+    }
+
+    /// The same with a pull, where the noise of the loss is this.
+    #[must_use]
+    pub fn pulling(mut self, noise: Vec<f64>) -> Self {
+        self.noise = noise;
+        self
+    }
+
+    /// The penalty, its gradient and its curvature in the coordinates of the free unknowns.
+    pub fn penalty(&self, at: &Unknowns) -> (f64, Vec<f64>, Vec<Vec<f64>>) {
+        let list = self.free.list(self.law);
+        let (mut total, mut gradient) = (0.0, vec![0.0; list.len()]);
+        let mut curvature = vec![vec![0.0; list.len()]; list.len()];
+        for (i, unknown) in list.into_iter().enumerate() {
+            let noise = self.noise.get(i).copied().unwrap_or(0.0);
             let (value, [low, high], slope) = match unknown {
                 Unknown::Parameter(k) => even(&self.law.parameters()[k], at.parameters[k]),
                 Unknown::Contact => (at.contact, self.free.contact().range(), 1.0),
-                Unknown::Velocity(_) => {
-                    gradient.push(0.0);
-                    curvature.push(0.0);
+                Unknown::Velocity(k) => {
+                    // the components are the first unknowns, in their order
+                    let Some(fall) = self.fall else { continue };
+                    let z = fall.standard(at.velocity)[k];
+                    let rate: [f64; 3] =
+                        std::array::from_fn(|j| fall.rate(k)[j] * at.slope(self.law, Unknown::Velocity(j)));
+                    total += 0.5 * noise * z * z;
+                    for j in 0..3 {
+                        gradient[j] += noise * z * rate[j];
+                        (0..3).for_each(|l| curvature[j][l] += noise * rate[j] * rate[l]);
+                    }
                     continue;
                 }
             };
             let quarter = 0.25 * (high - low);
             let excess = ((value - high).max(0.0) + (value - low).min(0.0)) / quarter;
             let rate = slope * at.slope(self.law, unknown) / quarter;
-            let noise = self.noise.get(i).copied().unwrap_or(0.0);
             let deviation = (high - low) / (2.0 * NINETY);
             let (z, z_rate) = ((value - 0.5 * (low + high)) / deviation, rate * quarter / deviation);
             total += PENALTY * excess * excess + 0.5 * noise * z * z;
-            gradient.push(2.0 * PENALTY * excess * rate + noise * z * z_rate);
+            gradient[i] = 2.0 * PENALTY * excess * rate + noise * z * z_rate;
             let beyond = if excess == 0.0 { 0.0 } else { 2.0 * PENALTY * rate * rate };
-            curvature.push(beyond + noise * z_rate * z_rate);
+            curvature[i][i] = beyond + noise * z_rate * z_rate;
         }
         (total, gradient, curvature)
     }
@@ -79,6 +111,19 @@ impl<'a> Plausible<'a> {
             }
         };
         self.free.list(self.law).into_iter().map(deviation).collect()
+    }
+
+    /// What was known before the clip was seen, the fall in it apart: a matrix `L` of which `L Lᵀ` is the covariance of the free
+    /// unknowns' coordinates, and whose column `k` is one standard deviation of what [`Plausible::noise`] counts as the `k`-th.
+    pub fn factor(&self, at: &Unknowns) -> Mat<f64> {
+        let (list, deviations) = (self.free.list(self.law), self.deviations(at));
+        Mat::from_fn(list.len(), list.len(), |i, k| match (list[i], list[k], self.fall) {
+            (Unknown::Velocity(axis), Unknown::Velocity(along), Some(fall)) => {
+                fall.step(along)[axis] / at.slope(self.law, list[i])
+            }
+            _ if i == k => deviations[k],
+            _ => 0.0,
+        })
     }
 
     /// How far a step may move each free unknown's coordinate: half the deviation of a parameter, 0.2 m/s.
@@ -162,7 +207,7 @@ mod tests {
         assert_eq!(plausible.penalty(&at([1e5, 0.2, 1e4])).0, 0.0);
         // a decade beyond a range of four: a quarter
         approx::assert_relative_eq!(plausible.penalty(&at([1e8, 0.2, 1e4])).0, 0.01, max_relative = 1e-9);
-        let pulling = Plausible { noise: vec![0.02, 0.5, 3.0], ..Plausible::new(&law, Free::Material) };
+        let pulling = Plausible::new(&law, Free::Material).pulling(vec![0.02, 0.5, 3.0]);
         // two deviations from the middle of a range of four decades
         let middle = (3.0 + 7.0) / 2.0;
         let off = at([10f64.powf(middle + 2.0 * 4.0 / (2.0 * NINETY)), 0.2, 1e4]);

@@ -6,6 +6,7 @@ use std::time::Instant;
 use gradreel::{Error, ErrorKind, Result};
 
 use crate::field::{Inflated, bounding_sphere};
+use crate::identify::fall::Fallen;
 use crate::identify::gauss_newton::search_most_probable;
 use crate::identify::interval;
 use crate::identify::plausible::Plausible;
@@ -24,6 +25,15 @@ use crate::report::interrupt;
 pub(super) struct Effort<'a> {
     pub stage: &'a str,
     pub budget: usize,
+}
+
+/// What a search weighs with what the pictures say.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Pull {
+    /// What a fall says of the velocity, if there was one.
+    Fall,
+    /// What is plausible of the material, too.
+    All,
 }
 
 /// What a stage runs: from the problem, where it starts and what is known from before an interruption, to the best.
@@ -106,7 +116,7 @@ impl Stages<'_> {
         run.rows(stage).map(point).collect()
     }
 
-    /// What the searches for the material move: its parameters, the velocity if too few frames of flight have shown it, and the
+    /// What the first searches for the material move: its parameters, the velocity if too few frames of flight have shown it, and the
     /// height at which the ground is felt if a single camera leaves open how far away, and so how high, the object is.
     fn free(&self, run: &Run, config: &Config) -> Result<Free> {
         let all = Free::all_but(self.law, &config.held(self.law)?, false);
@@ -115,18 +125,63 @@ impl Stages<'_> {
         Ok(if self.clip.cameras.len() == 1 { all.with_ground(self.law, Ground::Unsure) } else { all })
     }
 
+    /// What the later searches move: the same, and of what a single camera saw the velocity, too. The pixels after the contact tell
+    /// how fast it came nearer, which its fall hardly does; what the fall says of it counts as well.
+    fn with_fall(&self, run: &Run) -> Result<Free> {
+        let free = self.free(run, &run.config)?;
+        Ok(if self.clip.flight.is_some() { free.with_velocity(self.law) } else { free })
+    }
+
     /// The material from near it, in so many Gauss–Newton steps or twice as many evaluations of a descent.
     pub fn fine(&self, run: &mut Run, effort: &Effort<'_>, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
-        let method = run.config.estimate.method;
-        let Effort { stage, budget } = *effort;
-        let free = self.free(run, &run.config)?;
         let particles = self.particles(run)?;
-        self.search(run, &Effort { stage, budget }, &particles, unknowns, &mut |problem, search, each, notes| {
-            let Search { start, answers, .. } = search;
-            match method {
-                Method::Descent => estimate(problem, start, free, frames, 2 * budget, answers, each, notes),
-                Method::GaussNewton => gauss_newton(problem, start, free, frames, budget, answers, each, notes),
+        if run.config.estimate.method == Method::GaussNewton {
+            return self.newton(run, effort, &particles, Pull::Fall, frames, unknowns);
+        }
+        let free = self.free(run, &run.config)?;
+        let budget = 2 * effort.budget;
+        self.search(run, effort, &particles, unknowns, &mut |problem, search, each, notes| {
+            estimate(problem, &search.start, free, frames, budget, &search.answers, each, notes)
+        })
+    }
+
+    /// Gauss–Newton steps that weigh what the pictures say with what is known besides.
+    fn newton(
+        &self,
+        run: &mut Run,
+        effort: &Effort<'_>,
+        particles: &Particles,
+        pull: Pull,
+        frames: usize,
+        unknowns: &mut Unknowns,
+    ) -> Result<()> {
+        let free = self.with_fall(run)?;
+        let fall = self.clip.flight.as_ref().map(Fallen::of).transpose()?;
+        let mut plausible = Plausible::new(self.law, free).after(fall.as_ref());
+        let mut first = None;
+        if !run.has_finished(effort.stage) && (pull == Pull::All || fall.is_some()) {
+            let start = run.search(effort.stage, unknowns).start.clone();
+            let problem = Problem::new(particles, self.observed, self.law.clone(), &run.config, DTYPE);
+            let (mut notes, mut substeps) = (Vec::new(), 0);
+            let here = problem.linearise(&start, free, frames, &mut substeps, &mut |note| notes.push(note))?;
+            let bias = match (pull, self.clip.cameras.len()) {
+                (Pull::All, 1) => self.bias(run, free, &start),
+                _ => vec![0.0; here.gradient.len()],
+            };
+            let mut noise = interval::noise(&plausible, &start, &here, &bias)?;
+            if pull == Pull::Fall {
+                let of_velocity = |unknown: &Unknown| matches!(unknown, Unknown::Velocity(_));
+                let list = free.list(self.law);
+                noise.iter_mut().zip(&list).filter(|(_, unknown)| !of_velocity(unknown)).for_each(|(n, _)| *n = 0.0);
             }
+            plausible = plausible.pulling(noise);
+            first = Some((here, substeps));
+            notes.into_iter().for_each(|note| run.note(format!("{}: {note}", effort.stage)));
+        }
+        let budget = effort.budget;
+        self.search(run, effort, particles, unknowns, &mut |problem, search, each, notes| {
+            let (start, known) = (&search.start, &search.answers);
+            search_most_probable(problem, plausible.clone(), start, first.take(), frames, budget, known, each, notes)
         })
     }
 
@@ -149,12 +204,8 @@ impl Stages<'_> {
         frames: usize,
         unknowns: &Unknowns,
     ) -> Result<()> {
-        let budget = run.config.estimate.coarse;
-        let free = self.free(run, &run.config)?;
-        let mut there = unknowns.clone();
-        self.search(run, &Effort { stage, budget }, particles, &mut there, &mut |problem, search, each, notes| {
-            gauss_newton(problem, &search.start, free, frames, budget, &search.answers, each, notes)
-        })?;
+        let effort = Effort { stage, budget: run.config.estimate.coarse };
+        self.newton(run, &effort, particles, Pull::Fall, frames, &mut unknowns.clone())?;
         run.state.unknowns = Some(unknowns.clone());
         run.save()
     }
@@ -172,37 +223,12 @@ impl Stages<'_> {
     /// pulled to the middle of their ranges. What all pictures have in common is no reason to leave what they show together, but
     /// where a single camera made the shape, it is the most of what makes a parameter unsure.
     pub fn weigh(&self, run: &mut Run, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
-        let budget = run.config.estimate.weigh;
-        if budget == 0 {
+        let effort = Effort { stage: WEIGHED, budget: run.config.estimate.weigh };
+        if effort.budget == 0 {
             return Ok(());
         }
-        let free = self.free(run, &run.config)?;
         let particles = self.particles(run)?;
-        let (mut noise, mut first) = (Vec::new(), None);
-        if !run.has_finished(WEIGHED) {
-            let start = run.search(WEIGHED, unknowns).start.clone();
-            let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
-            let (mut notes, mut substeps) = (Vec::new(), 0);
-            let here = problem.linearise(&start, free, frames, &mut substeps, &mut |note| notes.push(note))?;
-            let bias = match self.clip.cameras.len() {
-                1 => self.bias(run, free, &start),
-                _ => vec![0.0; here.gradient.len()],
-            };
-            noise = interval::noise(&Plausible::new(self.law, free), &start, &here, &bias)?;
-            first = Some((here, substeps));
-            notes.into_iter().for_each(|note| run.note(format!("{WEIGHED}: {note}")));
-        }
-        self.search(
-            run,
-            &Effort { stage: WEIGHED, budget },
-            &particles,
-            unknowns,
-            &mut |problem, search, each, notes| {
-                let plausible = Plausible { noise: noise.clone(), ..Plausible::new(self.law, free) };
-                let (start, known) = (&search.start, &search.answers);
-                search_most_probable(problem, plausible, start, first.take(), frames, budget, known, each, notes)
-            },
-        )
+        self.newton(run, &effort, &particles, Pull::All, frames, unknowns)
     }
 
     /// What all pictures have in common, as a deviation of each free unknown's coordinate: the grid's error, estimated from
@@ -220,17 +246,22 @@ impl Stages<'_> {
         let length = self.clip.flight.map_or(0.0, |flight| flight.deviation);
         let lasts = run.state.contact.unwrap_or(1).max(1) as f64 * self.observed.frame_dt;
         let of_outlines = OUTLINE_ERROR * 2.0 * self.spacing / lasts;
-        let speed = self.clip.flight.map_or([of_outlines; 3], |flight| flight.velocity_deviation);
+        // every length of a fall is wrong alike
+        let speed = self.clip.flight.map_or([of_outlines; 3], |_| fitted.velocity.map(|v| length * v));
+        let others = |k: usize| (GRID_ERROR * grid[k]).hypot(SHAPE_ERROR * shape[k]).hypot(depth[k]);
         let of = |(k, unknown): (usize, Unknown)| match unknown {
             Unknown::Contact => 0.0,
-            Unknown::Velocity(axis) => speed[axis] / fitted.slope(self.law, unknown),
+            Unknown::Velocity(axis) => {
+                let speed = speed[axis] / fitted.slope(self.law, unknown);
+                if self.clip.flight.is_some() { speed.hypot(others(k)) } else { speed }
+            }
             Unknown::Parameter(p) => {
                 let parameter = &self.law.parameters()[p];
                 // stress and viscosity, for a given density and time, are as the square of a length
                 let scaled = parameter.map == Map::Log10 && parameter.unit.starts_with("Pa");
                 let length = if scaled { 2.0 * length / std::f64::consts::LN_10 } else { 0.0 };
                 let model = if parameter.map == Map::Log10 { MODEL_ERROR } else { 0.0 };
-                (GRID_ERROR * grid[k]).hypot(SHAPE_ERROR * shape[k]).hypot(depth[k]).hypot(length).hypot(model)
+                others(k).hypot(length).hypot(model)
             }
         };
         free.list(self.law).into_iter().enumerate().map(of).collect()
@@ -252,7 +283,7 @@ impl Stages<'_> {
         // from where the clip alone would have it
         let fitted = run.rows(WEIGHED).next().map_or_else(|| unknowns.clone(), |row| row.unknowns.clone());
         let bias = self.bias(run, free, &fitted);
-        run.state.intervals = intervals(unknowns, self.law, free, &linearised, &bias)?;
+        run.state.intervals = intervals(unknowns, self.law, free, &linearised, &bias, self.clip.flight.as_ref())?;
         notes.into_iter().for_each(|note| run.note(format!("{INTERVALS}: {note}")));
         bar.finish("");
         run.finish(INTERVALS, since)

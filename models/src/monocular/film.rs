@@ -97,7 +97,7 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
     clip.flight = Some(Flight {
         centre: [start[0], start[1] - ground, start[2]],
         velocity: times(&rotation, fall.velocity).map(|v| metres * v),
-        velocity_deviation: fall.velocity_deviation(&rotation, metres),
+        velocity_covariance: fall.velocity_covariance(&rotation, metres),
         gravity,
         frames: fall.frames,
         deviation: fall.deviation,

@@ -74,10 +74,10 @@ impl FreeFall {
         [0, 1, 2].map(|axis| self.start[axis] + self.velocity[axis] * t + 0.5 * self.gravity * self.down[axis] * t * t)
     }
 
-    /// Standard deviations of the velocity in m/s along the axes of a world into which `turn` turns the camera's coordinates, at
-    /// a distance \[m\].
-    pub fn velocity_deviation(&self, turn: &[[f64; 3]; 3], distance: f64) -> [f64; 3] {
-        turn.map(|axis| distance * dot(axis, times(&self.spread, axis)).max(0.0).sqrt())
+    /// Covariance of the velocity \[m²/s²\] along the axes of a world into which `turn` turns the camera's coordinates, at a
+    /// distance \[m\].
+    pub fn velocity_covariance(&self, turn: &[[f64; 3]; 3], distance: f64) -> [[f64; 3]; 3] {
+        turn.map(|a| turn.map(|b| distance * distance * dot(a, times(&self.spread, b))))
     }
 
     /// Fits the first `frames` sightings. `bias` is what a sighting shows besides a point at the object's centre: its silhouette's

@@ -46,7 +46,7 @@ pub fn sight(clip: &mut Clip, gravity: [f64; 3]) -> Result<()> {
     clip.flight = Some(Flight {
         centre: [0, 1, 2].map(|axis| centre[axis] + from[axis]),
         velocity: world(fall.velocity),
-        velocity_deviation: fall.velocity_deviation(&turn, distance),
+        velocity_covariance: fall.velocity_covariance(&turn, distance),
         gravity,
         frames: fall.frames,
         deviation: fall.deviation,

@@ -75,8 +75,8 @@ pub struct Flight {
     pub centre: [f64; 3],
     /// Its velocity there \[m/s\].
     pub velocity: [f64; 3],
-    /// Standard deviations of the velocity \[m/s\].
-    pub velocity_deviation: [f64; 3],
+    /// Covariance of the velocity \[m²/s²\]: along the line of sight it is known least.
+    pub velocity_covariance: [[f64; 3]; 3],
     /// Gravity \[m/s²\].
     pub gravity: [f64; 3],
     /// The frames that show it, from the first on.
@@ -97,6 +97,11 @@ pub struct OpenOptions {
 }
 
 impl Flight {
+    /// Standard deviations of the velocity \[m/s\].
+    pub fn velocity_deviation(&self) -> [f64; 3] {
+        [0, 1, 2].map(|axis| self.velocity_covariance[axis][axis].max(0.0).sqrt())
+    }
+
     /// Where the middle of the object is after a time \[s\].
     pub fn at(&self, t: f64) -> [f64; 3] {
         [0, 1, 2].map(|axis| self.centre[axis] + self.velocity[axis] * t + 0.5 * self.gravity[axis] * t * t)

@@ -19,7 +19,7 @@ fn a_fall_tells_distance_and_velocity() {
     assert_eq!(flight.frames, landed(), "the frames before the floor");
     assert!((0.005..0.15).contains(&flight.deviation), "{}", flight.deviation);
     for axis in 0..3 {
-        let (off, deviation) = ((flight.velocity[axis] - VELOCITY[axis]).abs(), flight.velocity_deviation[axis]);
+        let (off, deviation) = ((flight.velocity[axis] - VELOCITY[axis]).abs(), flight.velocity_deviation()[axis]);
         // what a body whose shape is not known does along the line of sight is seen least
         let most = if axis == 2 { 0.5 } else { 0.2 };
         assert!(off < 2.5 * deviation && deviation < most, "axis {axis}: {off:.3} of {deviation:.3} m/s");
