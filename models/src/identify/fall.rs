@@ -11,7 +11,7 @@ use crate::video::Flight;
 #[derive(Debug, Clone)]
 pub(super) struct Fallen {
     /// The expected velocity \[m/s\].
-    middle: [f64; 3],
+    pub middle: [f64; 3],
     /// Unit vectors.
     directions: [[f64; 3]; 3],
     /// Standard deviations along them \[m/s\].

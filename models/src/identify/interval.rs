@@ -1,6 +1,6 @@
 //! How sure an estimate is: intervals from the curvature of the loss and from how the pictures disagree about it.
 
-use faer::linalg::solvers::DenseSolveCore;
+use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
@@ -30,9 +30,9 @@ pub struct Interval {
 /// whole picture, and in all pictures of a camera or of a moment. So the covariance is the *cluster-robust sandwich*
 /// `C⁻¹ M C⁻¹` with the curvature `C` and the scatter `M` of the parts that cameras, and that frames, have in the gradient:
 /// `M = Σ_cameras s sᵀ n/(n−1) + Σ_frames s sᵀ m/(m−1)` (Cameron, Gelbach and Miller 2011, without the term for their overlap,
-/// on the safe side). `bias` is a further deviation of each coordinate that is the same in all pictures, that of the grid for
-/// instance. What is plausible beforehand, and what the flight of an object that a single camera saw says of its velocity, is
-/// added as a prior of covariance `P`, `Σ = ((C⁻¹ M C⁻¹ + diag bias²)⁻¹ + P⁻¹)⁻¹`, so that a direction that no picture shows keeps
+/// on the safe side). `shared` are errors that all pictures share, that of the grid for instance, each as one standard deviation of
+/// all coordinates together: `K = C⁻¹ M C⁻¹ + Σ s sᵀ`. What is plausible beforehand, and what the flight of an object that a single camera saw says of its velocity, is
+/// added as a prior of covariance `P`, `Σ = (K⁻¹ + P⁻¹)⁻¹`, so that a direction that no picture shows keeps
 /// the width of what is plausible. Student's t for as many degrees of freedom as there are clusters of the rarer kind, less one.
 ///
 /// # Errors
@@ -42,7 +42,7 @@ pub fn intervals(
     law: &Law,
     free: Free,
     linearised: &Linearised,
-    bias: &[f64],
+    shared: &[Vec<f64>],
     flight: Option<&Flight>,
 ) -> Result<Vec<Interval>> {
     let list = free.list(law);
@@ -50,7 +50,7 @@ pub fn intervals(
     let fall = flight.map(Fallen::of).transpose()?;
     let plausible = Plausible::new(law, free).after(fall.as_ref());
     let prior = plausible.deviations(at);
-    let deviations = deviations(linearised, &plausible.factor(at), bias)?;
+    let deviations = Known::of(linearised, plausible.factor(at), shared)?.deviations()?;
     let student = student(clusters(linearised));
     let x = at.coordinates(law, free);
     let end = |k: usize, sign: f64| {
@@ -78,28 +78,41 @@ pub fn intervals(
 /// The noise of the loss along each free unknown's coordinate, for the velocity along the directions of the fall,
 /// `(C⁻¹ M C⁻¹)_kk / (C⁻¹)_kk` with curvature and scatter as for [`intervals`]: a loss of so much noise that is curved like this one
 /// leaves an unknown as unsure as the pictures do.
-/// Nowhere less than that of the clip as a whole, `tr M / tr C` in units of what is plausible. `bias` is a deviation of each
-/// coordinate that all pictures share and that counts as noise, too.
+/// Nowhere less than that of the clip as a whole, `tr M / tr C` in units of what is plausible.
 ///
 /// # Errors
 /// As [`intervals`].
-pub(super) fn noise(
+pub(super) fn noise(plausible: &Plausible<'_>, at: &Unknowns, linearised: &Linearised) -> Result<Vec<f64>> {
+    let known = Known::of(linearised, plausible.factor(at), &[])?;
+    let of = |k: usize| (known.covariance[(k, k)] / known.inverse[(k, k)]).max(known.noise);
+    Ok((0..linearised.gradient.len()).map(of).collect())
+}
+
+/// The most probable coordinates of the free unknowns near the minimum `at` of a loss, `x + K (K + P)⁻¹ (m − x)` with what is
+/// expected beforehand, `m`, and the covariances of [`intervals`].
+///
+/// # Errors
+/// As [`intervals`].
+pub(super) fn most_probable(
     plausible: &Plausible<'_>,
     at: &Unknowns,
     linearised: &Linearised,
-    bias: &[f64],
+    shared: &[Vec<f64>],
 ) -> Result<Vec<f64>> {
-    let known = Known::of(linearised, &plausible.factor(at), bias)?;
-    let of = |k: usize| (known.covariance[(k, k)] / known.inverse[(k, k)]).max(known.noise);
-    Ok((0..bias.len()).map(of).collect())
+    let x = at.coordinates(plausible.law, plausible.free);
+    let off: Vec<f64> = plausible.expected(at).iter().zip(&x).map(|(expected, x)| expected - x).collect();
+    let pulled = Known::of(linearised, plausible.factor(at), shared)?.pulled(&off)?;
+    Ok(x.iter().zip(pulled).map(|(x, pull)| x + pull).collect())
 }
 
 /// What the clip alone tells of the unknowns, in units in which the prior's covariance is the unit matrix, so that everything is of
 /// one kind.
 struct Known {
+    /// A standard deviation of the prior in each column.
+    prior: Mat<f64>,
     /// The inverse of the curvature; directions that no picture shows at all have a huge one.
     inverse: Mat<f64>,
-    /// The sandwich of the curvature and the scatter, and the bias.
+    /// The sandwich of the curvature and the scatter, and the shared errors.
     covariance: Mat<f64>,
     /// Directions that no picture shows.
     unseen: Vec<Vec<f64>>,
@@ -108,9 +121,9 @@ struct Known {
 }
 
 impl Known {
-    fn of(at: &Linearised, prior: &Mat<f64>, bias: &[f64]) -> Result<Self> {
-        let n = bias.len();
-        let in_units = |m: &[Vec<f64>]| prior.transpose() * Mat::from_fn(n, n, |i, j| m[i][j]) * prior;
+    fn of(at: &Linearised, prior: Mat<f64>, shared: &[Vec<f64>]) -> Result<Self> {
+        let n = at.gradient.len();
+        let in_units = |m: &[Vec<f64>]| prior.transpose() * Mat::from_fn(n, n, |i, j| m[i][j]) * &prior;
         let curvature = in_units(&at.curvature);
         let scatter = in_units(&scatter(at));
         let eigen = curvature.self_adjoint_eigen(Side::Lower).map_err(failed)?;
@@ -122,35 +135,48 @@ impl Known {
         // directions that no picture shows at all stand at a floor: they come out far wider than the prior
         let floor = (1e-12 * most).max(f64::MIN_POSITIVE);
         let inverse = Mat::from_fn(n, n, |i, j| (0..n).map(|k| u[(i, k)] * u[(j, k)] / s[k].max(floor)).sum::<f64>());
-        let units = prior.partial_piv_lu().inverse();
-        let biased = Mat::from_fn(n, n, |i, k| units[(i, k)] * bias[k]);
-        let covariance = &inverse * &scatter * &inverse + &biased * biased.transpose();
+        let shared = in_units_of(&prior, &Mat::from_fn(n, shared.len(), |i, k| shared[k][i]));
+        let covariance = &inverse * &scatter * &inverse + &shared * shared.transpose();
         let direction = |k: usize| (0..n).map(|i| u[(i, k)]).collect();
         let unseen = (0..n).filter(|&k| s[k] <= floor).map(direction).collect();
         let trace = |matrix: &Mat<f64>| (0..n).map(|k| matrix[(k, k)]).sum::<f64>();
         let noise = trace(&scatter) / trace(&curvature).max(f64::MIN_POSITIVE);
-        Ok(Self { inverse, covariance, unseen, noise })
+        Ok(Self { prior, inverse, covariance, unseen, noise })
     }
+
+    /// The standard deviation of each coordinate, the prior counted in.
+    fn deviations(&self) -> Result<Vec<f64>> {
+        let n = self.prior.nrows();
+        // (K⁻¹ + 1)⁻¹ = V diag(σ/(σ+1)) Vᵀ; directions without any score are not known, not known exactly
+        let eigen = self.covariance.self_adjoint_eigen(Side::Lower).map_err(failed)?;
+        let (v, sigma) = (&self.prior * eigen.U(), eigen.S().column_vector());
+        let variance = |i: usize| {
+            let seen: f64 = (0..n).map(|k| v[(i, k)].powi(2) * share(sigma[k])).sum();
+            let along = |direction: &Vec<f64>| (0..n).map(|k| self.prior[(i, k)] * direction[k]).sum::<f64>();
+            let hidden: f64 = self.unseen.iter().map(|direction| along(direction).powi(2)).sum();
+            seen.max(hidden)
+        };
+        Ok((0..n).map(|i| variance(i).max(0.0).sqrt()).collect())
+    }
+
+    /// How far the prior pulls the coordinates if its middle is `off` away: `K (K + P)⁻¹ off`.
+    fn pulled(&self, off: &[f64]) -> Result<Vec<f64>> {
+        let eigen = self.covariance.self_adjoint_eigen(Side::Lower).map_err(failed)?;
+        let (v, sigma) = (eigen.U(), eigen.S().column_vector());
+        let n = off.len();
+        let along = v.transpose() * in_units_of(&self.prior, &Mat::from_fn(n, 1, |i, _| off[i]));
+        let pulled = &self.prior * v * Mat::from_fn(n, 1, |k, _| share(sigma[k]) * along[(k, 0)]);
+        Ok((0..n).map(|i| pulled[(i, 0)]).collect())
+    }
+}
+
+/// Columns of coordinates in units of the prior.
+fn in_units_of(prior: &Mat<f64>, columns: &Mat<f64>) -> Mat<f64> {
+    prior.partial_piv_lu().solve(columns)
 }
 
 fn failed(_: faer::linalg::evd::EvdError) -> Error {
     Error::new(ErrorKind::NonFinite, "no eigenvalues of the curvature of the loss").at("intervals")
-}
-
-/// The standard deviation of each coordinate.
-fn deviations(at: &Linearised, prior: &Mat<f64>, bias: &[f64]) -> Result<Vec<f64>> {
-    let n = bias.len();
-    let known = Known::of(at, prior, bias)?;
-    // (Σ⁻¹ + I)⁻¹ = U diag(σ/(σ+1)) Uᵀ; directions without any score are not known, not known exactly
-    let eigen = known.covariance.self_adjoint_eigen(Side::Lower).map_err(failed)?;
-    let (v, sigma) = (prior * eigen.U(), eigen.S().column_vector());
-    let variance = |i: usize| {
-        let seen: f64 = (0..n).map(|k| v[(i, k)].powi(2) * share(sigma[k])).sum();
-        let along = |direction: &Vec<f64>| (0..n).map(|k| prior[(i, k)] * direction[k]).sum::<f64>();
-        let hidden: f64 = known.unseen.iter().map(|direction| along(direction).powi(2)).sum();
-        seen.max(hidden)
-    };
-    Ok((0..n).map(|i| variance(i).max(0.0).sqrt()).collect())
 }
 
 /// `σ/(σ + 1)` for `σ` from 0 to ∞.
@@ -226,19 +252,36 @@ mod tests {
         });
         let curvature = vec![vec![(cameras * frames) as f64, 0.0], vec![0.0, 0.0]];
         let at = Linearised { loss: 1.0, gradient: vec![0.0, 0.0], curvature, scores: scores.collect() };
-        let prior = Mat::from_fn(2, 2, |i, j| if i == j { [100.0, 3.0][i] } else { 0.0 });
-        let found = deviations(&at, &prior, &[0.0, 0.0]).unwrap();
+        let prior = || Mat::from_fn(2, 2, |i, j| if i == j { [100.0, 3.0][i] } else { 0.0 });
+        let known = Known::of(&at, prior(), &[]).unwrap();
+        let found = known.deviations().unwrap();
         let spread = (0..cameras).map(|c| (error(c) - mean).powi(2)).sum::<f64>() / (cameras as f64 - 1.0);
         let wanted = (spread / cameras as f64).sqrt();
         approx::assert_relative_eq!(found[0], wanted, max_relative = 1e-3);
         approx::assert_relative_eq!(found[1], 3.0, max_relative = 1e-6);
         // the same noise per curvature, which makes the deviation what it is
-        let noise = Known::of(&at, &prior, &[0.0, 0.0]).unwrap();
         let curvature = (cameras * frames) as f64;
-        let of_x = noise.covariance[(0, 0)] / noise.inverse[(0, 0)];
+        let of_x = known.covariance[(0, 0)] / known.inverse[(0, 0)];
         approx::assert_relative_eq!((of_x / curvature).sqrt(), wanted, max_relative = 1e-3);
         // an error that all pictures share adds its square
-        let biased = deviations(&at, &prior, &[0.5, 0.0]).unwrap();
+        let biased = Known::of(&at, prior(), &[vec![0.5, 0.0]]).unwrap().deviations().unwrap();
         approx::assert_relative_eq!(biased[0], wanted.hypot(0.5), max_relative = 1e-3);
+    }
+
+    /// Two errors of which one moves both unknowns: the prior of one tells of the other.
+    #[test]
+    fn a_pull_goes_along_with_what_errors_have_in_common() {
+        let curvature = vec![vec![1e12, 0.0], vec![0.0, 1e12]];
+        let at = Linearised { loss: 1.0, gradient: vec![0.0, 0.0], curvature, scores: Vec::new() };
+        let prior = Mat::from_fn(2, 2, |i, j| if i == j { [2.0, 100.0][i] } else { 0.0 });
+        let known = Known::of(&at, prior, &[vec![1.0, 3.0]]).unwrap();
+        // K = s sᵀ: x moves by s (sᵀ (K + P)⁻¹ off), of which the second's prior hardly says anything
+        let pulled = known.pulled(&[1.0, 0.0]).unwrap();
+        let share = (1.0 / 4.0) / (1.0 + 1.0 / 4.0 + 9.0 / 1e4);
+        approx::assert_relative_eq!(pulled[0], share, max_relative = 1e-6);
+        approx::assert_relative_eq!(pulled[1], 3.0 * share, max_relative = 1e-6);
+        // and what is left is as unsure as errors and prior together leave it
+        let deviation = known.deviations().unwrap()[0];
+        approx::assert_relative_eq!(deviation, (1.0 / (1.0 + 1.0 / 4.0 + 9.0 / 1e4)).sqrt(), max_relative = 1e-6);
     }
 }

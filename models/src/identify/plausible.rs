@@ -126,6 +126,18 @@ impl<'a> Plausible<'a> {
         })
     }
 
+    /// The coordinates of the free unknowns that are expected before the clip is seen: the middles of the plausible ranges, and the
+    /// velocity of a fall (or the one at hand, where none was seen).
+    pub fn expected(&self, at: &Unknowns) -> Vec<f64> {
+        let middle = |parameter: &Parameter| match parameter.map {
+            Map::Log10 => (parameter.prior[0] * parameter.prior[1]).sqrt(),
+            _ => 0.5 * (parameter.prior[0] + parameter.prior[1]),
+        };
+        let velocity = self.fall.map_or(at.velocity, |fall| fall.middle);
+        let parameters = self.law.parameters().iter().map(middle).collect();
+        Unknowns { velocity, parameters, contact: 0.0 }.coordinates(self.law, self.free)
+    }
+
     /// How far a step may move each free unknown's coordinate: half the deviation of a parameter, 0.2 m/s.
     pub fn longest_step(&self, at: &Unknowns) -> Vec<f64> {
         let longest = |(unknown, deviation): (Unknown, f64)| match unknown {

@@ -9,7 +9,7 @@ use gradreel::{DType, Error, ErrorKind, Result, Tensor};
 use crate::field::{Field, Pose, Sphere, bounding_sphere, fill_gaps, fit, hull};
 use crate::identify::flight::displacement;
 use crate::identify::run::Run;
-use crate::identify::stages::Effort;
+use crate::identify::stages::{Effort, MOVING};
 use crate::identify::{Observed, Problem, Reached, Unknowns, first_contact, velocity_of_silhouettes};
 use crate::particles::Particles;
 use crate::physics::Law;
@@ -87,6 +87,10 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     }
     let effort = Effort { stage: MATERIAL, budget: run.config.estimate.fine };
     stages.fine(run, &effort, frames, &mut unknowns)?;
+    if clip.flight.is_some() {
+        let effort = Effort { stage: MOVING, ..effort };
+        stages.finer(run, &effort, frames, &mut unknowns)?;
+    }
     stages.refine(run, frames, &mut unknowns)?;
     stages.otherwise(run, frames, &unknowns)?;
     stages.weigh(run, frames, &mut unknowns)?;
@@ -124,7 +128,7 @@ impl Stages<'_> {
     /// In rounds, fits the voxels to all frames as the simulation moves them, and then the material once more. Ends after a
     /// round that does not agree better with the clip than what was there before, and goes back to that.
     fn refine(&self, run: &mut Run, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
-        let mut fitted = MATERIAL.to_owned();
+        let mut fitted = if self.clip.flight.is_some() { MOVING } else { MATERIAL }.to_owned();
         for round in 1..=run.config.estimate.rounds {
             let shape = format!("shape in motion, round {round}");
             let material = format!("{MATERIAL}, round {round}");
@@ -136,7 +140,7 @@ impl Stages<'_> {
             self.shape(run, &shape, run.config.geometry.fit.in_motion, Moved::Simulated(&before))?;
             // the new shape changes little
             let effort = Effort { stage: &material, budget: run.config.estimate.fine.div_ceil(2) };
-            self.fine(run, &effort, frames, unknowns)?;
+            self.finer(run, &effort, frames, unknowns)?;
             let (_, loss_after) = run.best_of(&material).unwrap_or((before.clone(), f64::INFINITY));
             if loss_after >= loss_before {
                 run.restore_field()?;

@@ -27,15 +27,6 @@ pub(super) struct Effort<'a> {
     pub budget: usize,
 }
 
-/// What a search weighs with what the pictures say.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Pull {
-    /// What a fall says of the velocity, if there was one.
-    Fall,
-    /// What is plausible of the material, too.
-    All,
-}
-
 /// What a stage runs: from the problem, where it starts and what is known from before an interruption, to the best.
 type Body<'a> = dyn FnMut(&Problem<'_>, &Search, &mut Listener<'_>, &mut dyn FnMut(String)) -> Result<Evaluation> + 'a;
 
@@ -134,47 +125,50 @@ impl Stages<'_> {
 
     /// The material from near it, in so many Gauss–Newton steps or twice as many evaluations of a descent.
     pub fn fine(&self, run: &mut Run, effort: &Effort<'_>, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
-        let particles = self.particles(run)?;
-        if run.config.estimate.method == Method::GaussNewton {
-            return self.newton(run, effort, &particles, Pull::Fall, frames, unknowns);
-        }
+        let (method, budget) = (run.config.estimate.method, effort.budget);
         let free = self.free(run, &run.config)?;
-        let budget = 2 * effort.budget;
+        let particles = self.particles(run)?;
         self.search(run, effort, &particles, unknowns, &mut |problem, search, each, notes| {
-            estimate(problem, &search.start, free, frames, budget, &search.answers, each, notes)
+            let Search { start, answers, .. } = search;
+            match method {
+                Method::Descent => estimate(problem, start, free, frames, 2 * budget, answers, each, notes),
+                Method::GaussNewton => gauss_newton(problem, start, free, frames, budget, answers, each, notes),
+            }
         })
     }
 
-    /// Gauss–Newton steps that weigh what the pictures say with what is known besides.
-    fn newton(
+    /// The same, and of what a single camera saw the velocity with it.
+    pub fn finer(&self, run: &mut Run, effort: &Effort<'_>, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
+        if self.clip.flight.is_none() || run.config.estimate.method == Method::Descent {
+            return self.fine(run, effort, frames, unknowns);
+        }
+        let particles = self.particles(run)?;
+        self.weighed(run, effort, &particles, false, frames, unknowns)
+    }
+
+    /// Gauss–Newton steps that weigh what the pictures say with what a fall says of the velocity, and, if asked for, with what is
+    /// plausible of the material.
+    fn weighed(
         &self,
         run: &mut Run,
         effort: &Effort<'_>,
         particles: &Particles,
-        pull: Pull,
+        material: bool,
         frames: usize,
         unknowns: &mut Unknowns,
     ) -> Result<()> {
         let free = self.with_fall(run)?;
-        let fall = self.clip.flight.as_ref().map(Fallen::of).transpose()?;
+        let fall = self.fall()?;
         let mut plausible = Plausible::new(self.law, free).after(fall.as_ref());
         let mut first = None;
-        if !run.has_finished(effort.stage) && (pull == Pull::All || fall.is_some()) {
+        if !run.has_finished(effort.stage) {
             let start = run.search(effort.stage, unknowns).start.clone();
             let problem = Problem::new(particles, self.observed, self.law.clone(), &run.config, DTYPE);
             let (mut notes, mut substeps) = (Vec::new(), 0);
             let here = problem.linearise(&start, free, frames, &mut substeps, &mut |note| notes.push(note))?;
-            let bias = match (pull, self.clip.cameras.len()) {
-                (Pull::All, 1) => self.bias(run, free, &start),
-                _ => vec![0.0; here.gradient.len()],
-            };
-            let mut noise = interval::noise(&plausible, &start, &here, &bias)?;
-            if pull == Pull::Fall {
-                let of_velocity = |unknown: &Unknown| matches!(unknown, Unknown::Velocity(_));
-                let list = free.list(self.law);
-                noise.iter_mut().zip(&list).filter(|(_, unknown)| !of_velocity(unknown)).for_each(|(n, _)| *n = 0.0);
-            }
-            plausible = plausible.pulling(noise);
+            let noise = interval::noise(&plausible, &start, &here)?.into_iter().zip(free.list(self.law));
+            let weighed = |unknown| material || matches!(unknown, Unknown::Velocity(_));
+            plausible = plausible.pulling(noise.map(|(n, unknown)| if weighed(unknown) { n } else { 0.0 }).collect());
             first = Some((here, substeps));
             notes.into_iter().for_each(|note| run.note(format!("{}: {note}", effort.stage)));
         }
@@ -183,6 +177,11 @@ impl Stages<'_> {
             let (start, known) = (&search.start, &search.answers);
             search_most_probable(problem, plausible.clone(), start, first.take(), frames, budget, known, each, notes)
         })
+    }
+
+    /// What the fall of what a single camera saw says of its velocity.
+    fn fall(&self) -> Result<Option<Fallen>> {
+        self.clip.flight.as_ref().map(Fallen::of).transpose()
     }
 
     /// What the material would be on a grid of twice the spacing, and, of what a single camera saw, if the body were thinner.
@@ -205,7 +204,16 @@ impl Stages<'_> {
         unknowns: &Unknowns,
     ) -> Result<()> {
         let effort = Effort { stage, budget: run.config.estimate.coarse };
-        self.newton(run, &effort, particles, Pull::Fall, frames, &mut unknowns.clone())?;
+        let mut there = unknowns.clone();
+        match self.clip.flight {
+            Some(_) => self.weighed(run, &effort, particles, false, frames, &mut there)?,
+            None => {
+                let (free, budget) = (self.free(run, &run.config)?, effort.budget);
+                self.search(run, &effort, particles, &mut there, &mut |problem, search, each, notes| {
+                    gauss_newton(problem, &search.start, free, frames, budget, &search.answers, each, notes)
+                })?;
+            }
+        }
         run.state.unknowns = Some(unknowns.clone());
         run.save()
     }
@@ -220,51 +228,86 @@ impl Stages<'_> {
     }
 
     /// The most probable material, given what the clip tells and what is plausible: parameters that the clip hardly shows are
-    /// pulled to the middle of their ranges. What all pictures have in common is no reason to leave what they show together, but
-    /// where a single camera made the shape, it is the most of what makes a parameter unsure.
+    /// pulled to the middle of their ranges. Of many cameras that is a search which weighs the pictures' scatter; what all pictures
+    /// have in common is no reason to leave what they show together. Where a single camera made the shape, that is the most of what
+    /// makes a parameter unsure, and tells how the pull of one moves the others.
     pub fn weigh(&self, run: &mut Run, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
         let effort = Effort { stage: WEIGHED, budget: run.config.estimate.weigh };
         if effort.budget == 0 {
             return Ok(());
         }
         let particles = self.particles(run)?;
-        self.newton(run, &effort, &particles, Pull::All, frames, unknowns)
+        if self.clip.cameras.len() > 1 {
+            return self.weighed(run, &effort, &particles, true, frames, unknowns);
+        }
+        let (free, fall) = (self.with_fall(run)?, self.fall()?);
+        let plausible = Plausible::new(self.law, free).after(fall.as_ref());
+        let shared = self.shared_errors(run, free, unknowns);
+        self.search(run, &effort, &particles, unknowns, &mut |problem, search, each, notes| {
+            let start = &search.start;
+            let here = problem.linearise(start, free, frames, &mut 0, notes)?;
+            let there = start.moved(self.law, free, &interval::most_probable(&plausible, start, &here, &shared)?);
+            let nothing = Free::Chosen { velocity: false, parameters: 0, contact: Ground::Held };
+            let both = scan(problem, &[start.clone(), there], nothing, frames, &search.answers, each, notes)?;
+            // what breaks down is not what was filmed
+            Ok(both.into_iter().rfind(|point| point.loss.is_finite()).expect("the start was simulated"))
+        })
     }
 
-    /// What all pictures have in common, as a deviation of each free unknown's coordinate: the grid's error, estimated from
-    /// that of one of twice the spacing, and the shape's, estimated from what it was before the whole motion was known (both
-    /// held the height of contact) and from a thinner body; that of a simulation which is not nature's; and that of lengths and
-    /// velocities, of outlines or of what only the fall tells.
-    fn bias(&self, run: &Run, free: Free, fitted: &Unknowns) -> Vec<f64> {
+    /// What all pictures have in common, each as a deviation of all free unknowns' coordinates together: the grid's error,
+    /// estimated from that of one of twice the spacing; the shape's, estimated from what it was before the whole motion was known
+    /// and from a thinner body; that of the velocity, from the material with that of the fall; that of a simulation which is not
+    /// nature's; and those of lengths and outlines.
+    fn shared_errors(&self, run: &Run, free: Free, fitted: &Unknowns) -> Vec<Vec<f64>> {
         let here = fitted.coordinates(self.law, free);
-        let from = |stage: &str| {
-            let other = run.best_of(stage).map(|(other, _)| other.coordinates(self.law, free));
-            let apart = |other: Vec<f64>| here.iter().zip(other).map(|(a, b)| (a - b).abs()).collect::<Vec<_>>();
-            other.map_or_else(|| vec![0.0; here.len()], apart)
+        let list = free.list(self.law);
+        let from = |stage: &str, share: f64| {
+            let (other, _) = run.best_of(stage)?;
+            Some(other.coordinates(self.law, free).iter().zip(&here).map(|(a, b)| share * (a - b)).collect::<Vec<_>>())
         };
-        let (grid, shape, depth) = (from(COARSE), from(MATERIAL), from(THIN));
+        let mut all: Vec<Vec<f64>> =
+            [(COARSE, GRID_ERROR), (THIN, 1.0)].iter().filter_map(|(s, e)| from(s, *e)).collect();
         let length = self.clip.flight.map_or(0.0, |flight| flight.deviation);
-        let lasts = run.state.contact.unwrap_or(1).max(1) as f64 * self.observed.frame_dt;
-        let of_outlines = OUTLINE_ERROR * 2.0 * self.spacing / lasts;
-        // every length of a fall is wrong alike
-        let speed = self.clip.flight.map_or([of_outlines; 3], |_| fitted.velocity.map(|v| length * v));
-        let others = |k: usize| (GRID_ERROR * grid[k]).hypot(SHAPE_ERROR * shape[k]).hypot(depth[k]);
-        let of = |(k, unknown): (usize, Unknown)| match unknown {
-            Unknown::Contact => 0.0,
-            Unknown::Velocity(axis) => {
-                let speed = speed[axis] / fitted.slope(self.law, unknown);
-                if self.clip.flight.is_some() { speed.hypot(others(k)) } else { speed }
-            }
+        // what all lengths do together: stress and viscosity, for a given density and time, are as the square of a length
+        let longer = |unknown: &Unknown| match *unknown {
+            Unknown::Velocity(axis) => length * fitted.velocity[axis] / fitted.slope(self.law, *unknown),
             Unknown::Parameter(p) => {
                 let parameter = &self.law.parameters()[p];
-                // stress and viscosity, for a given density and time, are as the square of a length
                 let scaled = parameter.map == Map::Log10 && parameter.unit.starts_with("Pa");
-                let length = if scaled { 2.0 * length / std::f64::consts::LN_10 } else { 0.0 };
-                let model = if parameter.map == Map::Log10 { MODEL_ERROR } else { 0.0 };
-                others(k).hypot(length).hypot(model)
+                if scaled { 2.0 * length / std::f64::consts::LN_10 } else { 0.0 }
             }
+            Unknown::Contact => 0.0,
         };
-        free.list(self.law).into_iter().enumerate().map(of).collect()
+        all.push(list.iter().map(longer).collect());
+        let only = |k: usize, deviation: f64| {
+            let mut error = vec![0.0; list.len()];
+            error[k] = deviation;
+            error
+        };
+        match self.clip.flight {
+            None => all.extend(from(MATERIAL, SHAPE_ERROR)),
+            Some(_) => {
+                all.extend(from(MOVING, SHAPE_ERROR));
+                let with_fall = from(MATERIAL, 1.0).unwrap_or_else(|| vec![0.0; list.len()]);
+                let of_material = |(k, unknown): (usize, &Unknown)| match unknown {
+                    Unknown::Parameter(_) => with_fall[k],
+                    _ => 0.0,
+                };
+                all.push(list.iter().enumerate().map(of_material).collect());
+            }
+        }
+        let lasts = run.state.contact.unwrap_or(1).max(1) as f64 * self.observed.frame_dt;
+        for (k, unknown) in list.iter().enumerate() {
+            match *unknown {
+                Unknown::Velocity(_) if self.clip.flight.is_none() => {
+                    let speed = OUTLINE_ERROR * 2.0 * self.spacing / lasts;
+                    all.push(only(k, speed / fitted.slope(self.law, *unknown)));
+                }
+                Unknown::Parameter(p) if self.law.parameters()[p].map == Map::Log10 => all.push(only(k, MODEL_ERROR)),
+                _ => {}
+            }
+        }
+        all
     }
 
     /// How sure the estimates are. The height at which the ground is felt was held; that it may be another counts here.
@@ -282,8 +325,8 @@ impl Stages<'_> {
         let linearised = problem.linearise(unknowns, free, frames, &mut 0, &mut |note| notes.push(note))?;
         // from where the clip alone would have it
         let fitted = run.rows(WEIGHED).next().map_or_else(|| unknowns.clone(), |row| row.unknowns.clone());
-        let bias = self.bias(run, free, &fitted);
-        run.state.intervals = intervals(unknowns, self.law, free, &linearised, &bias, self.clip.flight.as_ref())?;
+        let shared = self.shared_errors(run, free, &fitted);
+        run.state.intervals = intervals(unknowns, self.law, free, &linearised, &shared, self.clip.flight.as_ref())?;
         notes.into_iter().for_each(|note| run.note(format!("{INTERVALS}: {note}")));
         bar.finish("");
         run.finish(INTERVALS, since)
@@ -344,6 +387,7 @@ pub(super) const AUTO: &str = "auto";
 
 const SCAN: &str = "what is plausible";
 const START: &str = "material, start";
+pub(super) const MOVING: &str = "material and velocity";
 const COARSE: &str = "material, coarse";
 const THIN: &str = "material, thinner";
 const WEIGHED: &str = "material, most probable";
