@@ -96,5 +96,20 @@ fn an_object_that_is_not_in_every_frame() {
     all[7] = (0..160 * 160).flat_map(|i| floor(i % 160, i / 160)).collect();
     write_folder(&folder.path("frames"), &all);
     let fps = FilmSettings { frames_per_s: 24.0, ..FilmSettings::default() };
-    refused(&folder.path("frames"), &fps, &whole(), &["frame 7", "cannot be told"]);
+    // one such frame is left out
+    let clip = clip_of_film(&folder.path("frames"), &fps, &whole(), GRAVITY).unwrap();
+    assert_eq!(clip.frame_count(), all.len());
+    assert!(clip.assumptions.iter().any(|line| line.contains("nothing in frame 7 counts")), "{:?}", clip.assumptions);
+    for (k, frame) in clip.frames[0].iter().enumerate() {
+        assert_eq!(frame.weight.iter().all(|weight| *weight == 0.0), k == 7, "frame {k}");
+    }
+    // but not a quarter of them, nor one of the first
+    let empty = all[7].clone();
+    (8..11).for_each(|k| all[k].clone_from(&empty));
+    write_folder(&folder.path("often"), &all);
+    refused(&folder.path("often"), &fps, &whole(), &["frame 7", "cannot be told", "4 of"]);
+    let mut all = pictures(floor);
+    all[1] = empty;
+    write_folder(&folder.path("early"), &all);
+    refused(&folder.path("early"), &fps, &whole(), &["frame 1", "cannot be told"]);
 }

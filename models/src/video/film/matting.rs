@@ -6,7 +6,7 @@ use gradreel::{Error, ErrorKind, Result};
 use ndarray::{Array2, Array3};
 use rayon::prelude::*;
 
-use super::{Decoded, FilmSettings, Wanted, backdrop, corrected, pictures};
+use super::{Decoded, FilmSettings, Wanted, backdrop, corrected, lost, pictures};
 use crate::video::clip::Frame;
 use crate::video::foreground::{Foreground, masked, on_white};
 use crate::video::image::Image;
@@ -21,9 +21,6 @@ const WHITE: u8 = 248;
 /// How often the background is corrected by where the object is.
 const ROUNDS: usize = 2;
 
-/// A frame that shows less than this share of what frames usually show has lost the object.
-const LOST: f64 = 0.25;
-
 /// What was found in the pictures of a film.
 pub(super) struct Found {
     /// What tells the object.
@@ -32,6 +29,8 @@ pub(super) struct Found {
     pub frames: Vec<Frame>,
     /// The same with parts in the background's hue, see [`super::Film::hueless`].
     pub hueless: Option<Vec<Frame>>,
+    /// Frames in which it was not found; nothing in them counts.
+    pub lost: Vec<usize>,
 }
 
 /// The object in the pictures of a film, and what tells it: given masks, the pictures' own transparency, a given
@@ -49,15 +48,18 @@ pub(super) fn frames(path: &Path, pictures: &Decoded, settings: &FilmSettings, w
             .fix("export all frames at one size"));
     }
     let (foreground, mattes, hueless) = mattes(pictures, settings, wanted)?;
-    check_seen(path, &mattes, foreground, wanted)?;
-    let frame = |(rgb, alpha): Matte| Frame {
-        rgb: Array3::from_shape_vec((height, width, 3), rgb.into_iter().flatten().collect())
-            .expect("three values a pixel"),
-        alpha: Array2::from_shape_vec((height, width), alpha).expect("one value a pixel"),
-        weight: Array2::ones((height, width)),
+    let lost = lost::frames(path, &mattes, foreground, wanted)?;
+    let frame = |(k, (rgb, alpha)): (usize, Matte)| match lost.contains(&k) {
+        true => lost::nothing(width, height),
+        false => Frame {
+            rgb: Array3::from_shape_vec((height, width, 3), rgb.into_iter().flatten().collect())
+                .expect("three values a pixel"),
+            alpha: Array2::from_shape_vec((height, width), alpha).expect("one value a pixel"),
+            weight: Array2::ones((height, width)),
+        },
     };
-    let frames = |mattes: Vec<Matte>| mattes.into_iter().map(frame).collect::<Vec<_>>();
-    Ok(Found { foreground, frames: frames(mattes), hueless: hueless.map(frames) })
+    let frames = |mattes: Vec<Matte>| mattes.into_iter().enumerate().map(frame).collect::<Vec<_>>();
+    Ok(Found { foreground, frames: frames(mattes), hueless: hueless.map(frames), lost })
 }
 
 /// What tells the object, the mattes, and those with parts in the background's hue.
@@ -156,25 +158,4 @@ fn same_size(file: &Path, image: &Image, wanted: &Image) -> Result<()> {
         .found(format!("{} × {} pixels", image.width, image.height))
         .wanted(format!("{} × {} pixels", wanted.width, wanted.height))
         .fix("export it at the film's size"))
-}
-
-/// Every frame must show about as much of an object as the others do.
-fn check_seen(path: &Path, mattes: &[Matte], foreground: Foreground, wanted: Wanted) -> Result<()> {
-    let areas: Vec<usize> = mattes.iter().map(|(_, alpha)| alpha.iter().filter(|a| **a > 0.5).count()).collect();
-    let mut sorted = areas.clone();
-    let middle = sorted.len() / 2;
-    let usual = *sorted.select_nth_unstable(middle).1;
-    let least = ((LOST * usual as f64) as usize).max(16);
-    let Some(k) = areas.iter().position(|area| *area < least) else { return Ok(()) };
-    let still = foreground == Foreground::Still;
-    Err(Error::new(ErrorKind::Input, "the object cannot be told from the background")
-        .at(format!("{}, frame {}", path.display(), wanted.first + k))
-        .found(format!("{} pixels of an object, {usual} in other frames; it is told by {foreground}", areas[k]))
-        .wanted("an object that is in every frame")
-        .fix(if still {
-            "give a picture of the background without the object (--background FILE), or masks (--masks FOLDER); the camera \
-             must stand still, and the object must leave every place once"
-        } else {
-            "choose the frames that show it (--first-frame, --frames), or give masks (--masks FOLDER)"
-        }))
 }

@@ -5,6 +5,7 @@ mod corrected;
 mod gif;
 mod grain;
 mod lens;
+mod lost;
 mod matting;
 mod pictures;
 mod stream;
@@ -172,8 +173,12 @@ impl Film {
             assumptions.push("the grain of the pictures is that of a palette of few colours: it was smoothed".into());
             decoded = Decoded { images: smooth, few_colours: false, ..decoded };
         }
-        let Found { foreground, frames, hueless } = matting::frames(path, &decoded, settings, wanted)?;
+        let Found { foreground, frames, hueless, lost } = matting::frames(path, &decoded, settings, wanted)?;
         assumptions.push(format!("the object is told from the background by {foreground}"));
+        if !lost.is_empty() {
+            let numbers: Vec<String> = lost.iter().map(|k| (wanted.first + k).to_string()).collect();
+            assumptions.push(format!("nothing in frame {} counts: the object was not found there", numbers.join(", ")));
+        }
         let name = path.canonicalize().unwrap_or_else(|_| path.to_path_buf());
         let name = name.file_stem().map_or_else(|| "film".into(), |name| name.to_string_lossy().into_owned());
         let focal = if ending(path) == "gif" { None } else { lens::focal(path) };

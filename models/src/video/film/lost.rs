@@ -1,0 +1,61 @@
+//! Frames of a film in which the object was not found.
+
+use std::path::Path;
+
+use gradreel::{Error, ErrorKind, Result};
+use ndarray::{Array2, Array3};
+
+use super::Wanted;
+use crate::video::clip::Frame;
+use crate::video::foreground::Foreground;
+use crate::video::matte::Matte;
+
+/// A frame that shows less than this share of what frames usually show has lost the object.
+const LOST: f64 = 0.25;
+
+/// One frame in so many may be lost, …
+const ONE_IN: usize = 8;
+
+/// … but none of the first ones, which show the object and its fall.
+const NEEDED: usize = 3;
+
+/// The numbers of the frames that show far less of an object than frames usually do: a flash, a hand, a matte that failed.
+///
+/// # Errors
+/// [`ErrorKind::Input`] if they are too many, or among the first.
+pub(super) fn frames(path: &Path, mattes: &[Matte], foreground: Foreground, wanted: Wanted) -> Result<Vec<usize>> {
+    let areas: Vec<usize> = mattes.iter().map(|(_, alpha)| alpha.iter().filter(|a| **a > 0.5).count()).collect();
+    let mut sorted = areas.clone();
+    let middle = sorted.len() / 2;
+    let usual = *sorted.select_nth_unstable(middle).1;
+    let least = ((LOST * usual as f64) as usize).max(16);
+    let lost: Vec<usize> = (0..areas.len()).filter(|&k| areas[k] < least).collect();
+    let Some(&k) = lost.first().filter(|first| **first < NEEDED || lost.len() > areas.len() / ONE_IN) else {
+        return Ok(lost);
+    };
+    let still = foreground == Foreground::Still;
+    Err(Error::new(ErrorKind::Input, "the object cannot be told from the background")
+        .at(format!("{}, frame {}", path.display(), wanted.first + k))
+        .found(format!(
+            "{} pixels of an object, {usual} in other frames; it is told by {foreground}; {} of {} frames are like that",
+            areas[k],
+            lost.len(),
+            areas.len()
+        ))
+        .wanted(format!("an object that is in the first {NEEDED} frames, and at most one in {ONE_IN} others without it"))
+        .fix(if still {
+            "give a picture of the background without the object (--background FILE), or masks (--masks FOLDER); the camera \
+             must stand still, and the object must leave every place once"
+        } else {
+            "choose the frames that show it (--first-frame, --frames), or give masks (--masks FOLDER)"
+        }))
+}
+
+/// A frame of which no pixel counts.
+pub(super) fn nothing(width: usize, height: usize) -> Frame {
+    Frame {
+        rgb: Array3::ones((height, width, 3)),
+        alpha: Array2::zeros((height, width)),
+        weight: Array2::zeros((height, width)),
+    }
+}
