@@ -30,8 +30,8 @@ pub struct Interval {
 /// whole picture, and in all pictures of a camera or of a moment. So the covariance is the *cluster-robust sandwich*
 /// `C⁻¹ M C⁻¹` with the curvature `C` and the scatter `M` of the parts that cameras, and that frames, have in the gradient:
 /// `M = Σ_cameras s sᵀ n/(n−1) + Σ_frames s sᵀ m/(m−1)` (Cameron, Gelbach and Miller 2011, without the term for their overlap,
-/// on the safe side). `shared` are errors that all pictures share, that of the grid for instance, each as one standard deviation of
-/// all coordinates together: `K = C⁻¹ M C⁻¹ + Σ s sᵀ`. What is plausible beforehand, and what the flight of an object that a single camera saw says of its velocity, is
+/// on the safe side). `bias` is a further deviation of each coordinate that is the same in all pictures, that of the grid
+/// for instance: `K = C⁻¹ M C⁻¹ + diag bias²`. What is plausible beforehand, and what the flight of an object that a single camera saw says of its velocity, is
 /// added as a prior of covariance `P`, `Σ = (K⁻¹ + P⁻¹)⁻¹`, so that a direction that no picture shows keeps
 /// the width of what is plausible. Student's t for as many degrees of freedom as there are clusters of the rarer kind, less one.
 ///
@@ -42,7 +42,7 @@ pub fn intervals(
     law: &Law,
     free: Free,
     linearised: &Linearised,
-    shared: &[Vec<f64>],
+    bias: &[f64],
     flight: Option<&Flight>,
 ) -> Result<Vec<Interval>> {
     let list = free.list(law);
@@ -50,7 +50,7 @@ pub fn intervals(
     let fall = flight.map(Fallen::of).transpose()?;
     let plausible = Plausible::new(law, free).after(fall.as_ref());
     let prior = plausible.deviations(at);
-    let deviations = Known::of(linearised, plausible.factor(at), shared)?.deviations()?;
+    let deviations = Known::of(linearised, plausible.factor(at), bias)?.deviations()?;
     let student = student(clusters(linearised));
     let x = at.coordinates(law, free);
     let end = |k: usize, sign: f64| {
@@ -83,7 +83,7 @@ pub fn intervals(
 /// # Errors
 /// As [`intervals`].
 pub(super) fn noise(plausible: &Plausible<'_>, at: &Unknowns, linearised: &Linearised) -> Result<Vec<f64>> {
-    let known = Known::of(linearised, plausible.factor(at), &[])?;
+    let known = Known::of(linearised, plausible.factor(at), &vec![0.0; linearised.gradient.len()])?;
     let of = |k: usize| (known.covariance[(k, k)] / known.inverse[(k, k)]).max(known.noise);
     Ok((0..linearised.gradient.len()).map(of).collect())
 }
@@ -97,11 +97,11 @@ pub(super) fn most_probable(
     plausible: &Plausible<'_>,
     at: &Unknowns,
     linearised: &Linearised,
-    shared: &[Vec<f64>],
+    bias: &[f64],
 ) -> Result<Vec<f64>> {
     let x = at.coordinates(plausible.law, plausible.free);
     let off: Vec<f64> = plausible.expected(at).iter().zip(&x).map(|(expected, x)| expected - x).collect();
-    let pulled = Known::of(linearised, plausible.factor(at), shared)?.pulled(&off)?;
+    let pulled = Known::of(linearised, plausible.factor(at), bias)?.pulled(&off)?;
     Ok(x.iter().zip(pulled).map(|(x, pull)| x + pull).collect())
 }
 
@@ -112,7 +112,7 @@ struct Known {
     prior: Mat<f64>,
     /// The inverse of the curvature; directions that no picture shows at all have a huge one.
     inverse: Mat<f64>,
-    /// The sandwich of the curvature and the scatter, and the shared errors.
+    /// The sandwich of the curvature and the scatter, and the bias.
     covariance: Mat<f64>,
     /// Directions that no picture shows.
     unseen: Vec<Vec<f64>>,
@@ -121,7 +121,7 @@ struct Known {
 }
 
 impl Known {
-    fn of(at: &Linearised, prior: Mat<f64>, shared: &[Vec<f64>]) -> Result<Self> {
+    fn of(at: &Linearised, prior: Mat<f64>, bias: &[f64]) -> Result<Self> {
         let n = at.gradient.len();
         let in_units = |m: &[Vec<f64>]| prior.transpose() * Mat::from_fn(n, n, |i, j| m[i][j]) * &prior;
         let curvature = in_units(&at.curvature);
@@ -135,8 +135,8 @@ impl Known {
         // directions that no picture shows at all stand at a floor: they come out far wider than the prior
         let floor = (1e-12 * most).max(f64::MIN_POSITIVE);
         let inverse = Mat::from_fn(n, n, |i, j| (0..n).map(|k| u[(i, k)] * u[(j, k)] / s[k].max(floor)).sum::<f64>());
-        let shared = in_units_of(&prior, &Mat::from_fn(n, shared.len(), |i, k| shared[k][i]));
-        let covariance = &inverse * &scatter * &inverse + &shared * shared.transpose();
+        let bias = in_units_of(&prior, &Mat::from_fn(n, n, |i, k| if i == k { bias[k] } else { 0.0 }));
+        let covariance = &inverse * &scatter * &inverse + &bias * bias.transpose();
         let direction = |k: usize| (0..n).map(|i| u[(i, k)]).collect();
         let unseen = (0..n).filter(|&k| s[k] <= floor).map(direction).collect();
         let trace = |matrix: &Mat<f64>| (0..n).map(|k| matrix[(k, k)]).sum::<f64>();
@@ -253,7 +253,7 @@ mod tests {
         let curvature = vec![vec![(cameras * frames) as f64, 0.0], vec![0.0, 0.0]];
         let at = Linearised { loss: 1.0, gradient: vec![0.0, 0.0], curvature, scores: scores.collect() };
         let prior = || Mat::from_fn(2, 2, |i, j| if i == j { [100.0, 3.0][i] } else { 0.0 });
-        let known = Known::of(&at, prior(), &[]).unwrap();
+        let known = Known::of(&at, prior(), &[0.0, 0.0]).unwrap();
         let found = known.deviations().unwrap();
         let spread = (0..cameras).map(|c| (error(c) - mean).powi(2)).sum::<f64>() / (cameras as f64 - 1.0);
         let wanted = (spread / cameras as f64).sqrt();
@@ -264,24 +264,24 @@ mod tests {
         let of_x = known.covariance[(0, 0)] / known.inverse[(0, 0)];
         approx::assert_relative_eq!((of_x / curvature).sqrt(), wanted, max_relative = 1e-3);
         // an error that all pictures share adds its square
-        let biased = Known::of(&at, prior(), &[vec![0.5, 0.0]]).unwrap().deviations().unwrap();
+        let biased = Known::of(&at, prior(), &[0.5, 0.0]).unwrap().deviations().unwrap();
         approx::assert_relative_eq!(biased[0], wanted.hypot(0.5), max_relative = 1e-3);
     }
 
-    /// Two errors of which one moves both unknowns: the prior of one tells of the other.
+    /// Errors that go together in the pictures, and a prior of one of them: it tells of the other.
     #[test]
-    fn a_pull_goes_along_with_what_errors_have_in_common() {
-        let curvature = vec![vec![1e12, 0.0], vec![0.0, 1e12]];
-        let at = Linearised { loss: 1.0, gradient: vec![0.0, 0.0], curvature, scores: Vec::new() };
-        let prior = Mat::from_fn(2, 2, |i, j| if i == j { [2.0, 100.0][i] } else { 0.0 });
-        let known = Known::of(&at, prior, &[vec![1.0, 3.0]]).unwrap();
-        // K = s sᵀ: x moves by s (sᵀ (K + P)⁻¹ off), of which the second's prior hardly says anything
-        let pulled = known.pulled(&[1.0, 0.0]).unwrap();
-        let share = (1.0 / 4.0) / (1.0 + 1.0 / 4.0 + 9.0 / 1e4);
-        approx::assert_relative_eq!(pulled[0], share, max_relative = 1e-6);
-        approx::assert_relative_eq!(pulled[1], 3.0 * share, max_relative = 1e-6);
-        // and what is left is as unsure as errors and prior together leave it
-        let deviation = known.deviations().unwrap()[0];
-        approx::assert_relative_eq!(deviation, (1.0 / (1.0 + 1.0 / 4.0 + 9.0 / 1e4)).sqrt(), max_relative = 1e-6);
+    fn a_pull_goes_along_with_what_the_pictures_confuse() {
+        // x + y is seen well, x − y badly: residuals of two pictures that scatter
+        let curvature = vec![vec![101.0, 99.0], vec![99.0, 101.0]];
+        let score = |sign: f64| Score { frame: usize::from(sign > 0.0), camera: 0, gradient: vec![sign, -sign] };
+        let scores = vec![score(1.0), score(-1.0)];
+        let at = Linearised { loss: 1.0, gradient: vec![0.0, 0.0], curvature, scores };
+        let prior = Mat::from_fn(2, 2, |i, j| if i == j { [1.0, 1e3][i] } else { 0.0 });
+        let known = Known::of(&at, prior, &[0.0, 0.0]).unwrap();
+        // M = 4 (1 −1; −1 1), C⁻¹ (1 −1)ᵀ = ½ (1 −1)ᵀ: K = (1 −1; −1 1), and x is as unsure as its prior
+        let pulled = known.pulled(&[0.5, 0.0]).unwrap();
+        approx::assert_relative_eq!(pulled[0], 0.25, max_relative = 1e-4);
+        approx::assert_relative_eq!(pulled[1], -0.25, max_relative = 1e-4);
+        approx::assert_relative_eq!(known.deviations().unwrap()[0], 0.5f64.sqrt(), max_relative = 1e-4);
     }
 }

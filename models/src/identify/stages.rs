@@ -230,7 +230,7 @@ impl Stages<'_> {
     /// The most probable material, given what the clip tells and what is plausible: parameters that the clip hardly shows are
     /// pulled to the middle of their ranges. Of many cameras that is a search which weighs the pictures' scatter; what all pictures
     /// have in common is no reason to leave what they show together. Where a single camera made the shape, that is the most of what
-    /// makes a parameter unsure, and tells how the pull of one moves the others.
+    /// makes an unknown unsure, and pixels that are wrong alike need not be asked again.
     pub fn weigh(&self, run: &mut Run, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
         let effort = Effort { stage: WEIGHED, budget: run.config.estimate.weigh };
         if effort.budget == 0 {
@@ -242,11 +242,11 @@ impl Stages<'_> {
         }
         let (free, fall) = (self.with_fall(run)?, self.fall()?);
         let plausible = Plausible::new(self.law, free).after(fall.as_ref());
-        let shared = self.shared_errors(run, free, unknowns);
+        let bias = self.bias(run, free, unknowns);
         self.search(run, &effort, &particles, unknowns, &mut |problem, search, each, notes| {
             let start = &search.start;
             let here = problem.linearise(start, free, frames, &mut 0, notes)?;
-            let there = start.moved(self.law, free, &interval::most_probable(&plausible, start, &here, &shared)?);
+            let there = start.moved(self.law, free, &interval::most_probable(&plausible, start, &here, &bias)?);
             let nothing = Free::Chosen { velocity: false, parameters: 0, contact: Ground::Held };
             let both = scan(problem, &[start.clone(), there], nothing, frames, &search.answers, each, notes)?;
             // what breaks down is not what was filmed
@@ -254,60 +254,43 @@ impl Stages<'_> {
         })
     }
 
-    /// What all pictures have in common, each as a deviation of all free unknowns' coordinates together: the grid's error,
-    /// estimated from that of one of twice the spacing; the shape's, estimated from what it was before the whole motion was known
-    /// and from a thinner body; that of the velocity, from the material with that of the fall; that of a simulation which is not
-    /// nature's; and those of lengths and outlines.
-    fn shared_errors(&self, run: &Run, free: Free, fitted: &Unknowns) -> Vec<Vec<f64>> {
+    /// What all pictures have in common, as a deviation of each free unknown's coordinate: the grid's error, estimated from
+    /// that of one of twice the spacing; the shape's, estimated from what it was before the whole motion was known and from a thinner
+    /// body; the motion's, from the material with the velocity of the fall; that of a simulation which is not nature's; and those of
+    /// lengths and outlines.
+    fn bias(&self, run: &Run, free: Free, fitted: &Unknowns) -> Vec<f64> {
         let here = fitted.coordinates(self.law, free);
-        let list = free.list(self.law);
-        let from = |stage: &str, share: f64| {
-            let (other, _) = run.best_of(stage)?;
-            Some(other.coordinates(self.law, free).iter().zip(&here).map(|(a, b)| share * (a - b)).collect::<Vec<_>>())
+        let from = |stage: &str| {
+            let other = run.best_of(stage).map(|(other, _)| other.coordinates(self.law, free));
+            let apart = |other: Vec<f64>| here.iter().zip(other).map(|(a, b)| (a - b).abs()).collect::<Vec<_>>();
+            other.map_or_else(|| vec![0.0; here.len()], apart)
         };
-        let mut all: Vec<Vec<f64>> =
-            [(COARSE, GRID_ERROR), (THIN, 1.0)].iter().filter_map(|(s, e)| from(s, *e)).collect();
-        let length = self.clip.flight.map_or(0.0, |flight| flight.deviation);
-        // what all lengths do together: stress and viscosity, for a given density and time, are as the square of a length
-        let longer = |unknown: &Unknown| match *unknown {
-            Unknown::Velocity(axis) => length * fitted.velocity[axis] / fitted.slope(self.law, *unknown),
-            Unknown::Parameter(p) => {
-                let parameter = &self.law.parameters()[p];
-                let scaled = parameter.map == Map::Log10 && parameter.unit.starts_with("Pa");
-                if scaled { 2.0 * length / std::f64::consts::LN_10 } else { 0.0 }
-            }
-            Unknown::Contact => 0.0,
-        };
-        all.push(list.iter().map(longer).collect());
-        let only = |k: usize, deviation: f64| {
-            let mut error = vec![0.0; list.len()];
-            error[k] = deviation;
-            error
-        };
-        match self.clip.flight {
-            None => all.extend(from(MATERIAL, SHAPE_ERROR)),
-            Some(_) => {
-                all.extend(from(MOVING, SHAPE_ERROR));
-                let with_fall = from(MATERIAL, 1.0).unwrap_or_else(|| vec![0.0; list.len()]);
-                let of_material = |(k, unknown): (usize, &Unknown)| match unknown {
-                    Unknown::Parameter(_) => with_fall[k],
-                    _ => 0.0,
-                };
-                all.push(list.iter().enumerate().map(of_material).collect());
-            }
-        }
+        let flight = self.clip.flight.as_ref();
+        let (grid, depth, first) = (from(COARSE), from(THIN), from(MATERIAL));
+        let shape = if flight.is_some() { from(MOVING) } else { first.clone() };
+        let length = flight.map_or(0.0, |flight| flight.deviation);
         let lasts = run.state.contact.unwrap_or(1).max(1) as f64 * self.observed.frame_dt;
-        for (k, unknown) in list.iter().enumerate() {
-            match *unknown {
-                Unknown::Velocity(_) if self.clip.flight.is_none() => {
-                    let speed = OUTLINE_ERROR * 2.0 * self.spacing / lasts;
-                    all.push(only(k, speed / fitted.slope(self.law, *unknown)));
+        let of_outlines = OUTLINE_ERROR * 2.0 * self.spacing / lasts;
+        let of = |(k, unknown): (usize, Unknown)| {
+            let other = (GRID_ERROR * grid[k]).hypot(SHAPE_ERROR * shape[k]).hypot(depth[k]);
+            match unknown {
+                Unknown::Contact => 0.0,
+                Unknown::Velocity(axis) => {
+                    let speed = if flight.is_some() { length * fitted.velocity[axis] } else { of_outlines };
+                    other.hypot(speed / fitted.slope(self.law, unknown))
                 }
-                Unknown::Parameter(p) if self.law.parameters()[p].map == Map::Log10 => all.push(only(k, MODEL_ERROR)),
-                _ => {}
+                Unknown::Parameter(p) => {
+                    let parameter = &self.law.parameters()[p];
+                    // stress and viscosity, for a given density and time, are as the square of a length
+                    let scaled = parameter.map == Map::Log10 && parameter.unit.starts_with("Pa");
+                    let length = if scaled { 2.0 * length / std::f64::consts::LN_10 } else { 0.0 };
+                    let model = if parameter.map == Map::Log10 { MODEL_ERROR } else { 0.0 };
+                    let motion = if flight.is_some() { first[k] } else { 0.0 };
+                    other.hypot(length).hypot(model).hypot(motion)
+                }
             }
-        }
-        all
+        };
+        free.list(self.law).into_iter().enumerate().map(of).collect()
     }
 
     /// How sure the estimates are. The height at which the ground is felt was held; that it may be another counts here.
@@ -325,8 +308,8 @@ impl Stages<'_> {
         let linearised = problem.linearise(unknowns, free, frames, &mut 0, &mut |note| notes.push(note))?;
         // from where the clip alone would have it
         let fitted = run.rows(WEIGHED).next().map_or_else(|| unknowns.clone(), |row| row.unknowns.clone());
-        let shared = self.shared_errors(run, free, &fitted);
-        run.state.intervals = intervals(unknowns, self.law, free, &linearised, &shared, self.clip.flight.as_ref())?;
+        let bias = self.bias(run, free, &fitted);
+        run.state.intervals = intervals(unknowns, self.law, free, &linearised, &bias, self.clip.flight.as_ref())?;
         notes.into_iter().for_each(|note| run.note(format!("{INTERVALS}: {note}")));
         bar.finish("");
         run.finish(INTERVALS, since)
