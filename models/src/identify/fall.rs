@@ -29,13 +29,13 @@ impl Fallen {
     pub fn of(flight: &Flight) -> Result<Self> {
         let covariance = Mat::from_fn(3, 3, |i, j| flight.velocity_covariance[i][j]);
         let not_finite = || Error::new(ErrorKind::NonFinite, "the covariance of the velocity is not finite").at("fall");
+        if !flight.velocity_covariance.iter().flatten().all(|value| value.is_finite()) {
+            return Err(not_finite());
+        }
         let eigen = covariance.self_adjoint_eigen(Side::Lower).map_err(|_| not_finite())?;
         let (u, s) = (eigen.U(), eigen.S().column_vector());
         let directions = std::array::from_fn(|k| std::array::from_fn(|i| u[(i, k)]));
         let deviations = std::array::from_fn(|k| s[k].max(0.0).sqrt().max(LEAST));
-        if !deviations.iter().all(|d| d.is_finite()) {
-            return Err(not_finite());
-        }
         Ok(Self { middle: flight.velocity, directions, deviations })
     }
 

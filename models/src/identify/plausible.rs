@@ -238,7 +238,47 @@ mod tests {
                 };
                 let slope = (moved(1e-5) - moved(-1e-5)) / 2e-5;
                 approx::assert_relative_eq!(gradient[k], slope, max_relative = 1e-6);
-                assert!(curvature[k] > 0.0);
+                assert!(curvature[k][k] > 0.0);
+            }
+        }
+    }
+
+    /// What a fall says: gradient and curvature against differences, and a factor that takes one deviation along a direction to a
+    /// penalty of half the noise.
+    #[test]
+    fn a_fall_pulls_the_velocity() {
+        let law = materials::find("neo_hookean").unwrap();
+        let velocity_covariance = [[0.05, 0.01, -0.02], [0.01, 0.02, 0.0], [-0.02, 0.0, 0.09]];
+        let (centre, velocity, gravity) = ([0.0; 3], [1.0, -2.0, 0.5], [0.0, -9.8, 0.0]);
+        let flight =
+            crate::video::Flight { centre, velocity, velocity_covariance, gravity, frames: 4, deviation: 0.05 };
+        let fall = Fallen::of(&flight).unwrap();
+        let noise = vec![0.3, 0.1, 0.7, 0.0, 0.0];
+        let plausible = Plausible::new(&law, Free::Both).after(Some(&fall)).pulling(noise.clone());
+        let expected = Unknowns { velocity, parameters: vec![1e5, 0.2], contact: 0.0 };
+        assert_eq!(plausible.penalty(&expected).0, 0.0);
+        assert_eq!(plausible.expected(&Unknowns { velocity: [0.0; 3], ..expected.clone() })[..3], [10.0, -20.0, 5.0]);
+        let x = expected.coordinates(&law, Free::Both);
+        let factor = plausible.factor(&expected);
+        for (k, noise) in noise[..3].iter().enumerate() {
+            let moved: Vec<f64> = (0..5).map(|i| x[i] + factor[(i, k)]).collect();
+            let penalty = plausible.penalty(&expected.moved(&law, Free::Both, &moved)).0;
+            approx::assert_relative_eq!(penalty, 0.5 * noise, max_relative = 1e-9);
+        }
+        let far: Vec<f64> = x.iter().enumerate().map(|(i, x)| x + 0.3 * (i as f64 - 1.5)).collect();
+        let at = |x: &[f64]| plausible.penalty(&expected.moved(&law, Free::Both, x));
+        let (_, gradient, curvature) = at(&far);
+        for k in 0..5 {
+            let moved = |step: f64| {
+                let mut x = far.clone();
+                x[k] += step;
+                at(&x)
+            };
+            let (plus, minus) = (moved(1e-5), moved(-1e-5));
+            approx::assert_relative_eq!(gradient[k], (plus.0 - minus.0) / 2e-5, max_relative = 1e-6, epsilon = 1e-9);
+            for l in 0..3 {
+                let slope = (plus.1[l] - minus.1[l]) / 2e-5;
+                approx::assert_relative_eq!(curvature[k][l], slope, max_relative = 1e-6, epsilon = 1e-7);
             }
         }
     }
