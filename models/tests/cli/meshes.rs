@@ -39,7 +39,10 @@ fn meshes_are_trained_on_and_shown() {
     let table = fs::read_to_string(scene.path("run/meshes.csv")).unwrap();
     let rows: Vec<&str> = table.lines().skip(1).collect();
     let count = |part: &str| rows.iter().filter(|row| row.contains(part)).count();
-    assert_eq!([rows.len(), count("\",true,false,12,"), count("\",false,true,12,"), count("\",false,false,,")], [8, 5, 1, 2]);
+    assert_eq!(
+        [rows.len(), count("\",true,false,12,"), count("\",false,true,12,"), count("\",false,false,,")],
+        [8, 5, 1, 2]
+    );
     let settings = fs::read_to_string(scene.path("run/settings.toml")).unwrap();
     for part in ["[objects]", "held_out = 0.1", "mark = \"8-"] {
         assert!(settings.contains(part), "no {part:?} in {settings}");
@@ -104,7 +107,9 @@ fn folders_that_cannot_be_used_are_refused() {
     scene.refuses(&run("empty"), &["no meshes", ".glb"]);
     scene.write("empty/a.glb", "glTF");
     scene.refuses(&run("empty"), &["no mesh in the folder can be used", "a.glb", "cut short"]);
-    for (text, part) in [("held_out = 1.5", "held_out"), ("held_out = 1.0", "held out"), ("held = 1", "held"), ("folder = 3", "folder")] {
+    for (text, part) in
+        [("held_out = 1.5", "held_out"), ("held_out = 1.0", "held out"), ("held = 1", "held"), ("folder = 3", "folder")]
+    {
         scene.write("wrong.toml", format!("[objects]\n{text}\n"));
         scene.refuses("train novel-view --config wrong.toml --out out --objects things", &[part]);
     }

@@ -56,7 +56,7 @@ fn views(mesh: TexturedMesh) -> Vec<View> {
 #[track_caller]
 fn assert_same(ours: TexturedMesh, theirs: TexturedMesh) {
     for (view, (ours, theirs)) in views(ours).iter().zip(&views(theirs)).enumerate() {
-        assert!(ours.coverage.iter().any(|share| *share == 1.0), "view {view} shows nothing");
+        assert!(ours.coverage.contains(&1.0), "view {view} shows nothing");
         assert!(ours.coverage == theirs.coverage, "silhouettes of view {view}");
         let far = ours.colours.iter().zip(&theirs.colours).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert!(far <= 4.01 / 255.0, "view {view}: colours are off by {far}");

@@ -50,7 +50,7 @@ pub struct Object {
 }
 
 enum Form {
-    Made(Made),
+    Made(Box<Made>),
     Mesh(Turned),
 }
 
@@ -77,7 +77,7 @@ impl Object {
     /// The procedural object of a key, with so many nodes of its grid along the longest side (48 suit images of 64 pixels).
     pub fn new(key: Key, nodes: usize) -> Self {
         let [shape, paint, light] = key.split();
-        Self { form: Form::Made(Made::new([shape, paint], nodes)), lamp: Lamp::draw(light) }
+        Self { form: Form::Made(Box::new(Made::new([shape, paint], nodes))), lamp: Lamp::draw(light) }
     }
 
     /// A mesh, turned about the vertical by `turn` radians, in the light of a key.
