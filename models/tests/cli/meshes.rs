@@ -33,7 +33,13 @@ fn meshes_are_trained_on_and_shown() {
     let output = scene.run(RUN);
     let told = text(&output.stderr);
     assert_eq!(output.status.code(), Some(0), "{told}");
-    for part in ["6 meshes: 5 to train on, 1 never", "2 files cannot be used", "cut.glb: ", "out.obj: ", "cut short"] {
+    for part in [
+        "6 meshes: 5 to train on, 1 never",
+        "2 files cannot be used",
+        "at: cut.glb",
+        "at: out.obj: ../tiny.toml",
+        "cut short",
+    ] {
         assert!(told.contains(part), "no {part:?} in {told}");
     }
     let table = fs::read_to_string(scene.path("run/meshes.csv")).unwrap();

@@ -291,6 +291,8 @@ fn what_cannot_be_used_is_refused() {
         ("glb", b"glTF\x01\0\0\0\x0c\0\0\0".into(), vec!["version"]),
         ("gltf", "{".into(), vec!["glTF 2.0"]),
         ("gltf", "{}".into(), vec!["no faces"]),
+        ("gltf", format!("{{\"nodes\": [{}{{}}]}}", "{},".repeat(1 << 18)).into(), vec!["262144 entries"]),
+        ("obj", "v 0 0 0\n".repeat(6_000_003).into(), vec!["too many triangles"]),
         ("stl", "".into(), vec![".stl", ".glb"]),
     ];
     #[cfg(unix)]

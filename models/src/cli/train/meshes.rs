@@ -11,7 +11,7 @@ use super::settings::Settings;
 use crate::cli::source::whole;
 use crate::report::progress::Progress;
 use crate::report::run_folder::RunFolder;
-use crate::views::objects::{FolderSettings, MeshFolder, Object, Sample};
+use crate::views::objects::{FolderSettings, MeshFile, MeshFolder, Object, Sample};
 
 /// Unusable files that are named on the terminal; the table has all.
 const NAMED: usize = 8;
@@ -160,12 +160,12 @@ impl Objects {
                 if trained == 1 { "" } else { "es" }
             ),
         };
-        let broken: Vec<_> = folder.files().iter().filter_map(|file| Some((&file.name, file.why()?))).collect();
+        let broken: Vec<_> = folder.files().iter().filter_map(MeshFile::why).collect();
         if !broken.is_empty() {
             told += &format!("\n{} files cannot be used and are left out (all are in {TABLE}):", broken.len());
         }
-        for (name, why) in broken.iter().take(NAMED) {
-            told += &format!("\n  {name}: {why}");
+        for why in broken.iter().take(NAMED) {
+            told += &format!("\n  {why}");
         }
         Some(told)
     }

@@ -75,7 +75,7 @@ impl MeshFolder {
         files.sort();
         let kept = Mutex::new(Kept { most: settings.memory, ..Kept::default() });
         let files = files.into_par_iter().enumerate().map(|(index, (name, length))| {
-            let mesh = TexturedMesh::read(&root.join(&name)).map(Arc::new);
+            let mesh = TexturedMesh::read_inside(&root.join(&name), &name).map(Arc::new);
             read();
             let triangles = mesh.as_ref().map(|mesh| mesh.triangles()).map_err(Error::clone);
             if let Ok(mesh) = mesh {
@@ -172,16 +172,12 @@ impl MeshFolder {
 }
 
 impl MeshFile {
-    /// The first line of why it cannot be used, and what was found.
+    /// Why it cannot be used: what is wrong, where in the file, and what was found.
     pub fn why(&self) -> Option<String> {
         let told = self.triangles.as_ref().err()?.to_string();
-        let lines = told.lines().map(str::trim);
-        Some(
-            lines
-                .filter(|line| !line.starts_with("wanted:") && !line.starts_with("fix:"))
-                .collect::<Vec<_>>()
-                .join("; "),
-        )
+        let lines =
+            told.lines().map(str::trim).filter(|line| !line.starts_with("wanted:") && !line.starts_with("fix:"));
+        Some(lines.collect::<Vec<_>>().join("; "))
     }
 }
 

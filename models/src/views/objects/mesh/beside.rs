@@ -39,7 +39,7 @@ impl Beside {
         };
         let path = self.place(named).ok_or_else(|| outside("a path that leads elsewhere".into()))?;
         let io = |e: std::io::Error| {
-            Error::io(&path, &format!("read {what}"), &e)
+            Error::io(named, &format!("read {what}"), &e)
                 .wanted("the file that the mesh names (large and small letters differ)")
                 .fix("put it beside the mesh, or correct its name in the file that names it")
         };
@@ -47,7 +47,7 @@ impl Beside {
         if !whole.starts_with(&folder) {
             return Err(outside("a link that leads elsewhere".into()));
         }
-        let bytes = read(&whole, what)?;
+        let bytes = read(&whole, what).map_err(|e| e.at(named))?;
         match self.left.get().checked_sub(bytes.len() as u64) {
             Some(left) => self.left.set(left),
             None => {

@@ -12,6 +12,7 @@ mod paint;
 mod surface;
 mod turned;
 
+use std::fmt::Display;
 use std::path::Path;
 
 use gradreel::{Error, ErrorKind, Result};
@@ -69,10 +70,15 @@ impl TexturedMesh {
     /// [`ErrorKind::Input`] for a file that is missing, damaged, without faces or too large, and for one that names a file
     /// that is missing or outside its own folder.
     pub fn read(path: &Path) -> Result<Self> {
+        Self::read_inside(path, path.display())
+    }
+
+    /// As [`TexturedMesh::read`], for errors that call the file by another name.
+    pub(super) fn read_inside(path: &Path, name: impl Display) -> Result<Self> {
         let folder = path.parent().unwrap_or(Path::new(""));
         let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default();
-        let bytes = beside::read(path, "the mesh")?;
-        Self::from_bytes(&bytes, &ending, folder).map_err(|e| e.within(path.display()))
+        let bytes = beside::read(path, "the mesh").map_err(|e| e.at(&name))?;
+        Self::from_bytes(&bytes, &ending, folder).map_err(|e| e.within(name))
     }
 
     /// Reads a file in memory; `ending` is `obj`, `glb` or `gltf`, and `folder` is where the files are that it names.

@@ -101,9 +101,6 @@ fn picture(text: &str) -> Option<(String, bool)> {
         let option = next(&mut rest)?;
         match option.as_str() {
             "-clamp" => clamped = next(&mut rest)? == "on",
-            "-blendu" | "-blendv" | "-cc" | "-boost" | "-bm" | "-texres" | "-imfchan" | "-type" => {
-                next(&mut rest)?;
-            }
             "-mm" => (0..2).try_for_each(|_| next(&mut rest).map(drop))?,
             // one to three numbers
             "-o" | "-s" | "-t" => {
@@ -114,7 +111,8 @@ fn picture(text: &str) -> Option<(String, bool)> {
                     }
                 }
             }
-            _ => return None,
+            // one word: -blendu, -cc, -boost, …
+            _ => drop(next(&mut rest)?),
         }
     }
     (!rest.is_empty()).then(|| (rest.to_owned(), clamped))

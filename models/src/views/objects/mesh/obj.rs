@@ -50,7 +50,8 @@ pub(super) fn read(bytes: &[u8], beside: &Beside) -> Result<Surface> {
             let found: String = line.chars().take(80).collect();
             damaged("a line of the mesh cannot be read").at(format!("line {}", number + 1)).found(found).wanted(wanted)
         })?;
-        Surface::check_count(reader.corners.len() / 3)?;
+        let longest = [reader.corners.len(), reader.places.len(), reader.uvs.len(), reader.normals.len()];
+        Surface::check_count(longest.into_iter().fold(0, usize::max) / 3)?;
     }
     reader.surface(beside)
 }
@@ -101,16 +102,16 @@ impl Reader {
                 }
                 let index: i64 = index.parse().ok()?;
                 let index = if index < 0 { count.checked_add(index)? } else { index - 1 };
-                found[kind] = (0..count).contains(&index).then_some(index as u32)?;
+                // faces without their normals are flat
+                let there = (0..count).contains(&index).then_some(index as u32);
+                found[kind] = if kind == 2 { there.unwrap_or(NONE) } else { there? };
             }
             Some(found)
         };
         let corners: Option<Vec<[u32; 4]>> = rest.split_whitespace().map(corner).collect();
         let corners = corners.filter(|corners| corners.len() >= 3).ok_or_else(|| {
-            let [places, uvs, normals] = counts;
-            format!(
-                "f and at least three of the {places} corners, {uvs} texture places and {normals} normals before it"
-            )
+            let [places, uvs, _] = counts;
+            format!("f and at least three of the {places} corners and {uvs} texture places before it")
         })?;
         for pair in corners[1..].windows(2) {
             self.corners.extend([corners[0], pair[0], pair[1]]);

@@ -34,9 +34,9 @@ impl Surface {
     pub fn check_count(count: usize) -> Result<()> {
         match count <= MOST_TRIANGLES {
             true => Ok(()),
-            false => Err(damaged("the mesh has too many triangles")
+            false => Err(damaged("the mesh has too many triangles or corners")
                 .found(format!("{count} or more"))
-                .wanted(format!("at most {MOST_TRIANGLES}"))
+                .wanted(format!("at most {MOST_TRIANGLES}, with three corners each"))
                 .fix("simplify the mesh (Blender: the Decimate modifier)")),
         }
     }

@@ -1,21 +1,38 @@
 //! What of a glTF file's JSON decides how an object looks (Khronos glTF 2.0). Names are those of the format.
 
-use serde::Deserialize;
+use std::fmt;
+use std::marker::PhantomData;
+
+use serde::de::{Error, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer};
+
+/// Most entries of a list: three bytes of JSON can be an entry that takes fifty times the memory.
+const MOST: usize = 1 << 18;
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
 pub(super) struct Root {
     pub extensions_required: Vec<String>,
     pub scene: Option<usize>,
+    #[serde(deserialize_with = "list")]
     pub scenes: Vec<Scene>,
+    #[serde(deserialize_with = "list")]
     pub nodes: Vec<Node>,
+    #[serde(deserialize_with = "list")]
     pub meshes: Vec<Mesh>,
+    #[serde(deserialize_with = "list")]
     pub materials: Vec<Material>,
+    #[serde(deserialize_with = "list")]
     pub textures: Vec<Texture>,
+    #[serde(deserialize_with = "list")]
     pub samplers: Vec<Sampler>,
+    #[serde(deserialize_with = "list")]
     pub images: Vec<Image>,
+    #[serde(deserialize_with = "list")]
     pub accessors: Vec<Accessor>,
+    #[serde(deserialize_with = "list")]
     pub buffer_views: Vec<BufferView>,
+    #[serde(deserialize_with = "list")]
     pub buffers: Vec<Buffer>,
 }
 
@@ -163,4 +180,28 @@ pub(super) struct BufferView {
 pub(super) struct Buffer {
     pub uri: Option<String>,
     pub byte_length: usize,
+}
+
+/// A list that is not too long.
+fn list<'de, D: Deserializer<'de>, T: Deserialize<'de>>(json: D) -> Result<Vec<T>, D::Error> {
+    struct List<T>(PhantomData<T>);
+    impl<'de, T: Deserialize<'de>> Visitor<'de> for List<T> {
+        type Value = Vec<T>;
+
+        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            write!(f, "a list of at most {MOST} entries")
+        }
+
+        fn visit_seq<A: SeqAccess<'de>>(self, mut entries: A) -> Result<Vec<T>, A::Error> {
+            let mut found = Vec::new();
+            while let Some(entry) = entries.next_element()? {
+                if found.len() == MOST {
+                    return Err(A::Error::invalid_length(MOST + 1, &self));
+                }
+                found.push(entry);
+            }
+            Ok(found)
+        }
+    }
+    json.deserialize_seq(List(PhantomData))
 }
