@@ -86,8 +86,9 @@ Objects are made here: solids with patterns, no two alike, filmed by the sixteen
 
 With --objects they are meshes from a folder and all below it instead: .obj with its .mtl (Kd, map_Kd) or colours of corners, .glb \
 and .gltf (base colours, their textures, COLOR_0), textures as PNG or JPEG. Surfaces need not be closed. A tenth of the files \
-(objects.held_out), chosen by their names, is never trained on: looks in between and --evaluate show these. Every file is read once \
-at the start; those that cannot be used are listed and left out. Textures and buffers are read from the folder of their mesh alone.
+(objects.held_out; 1 for a folder that is only evaluated with), chosen by their names, is never trained on: looks in between and \
+--evaluate show these. Every file is read once at the start; those that cannot be used are listed and left out. Meshes stay in memory \
+up to objects.memory_mb (1024). Textures and buffers are read from the folder of their mesh alone.
 
 Two stages, as in the paper: the base model learns views of objects in the middle; then the spatial-aware module learns to \
 put them where the input image shows them, everything else frozen. The module can also be trained for the public \
