@@ -20,3 +20,30 @@ pub fn encode(bytes: &[u8]) -> String {
     }
     text
 }
+
+/// The bytes of a text that [`encode`] could have written; padding may be missing. `None` for any other text.
+///
+/// ```
+/// use gradreel_models::report::base64::decode;
+/// assert_eq!(decode("dGFwZQ==").as_deref(), Some(&b"tape"[..]));
+/// assert_eq!(decode("dGFwZQ").as_deref(), Some(&b"tape"[..]));
+/// assert_eq!(decode("dGF?"), None);
+/// ```
+pub fn decode(text: &str) -> Option<Vec<u8>> {
+    let text = text.trim_end_matches('=').as_bytes();
+    let mut bytes = Vec::with_capacity(text.len() / 4 * 3 + 2);
+    for chunk in text.chunks(4) {
+        let mut word = 0;
+        for &letter in chunk {
+            let sextet = ALPHABET.iter().position(|known| *known == letter)?;
+            word = word << 6 | sextet as u32;
+        }
+        // the bits of a last byte that is not whole are dropped
+        let (whole, bits) = (6 * chunk.len() / 8, 6 * chunk.len());
+        if whole == 0 {
+            return None;
+        }
+        bytes.extend((1..=whole).map(|byte| (word >> (bits - 8 * byte)) as u8));
+    }
+    Some(bytes)
+}

@@ -1,7 +1,7 @@
 //! PNG and JPEG images as bytes, decoded within limits.
 
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::{BufRead, BufReader, Cursor, Read, Seek};
 use std::path::Path;
 
 use gradreel::{Error, ErrorKind, Result};
@@ -34,11 +34,16 @@ impl Image {
         match start[..] {
             [0xff, 0xd8, 0xff, ..] => Self::read_jpeg(path),
             [0x89, b'P', b'N', b'G'] => Self::read(path),
-            _ => Err(Error::new(ErrorKind::Input, "the image has no format that is read")
-                .at(path.display())
-                .found(if start.is_empty() { "an empty file".to_owned() } else { format!("first bytes {start:02x?}") })
-                .wanted("PNG or JPEG")
-                .fix("export the image as PNG")),
+            _ => Err(unknown(path, &start)),
+        }
+    }
+
+    /// Decodes a PNG or JPEG file in memory; `name` is what errors call it.
+    pub fn decode(bytes: &[u8], name: &Path) -> Result<Image> {
+        match bytes {
+            [0xff, 0xd8, 0xff, ..] => Self::decode_jpeg(bytes, name),
+            [0x89, b'P', b'N', b'G', ..] => Self::decode_png(opened(Cursor::new(bytes), name)?, name),
+            _ => Err(unknown(name, &bytes[..bytes.len().min(4)])),
         }
     }
 
@@ -65,6 +70,10 @@ impl Image {
     /// Decodes a JPEG file, which must be complete.
     fn read_jpeg(path: &Path) -> Result<Image> {
         let bytes = std::fs::read(path).map_err(|e| Error::io(path, "read the image", &e))?;
+        Self::decode_jpeg(&bytes, path)
+    }
+
+    fn decode_jpeg(bytes: &[u8], path: &Path) -> Result<Image> {
         let broken = |found: String| {
             Error::new(ErrorKind::Input, "cannot decode the image")
                 .at(path.display())
@@ -77,7 +86,7 @@ impl Image {
             .set_max_width(MAX_SIDE as usize)
             .set_max_height(MAX_SIDE as usize)
             .jpeg_set_out_colorspace(ColorSpace::RGB);
-        let mut decoder = JpegDecoder::new_with_options(ZCursor::new(&bytes[..]), options);
+        let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
         decoder.decode_headers().map_err(|e| broken(e.to_string()))?;
         let (width, height) = decoder.dimensions().ok_or_else(|| broken("no size".into()))?;
         if (width as u64) * (height as u64) > MAX_PIXELS {
@@ -93,7 +102,10 @@ impl Image {
 
     /// Decodes a PNG file of any colour type; 16-bit samples keep their upper byte.
     pub fn read(path: &Path) -> Result<Image> {
-        let mut reader = open(path)?;
+        Self::decode_png(open(path)?, path)
+    }
+
+    fn decode_png<R: BufRead + Seek>(mut reader: png::Reader<R>, path: &Path) -> Result<Image> {
         let size = reader.output_buffer_size().ok_or_else(|| too_large(path, reader.info()))?;
         let mut bytes = vec![0; size];
         let info = reader.next_frame(&mut bytes).map_err(|e| broken(path, &e))?;
@@ -131,14 +143,26 @@ fn starts_as_jpeg(path: &Path) -> Result<bool> {
 /// Reads the header and refuses sizes that cannot be a video frame, before anything is allocated for them.
 fn open(path: &Path) -> Result<png::Reader<BufReader<File>>> {
     let file = File::open(path).map_err(|e| Error::io(path, "open the image", &e))?;
+    opened(BufReader::new(file), path)
+}
+
+fn opened<R: BufRead + Seek>(source: R, path: &Path) -> Result<png::Reader<R>> {
     let limits = png::Limits { bytes: 1 << 30 };
-    let mut decoder = png::Decoder::new_with_limits(BufReader::new(file), limits);
+    let mut decoder = png::Decoder::new_with_limits(source, limits);
     decoder.set_transformations(png::Transformations::normalize_to_color8());
     let header = decoder.read_header_info().map_err(|e| broken(path, &e))?;
     if header.width.max(header.height) > MAX_SIDE || u64::from(header.width) * u64::from(header.height) > MAX_PIXELS {
         return Err(too_large(path, header));
     }
     decoder.read_info().map_err(|e| broken(path, &e))
+}
+
+fn unknown(path: &Path, start: &[u8]) -> Error {
+    Error::new(ErrorKind::Input, "the image has no format that is read")
+        .at(path.display())
+        .found(if start.is_empty() { "an empty file".to_owned() } else { format!("first bytes {start:02x?}") })
+        .wanted("PNG or JPEG")
+        .fix("export the image as PNG")
 }
 
 fn broken(path: &Path, error: &png::DecodingError) -> Error {

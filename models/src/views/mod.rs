@@ -12,7 +12,7 @@
 //! allows; [`decode`] makes pictures of the latents.
 //!
 //! [`spatial_aware`] corrects the spatial volume such that the object is where the picture shows it. [`Training`] trains a model,
-//! published or [`ModelSizes::small`], or that module alone, on [`objects`] made here; [`Score`] says how well views agree.
+//! published or [`ModelSizes::small`], or that module alone, on [`objects`] made here or read from files; [`Score`] says how well views agree.
 
 mod resize;
 mod image;

@@ -10,6 +10,10 @@ mod film;
 mod interrupted;
 #[cfg(unix)]
 mod killed;
+#[path = "../views/mesh_files.rs"]
+#[allow(dead_code)]
+mod mesh_files;
+mod meshes;
 mod model;
 mod resumed;
 mod results;

@@ -10,7 +10,7 @@ use crate::model::ball;
 use crate::scene::{Scene, contents, text};
 
 /// A model and a training as small as they can be.
-const TINY: &str = r#"
+pub const TINY: &str = r#"
 steps = 3
 checkpoint_every = 1
 [optimiser]

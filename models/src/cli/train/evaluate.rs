@@ -6,6 +6,7 @@ use gradreel::{Error, ErrorKind, Result};
 
 use super::NovelView;
 use super::feed::unseen;
+use super::meshes::Objects;
 use super::sampled::{rows, sampled, score};
 use super::settings::{Settings, Stage};
 use crate::cli::output::say;
@@ -32,6 +33,7 @@ pub(super) fn run(arguments: &NovelView, count: usize, progress: &Progress) -> R
     let path = weights.as_ref().map(|weights| weights.path().to_owned()).unwrap_or_default();
     let weights = FileWeights::open(path, &settings.device.device()?)?;
     settings.model = weights.sizes()?;
+    let objects = Objects::open(&mut settings, progress)?;
     let sizes = &settings.model;
     weights.check(&sizes.weights()?).into_result()?;
     let bare =
@@ -46,13 +48,17 @@ pub(super) fn run(arguments: &NovelView, count: usize, progress: &Progress) -> R
         None => RunFolder::create_free(Path::new("runs"), "novel-view-evaluation")?,
     };
     folder.write("settings.toml", settings.to_toml().as_bytes())?;
+    objects.list(&folder)?;
+    if let Some(told) = objects.described().filter(|_| !arguments.quiet) {
+        eprintln!("{told}");
+    }
     let ensembles = models.iter().map(|(_, sizes)| Ensemble::new(&weights, &sizes.denoiser, weights.device(), at_once));
     let ensembles = ensembles.collect::<Result<Vec<_>>>()?;
     let stage = progress.stage("sampling", (count * models.len()) as u64);
     let mut scores: Vec<Vec<Score>> = vec![Vec::new(); models.len()];
     let mut table = "object,model,centre_error,box_iou,psnr_db,silhouette_iou\n".to_owned();
     let columns = 8.min(sizes.denoiser.ring.views);
-    for (number, sample) in unseen(&settings, count).iter().enumerate() {
+    for (number, sample) in unseen(&settings, &objects, count)?.iter().enumerate() {
         let mut shown = Vec::new();
         for (which, ((name, sizes), ensemble)) in models.iter().zip(&ensembles).enumerate() {
             let sampler = SamplerSettings {

@@ -5,6 +5,7 @@ use std::thread;
 
 use gradreel::{Error, ErrorKind, Key, Result};
 
+use super::meshes::Objects;
 use super::settings::Settings;
 use crate::views::objects::Sample;
 
@@ -18,19 +19,20 @@ const AHEAD: usize = 2;
 
 /// Batches of samples in the order of the steps. Which they are follows from seed and step alone.
 pub(super) struct Feed {
-    receiver: Receiver<Vec<Sample>>,
+    receiver: Receiver<Result<Vec<Sample>>>,
 }
 
 impl Feed {
     /// From this step on.
-    pub fn new(settings: &Settings, first: u64) -> Result<Self> {
+    pub fn new(settings: &Settings, objects: &Objects, first: u64) -> Result<Self> {
         let (sender, receiver) = sync_channel(AHEAD);
-        let settings = settings.clone();
+        let (settings, objects) = (settings.clone(), objects.clone());
         let work = move || {
             let key = Key::new(settings.seed).fold(SEEN);
             for step in first..settings.steps {
-                let samples = drawn(&settings, key.fold(step), settings.optimiser.batch);
-                if sender.send(samples).is_err() {
+                let key = key.fold(step);
+                let each = (0..settings.optimiser.batch).map(|i| objects.sample(key.fold(i as u64), &settings));
+                if sender.send(each.collect()).is_err() {
                     break; // nobody waits any more
                 }
             }
@@ -44,18 +46,14 @@ impl Feed {
     pub fn next(&self) -> Result<Vec<Sample>> {
         self.receiver.recv().map_err(|_| {
             Error::new(ErrorKind::Io, "the thread that makes objects has ended").fix("go on with `--resume`")
-        })
+        })?
     }
 }
 
-fn drawn(settings: &Settings, key: Key, count: usize) -> Vec<Sample> {
-    let (ring, size) = (&settings.model.denoiser.ring, settings.model.image);
-    (0..count).map(|i| Sample::draw(key.fold(i as u64), ring, size, &settings.data)).collect()
-}
-
 /// Objects that no step sees.
-pub(super) fn unseen(settings: &Settings, count: usize) -> Vec<Sample> {
-    drawn(settings, Key::new(settings.seed).fold(UNSEEN), count)
+pub(super) fn unseen(settings: &Settings, objects: &Objects, count: usize) -> Result<Vec<Sample>> {
+    let key = Key::new(settings.seed).fold(UNSEEN);
+    (0..count).map(|i| objects.unseen(i, key.fold(i as u64), settings)).collect()
 }
 
 /// The key of what else chance decides at a step.

@@ -10,6 +10,7 @@ use gradreel::{DType, Device, Error, ErrorKind, Key, Result};
 use super::NovelView;
 use super::feed::{Feed, chance, unseen};
 use super::log::Log;
+use super::meshes::Objects;
 use super::page::page;
 use super::sampled::{rows, sampled, score};
 use super::settings::Settings;
@@ -39,6 +40,7 @@ const NEWEST: f64 = 0.05;
 pub(super) struct Job {
     folder: RunFolder,
     settings: Settings,
+    objects: Objects,
     weights: FileWeights,
     training: Training,
     log: Log,
@@ -46,8 +48,8 @@ pub(super) struct Job {
 
 impl Job {
     /// A new training. What cannot be used is refused before anything is written.
-    pub fn begin(arguments: &NovelView) -> Result<Self> {
-        let (settings, given) = Settings::resolve(arguments)?;
+    pub fn begin(arguments: &NovelView, progress: &Progress) -> Result<Self> {
+        let (mut settings, given) = Settings::resolve(arguments)?;
         if given.is_none() && settings.model.denoiser.spatial_aware.is_some() {
             return Err(Error::new(ErrorKind::Input, "there is no model whose module could be trained")
                 .at("--weights")
@@ -59,11 +61,14 @@ impl Job {
             // all but what will be trained must be there
             Training::new(weights.clone(), settings.model.denoiser.clone(), settings.plan())?;
         }
+        let objects = Objects::open(&mut settings, progress)?;
+        objects.can_train()?;
         let folder = match &arguments.out {
             Some(folder) => RunFolder::create(folder)?,
             None => RunFolder::create_free(Path::new("runs"), "novel-view")?,
         };
         folder.write(SETTINGS, settings.to_toml().as_bytes())?;
+        objects.list(&folder)?;
         let path = match &arguments.weights {
             Some(path) => path.clone(),
             None => {
@@ -71,16 +76,16 @@ impl Job {
                 folder.path(START)
             }
         };
-        Self::open(folder, settings, &path, &device, Log::new())
+        Self::open(folder, settings, objects, &path, &device)
     }
 
     /// The training that was begun in a folder.
-    pub fn resume(arguments: &NovelView) -> Result<Self> {
+    pub fn resume(arguments: &NovelView, progress: &Progress) -> Result<Self> {
         let folder = RunFolder::resume(arguments.out.as_deref().unwrap_or(Path::new(".")))?;
         let fix = "give the folder of an interrupted training to --out, or begin one without --resume";
         folder.goes_on(SETTINGS, "there is no training to go on with", fix)?;
         let text = String::from_utf8_lossy(&folder.read(SETTINGS)?).into_owned();
-        let settings = Settings::parse(&text).map_err(|e| e.within(folder.path(SETTINGS).display()))?;
+        let mut settings = Settings::parse(&text).map_err(|e| e.within(folder.path(SETTINGS).display()))?;
         let path = match &settings.weights {
             None => folder.path(START),
             Some(source) => {
@@ -89,8 +94,18 @@ impl Job {
                 path.to_owned()
             }
         };
+        match (&mut settings.objects, &arguments.objects) {
+            (Some(meshes), Some(moved)) => meshes.set(moved),
+            (None, Some(_)) => {
+                return Err(Error::new(ErrorKind::Input, "the training was begun with procedural objects")
+                    .at("--objects")
+                    .fix("leave it out, or begin another training"));
+            }
+            (_, None) => {}
+        }
+        let objects = Objects::open(&mut settings, progress)?;
         let device = settings.device.device()?;
-        let mut job = Self::open(folder, settings, &path, &device, Log::new())?;
+        let mut job = Self::open(folder, settings, objects, &path, &device)?;
         if job.folder.has(STATE) {
             job.training.resume(job.folder.path(STATE))?;
             job.log = Log::open(&job.folder, job.training.steps())?;
@@ -98,10 +113,10 @@ impl Job {
         Ok(job)
     }
 
-    fn open(folder: RunFolder, settings: Settings, weights: &Path, device: &Device, log: Log) -> Result<Self> {
+    fn open(folder: RunFolder, settings: Settings, objects: Objects, weights: &Path, device: &Device) -> Result<Self> {
         let weights = FileWeights::open(weights, device)?;
         let training = Training::new(weights.clone(), settings.model.denoiser.clone(), settings.plan())?;
-        Ok(Self { folder, settings, weights, training, log })
+        Ok(Self { folder, settings, objects, weights, training, log: Log::new() })
     }
 
     /// Where everything goes.
@@ -114,9 +129,10 @@ impl Job {
         let Settings { steps, checkpoint_every, .. } = self.settings;
         let every = self.settings.validation.every;
         let sizes = self.settings.model.clone();
-        let unseen = unseen(&self.settings, self.settings.validation.samples.max(self.settings.validation.shapes));
+        let count = self.settings.validation.samples.max(self.settings.validation.shapes);
+        let unseen = unseen(&self.settings, &self.objects, count)?;
         let first = self.training.steps();
-        let feed = Feed::new(&self.settings, first)?;
+        let feed = Feed::new(&self.settings, &self.objects, first)?;
         let stage = progress.stage("training", steps - first);
         let (begun, mut resting, mut shown) = (Instant::now(), 0.0, None);
         loop {
@@ -222,7 +238,10 @@ fn fresh(settings: &Settings) -> Result<TensorFile> {
 
 impl fmt::Display for Job {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { settings, training, folder, .. } = self;
+        let Self { settings, objects, training, folder, .. } = self;
+        if let Some(told) = objects.described() {
+            writeln!(f, "{told}")?;
+        }
         let trained: usize = training.params().iter().map(|(_, weight)| weight.len()).sum();
         write!(
             f,

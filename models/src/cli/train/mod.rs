@@ -4,6 +4,7 @@ mod evaluate;
 mod feed;
 mod job;
 mod log;
+mod meshes;
 mod page;
 mod sampled;
 mod settings;
@@ -54,6 +55,10 @@ struct NovelView {
     /// Go on with the run in --out where it was interrupted
     #[arg(long, requires = "out")]
     resume: bool,
+    /// Train on (or evaluate with) the textured meshes below this folder (.obj with .mtl, .glb, .gltf) in place of
+    /// procedural objects; with --resume, where the folder is now
+    #[arg(long, value_name = "FOLDER")]
+    objects: Option<PathBuf>,
     /// Steps in all
     #[arg(long, value_name = "COUNT", conflicts_with = "resume")]
     steps: Option<u64>,
@@ -79,6 +84,12 @@ struct NovelView {
 const LONG_HELP: &str = "\
 Objects are made here: solids with patterns, no two alike, filmed by the sixteen cameras of the model. Nothing is downloaded.
 
+With --objects they are meshes from a folder and all below it instead: .obj with its .mtl (Kd, map_Kd) or colours of corners, .glb \
+and .gltf (base colours, their textures, COLOR_0), textures as PNG or JPEG. Surfaces need not be closed. A tenth of the files \
+(objects.held_out; 1 for a folder that is only evaluated with), chosen by their names, is never trained on: looks in between and \
+--evaluate show these. Every file is read once at the start; those that cannot be used are listed and left out. Meshes stay in memory \
+up to objects.memory_mb (1024). Textures and buffers are read from the folder of their mesh alone.
+
 Two stages, as in the paper: the base model learns views of objects in the middle; then the spatial-aware module learns to \
 put them where the input image shows them, everything else frozen. The module can also be trained for the public \
 SyncDreamer weights.
@@ -86,6 +97,7 @@ SyncDreamer weights.
 Results, all in the folder of --out:
   index.html            the curves, renewed at every look at unseen objects
   settings.toml         everything that decided the result
+  meshes.csv            with --objects: what each file is used for, or why it is not
   log.csv               loss, rate and gradient of every step
   validation.csv        on objects that are never trained on: loss, and of sampled views the distance between the middles of
                         the objects' boxes (shares of the image), IoU of boxes and of silhouettes, PSNR
@@ -99,6 +111,8 @@ Examples:
   gradreel train novel-view --out runs/base --resume                     after Ctrl-C
   gradreel train novel-view --stage spatial-aware --weights runs/base/model.safetensors --out runs/aware
   gradreel train novel-view --weights runs/aware/model.safetensors --evaluate 100
+  gradreel train novel-view --weights built-in --objects my_meshes --out runs/mine
+  gradreel train novel-view --weights runs/mine/model.safetensors --objects my_meshes --evaluate 20
   gradreel weights convert runs/aware/model.safetensors small.safetensors --f16";
 
 /// Trains, or measures what was trained.
@@ -114,7 +128,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(count) = arguments.evaluate {
         return evaluate::run(arguments, count, &progress);
     }
-    let mut job = if arguments.resume { Job::resume(arguments)? } else { Job::begin(arguments)? };
+    let mut job = match arguments.resume {
+        true => Job::resume(arguments, &progress)?,
+        false => Job::begin(arguments, &progress)?,
+    };
     if !arguments.quiet {
         eprintln!("{job}");
     }

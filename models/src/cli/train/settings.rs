@@ -6,6 +6,7 @@ use gradreel::{Device, Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
 use super::NovelView;
+use super::meshes::Meshes;
 use crate::cli::source::{Place, Source};
 use crate::views::objects::SampleSettings;
 use crate::views::{Detector, FileWeights, ModelSizes, Plan, SpatialAwareSizes};
@@ -33,6 +34,9 @@ pub(super) struct Settings {
     pub checkpoint_every: u64,
     pub optimiser: Optimiser,
     pub data: SampleSettings,
+    /// Meshes from files in place of procedural objects.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub objects: Option<Meshes>,
     pub detector: Found,
     pub validation: Validation,
     pub model: ModelSizes,
@@ -127,6 +131,7 @@ impl Settings {
                 dropped: plan.dropped,
             },
             data: SampleSettings { nodes: (model.image * 3 / 4).clamp(24, 256), ..data },
+            objects: None,
             detector: Found { jitter: 0.02, missed: 0.1 },
             validation: Validation { every: 1000, samples: 16, shapes: 4, steps: 25, guidance: 1.5 },
             model,
@@ -170,6 +175,10 @@ impl Settings {
         settings.seed = arguments.seed.unwrap_or(settings.seed);
         settings.device = arguments.device.unwrap_or(settings.device);
         settings.weights = source;
+        if arguments.objects.is_some() {
+            settings.objects.get_or_insert_default();
+        }
+        settings.objects.iter_mut().for_each(|meshes| meshes.begin(arguments.objects.as_deref()));
         settings.check()?;
         Ok((settings, weights))
     }
@@ -213,6 +222,13 @@ impl Settings {
                     .wanted(wanted)
                     .fix("correct it in the file of --config"));
             }
+        }
+        if let Some((name, wanted)) = self.objects.as_ref().and_then(Meshes::wrong) {
+            return Err(Error::new(ErrorKind::Input, "a setting of the training makes no sense")
+                .at(name)
+                .found(format!("{:?}", self.objects))
+                .wanted(wanted)
+                .fix("correct it in the file of --config, or give --objects"));
         }
         self.data.check()?;
         self.model.check()

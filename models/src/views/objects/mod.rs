@@ -1,5 +1,5 @@
 //! Objects that nobody has seen before: procedural shapes with patterns, filmed by the cameras of the model. They are what the
-//! built-in model is trained on.
+//! built-in model is trained on. Textured meshes from a folder can take their place ([`MeshFolder`]).
 //!
 //! A body is a few implicit solids (superquadrics, boxes, rings, cylinders, letters, blobs), joined with fillets, carved,
 //! mirrored, twisted, tapered, bent. Everything follows from a key.
@@ -19,30 +19,47 @@
 mod body;
 mod dice;
 mod field;
+mod folder;
+mod lamp;
+mod made;
+mod mesh;
 mod placement;
 mod sample;
 mod solid;
 mod texture;
 
+use std::sync::Arc;
+
 use gradreel::Key;
 use rayon::prelude::*;
 
+pub use folder::{FolderSettings, MeshFile, MeshFolder};
+pub use mesh::TexturedMesh;
 pub use placement::Placement;
 pub use sample::{Sample, SampleSettings};
 
-use self::body::Body;
-use self::dice::Dice;
-use self::field::Field;
-use self::texture::Texture;
+use self::lamp::Lamp;
+use self::made::Made;
+use self::mesh::Turned;
 use crate::vector::{dot, minus};
 
 /// An object. The longest side of its box is 1, the middle of the box is the origin.
 pub struct Object {
-    body: Body,
-    texture: Texture,
-    field: Field,
-    /// Towards the lamp, and the share of light that comes from everywhere.
-    lamp: ([f64; 3], f64),
+    form: Form,
+    lamp: Lamp,
+}
+
+enum Form {
+    Made(Box<Made>),
+    Mesh(Turned),
+}
+
+/// Where a ray meets an object.
+struct Met {
+    /// Towards the outside, of length 1.
+    normal: [f64; 3],
+    /// In the light of a lamp straight above the surface.
+    colour: [f64; 3],
 }
 
 /// What a camera sees: a square image on white.
@@ -57,26 +74,23 @@ pub struct View {
 }
 
 impl Object {
-    /// The object of a key, with so many nodes of its grid along the longest side (48 suit images of 64 pixels).
+    /// The procedural object of a key, with so many nodes of its grid along the longest side (48 suit images of 64 pixels).
     pub fn new(key: Key, nodes: usize) -> Self {
         let [shape, paint, light] = key.split();
-        // what is empty or as thin as paper is thrown again
-        let made = (0..).find_map(|turn| {
-            let body = Body::new(shape.fold(turn));
-            Field::of(&body, nodes.max(8)).map(|field| (body, field))
-        });
-        let (body, field) = made.expect("bodies do not end");
-        let mut dice = Dice::new(light);
-        let towards = dice.direction();
-        let towards = [towards[0], towards[1], towards[2].abs() + 0.4];
-        let norm = dot(towards, towards).sqrt();
-        let lamp = (towards.map(|x| x / norm), dice.within(0.5, 0.8));
-        Self { texture: Texture::new(paint, body.parts()), body, field, lamp }
+        Self { form: Form::Made(Box::new(Made::new([shape, paint], nodes))), lamp: Lamp::draw(light) }
+    }
+
+    /// A mesh, turned about the vertical by `turn` radians, in the light of a key.
+    pub fn of_mesh(mesh: Arc<TexturedMesh>, turn: f64, light: Key) -> Self {
+        Self { form: Form::Mesh(Turned::new(mesh, turn)), lamp: Lamp::draw(light) }
     }
 
     /// Half the sides of its box.
     pub fn half(&self) -> [f64; 3] {
-        self.field.half
+        match &self.form {
+            Form::Made(made) => made.half(),
+            Form::Mesh(mesh) => mesh.half(),
+        }
     }
 
     /// What the object looks like in its place from a camera of the ring's kind with this pose (world to camera), with
@@ -113,12 +127,11 @@ impl Object {
     }
 
     fn colour(&self, origin: [f64; 3], along: [f64; 3]) -> Option<[f64; 3]> {
-        let entry = self.field.entry(origin, along)?;
-        let (middle, size) = self.field.made;
-        let made: [f64; 3] = std::array::from_fn(|axis| middle[axis] + size * entry.place[axis]);
-        let own = self.body.inside(made);
-        let (towards, everywhere) = self.lamp;
-        let light = everywhere + (1.0 - everywhere) * dot(entry.normal, towards).max(0.0);
-        Some(self.texture.colour(self.body.part_at(own), own).map(|c| c * light))
+        let met = match &self.form {
+            Form::Made(made) => made.met(origin, along),
+            Form::Mesh(mesh) => mesh.met(origin, along),
+        }?;
+        let light = self.lamp.brightness(met.normal);
+        Some(met.colour.map(|c| c * light))
     }
 }

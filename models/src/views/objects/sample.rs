@@ -70,10 +70,20 @@ pub struct Sample {
 }
 
 impl Sample {
-    /// The sample of a key, in images of `size²` pixels.
+    /// The sample of a key with a procedural object, in images of `size²` pixels.
     pub fn draw(key: Key, ring: &Ring, size: usize, settings: &SampleSettings) -> Self {
-        let [shape, place, above] = key.split();
-        let object = Object::new(shape, settings.nodes);
+        Self::of(&Object::new(Self::object_key(key), settings.nodes), key, ring, size, settings)
+    }
+
+    /// The key that decides which object is in the sample of a key.
+    pub fn object_key(key: Key) -> Key {
+        let [object, _, _] = key.split();
+        object
+    }
+
+    /// An object where the key of a sample puts it, in images of `size²` pixels.
+    pub fn of(object: &Object, key: Key, ring: &Ring, size: usize, settings: &SampleSettings) -> Self {
+        let [_, place, above] = key.split();
         let placement = Placement::draw(place, object.half(), ring, settings.scale, settings.reach);
         let [low, high] = settings.elevation_deg;
         let chance = above.uniform(1).next().expect("one number");

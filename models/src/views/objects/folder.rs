@@ -1,0 +1,257 @@
+//! A folder of meshes: which of them are trained on, which are kept to look at, and those that are in memory.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+
+use gradreel::{Error, ErrorKind, Key, Result};
+use rayon::prelude::*;
+
+use super::dice::Dice;
+use super::mesh::ENDINGS;
+use super::{Object, TexturedMesh};
+
+/// How a folder of meshes is used.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FolderSettings {
+    /// Share of the meshes that are never trained on.
+    pub held_out: f64,
+    /// Memory of the meshes that are kept between two uses \[bytes\].
+    pub memory: usize,
+}
+
+impl Default for FolderSettings {
+    /// A tenth, and a gigabyte.
+    fn default() -> Self {
+        Self { held_out: 0.1, memory: 1 << 30 }
+    }
+}
+
+/// A file of a [`MeshFolder`].
+#[derive(Debug)]
+pub struct MeshFile {
+    /// Path in the folder, its parts parted by `/`.
+    pub name: String,
+    /// Its length \[bytes\].
+    pub length: u64,
+    /// The number of its triangles, or why it cannot be used.
+    pub triangles: Result<usize>,
+    /// Whether it is trained on.
+    pub trained: bool,
+    /// Whether it is shown where unseen objects are.
+    pub shown: bool,
+}
+
+/// Textured meshes in the place of procedural objects.
+pub struct MeshFolder {
+    root: PathBuf,
+    files: Vec<MeshFile>,
+    trained: Vec<usize>,
+    unseen: Vec<usize>,
+    kept: Mutex<Kept>,
+}
+
+/// Meshes in memory, and when each was last used.
+#[derive(Default)]
+struct Kept {
+    meshes: HashMap<usize, (Arc<TexturedMesh>, u64)>,
+    bytes: usize,
+    most: usize,
+    used: u64,
+}
+
+impl MeshFolder {
+    /// Looks for `.obj`, `.glb` and `.gltf` files in a folder and all below it (but for links to folders and hidden ones), and
+    /// reads each once, calling `read` after every one: those that cannot be used are told by [`MeshFolder::files`].
+    ///
+    /// On which side of the split a file is follows from its path in the folder without its ending, so that it stays there
+    /// when others come, and an object in two formats is not on both. Each side has at least one file if there are two.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] when there are no meshes, or none that can be used.
+    pub fn open(root: &Path, settings: FolderSettings, read: &(dyn Fn() + Sync)) -> Result<Self> {
+        let mut files = Vec::new();
+        list(root, "", &mut files)?;
+        files.sort();
+        let kept = Mutex::new(Kept { most: settings.memory, ..Kept::default() });
+        let files = files.into_par_iter().enumerate().map(|(index, (name, length))| {
+            let mesh = TexturedMesh::read_inside(&root.join(&name), &name).map(Arc::new);
+            read();
+            let triangles = mesh.as_ref().map(|mesh| mesh.triangles()).map_err(Error::clone);
+            if let Ok(mesh) = mesh {
+                lock(&kept).keep(index, &mesh, false);
+            }
+            MeshFile { name, length, triangles, trained: false, shown: false }
+        });
+        let mut files: Vec<MeshFile> = files.collect();
+        let usable: Vec<usize> = (0..files.len()).filter(|file| files[*file].triangles.is_ok()).collect();
+        if usable.is_empty() {
+            let what = if files.is_empty() {
+                "there are no meshes in the folder"
+            } else {
+                "no mesh in the folder can be used"
+            };
+            let why = files
+                .first()
+                .map(|file| format!("of {} the first one: {}", files.len(), file.why().unwrap_or_default()));
+            return Err(Error::new(ErrorKind::Input, what)
+                .at(root.display())
+                .found(why.unwrap_or_else(|| "no file with one of these endings".into()))
+                .wanted("`.obj`, `.glb` or `.gltf` files, in the folder or below it")
+                .fix("give the folder that holds the objects"));
+        }
+        let (trained, unseen) = divided(&files, usable, settings.held_out);
+        trained.iter().for_each(|file| files[*file].trained = true);
+        unseen.iter().for_each(|file| files[*file].shown = true);
+        Ok(Self { root: root.to_owned(), files, trained, unseen, kept })
+    }
+
+    /// All files that were found, in the order of their names.
+    pub fn files(&self) -> &[MeshFile] {
+        &self.files
+    }
+
+    /// The files that are trained on.
+    pub fn trained(&self) -> impl ExactSizeIterator<Item = &MeshFile> {
+        self.trained.iter().map(|file| &self.files[*file])
+    }
+
+    /// The files that are kept to look at, in the order in which they are shown.
+    pub fn unseen(&self) -> impl ExactSizeIterator<Item = &MeshFile> {
+        self.unseen.iter().map(|file| &self.files[*file])
+    }
+
+    /// Whether no file is on both sides of the split: where there is one file only, or nothing is held out, the same files
+    /// are trained on and shown.
+    pub fn is_divided(&self) -> bool {
+        self.files.iter().all(|file| !(file.trained && file.shown))
+    }
+
+    /// The object of a key: a file to train on, a turn about the vertical, and a lamp.
+    ///
+    /// # Errors
+    /// When the file cannot be read any more.
+    ///
+    /// # Panics
+    /// When all files are held out.
+    #[track_caller]
+    pub fn object(&self, key: Key) -> Result<Object> {
+        let [which, about, light] = key.split();
+        assert!(!self.trained.is_empty(), "all meshes are held out");
+        self.turned(self.trained[Dice::new(which).below(self.trained.len())], about, light)
+    }
+
+    /// An object that is not trained on, by its number: all files in turn, then all of them turned otherwise.
+    ///
+    /// # Errors
+    /// When the file cannot be read any more.
+    pub fn unseen_object(&self, number: usize, key: Key) -> Result<Object> {
+        let [_, about, light] = key.split();
+        self.turned(self.unseen[number % self.unseen.len()], about, light)
+    }
+
+    fn turned(&self, file: usize, about: Key, light: Key) -> Result<Object> {
+        let turn = Dice::new(about).within(0.0, std::f64::consts::TAU);
+        Ok(Object::of_mesh(self.mesh(file)?, turn, light))
+    }
+
+    fn mesh(&self, file: usize) -> Result<Arc<TexturedMesh>> {
+        if let Some(mesh) = lock(&self.kept).find(file) {
+            return Ok(mesh);
+        }
+        let mesh = Arc::new(TexturedMesh::read(&self.root.join(&self.files[file].name))?);
+        lock(&self.kept).keep(file, &mesh, true);
+        Ok(mesh)
+    }
+
+    /// Tells this folder from one with other files: their number, and FNV-1a of their names and lengths.
+    pub fn mark(&self) -> String {
+        let text: String = self.files.iter().map(|file| format!("{}\n{}\n", file.name, file.length)).collect();
+        format!("{}-{:016x}", self.files.len(), hash(&text))
+    }
+}
+
+impl MeshFile {
+    /// Why it cannot be used: what is wrong, where in the file, and what was found.
+    pub fn why(&self) -> Option<String> {
+        let told = self.triangles.as_ref().err()?.to_string();
+        let lines =
+            told.lines().map(str::trim).filter(|line| !line.starts_with("wanted:") && !line.starts_with("fix:"));
+        Some(lines.collect::<Vec<_>>().join("; "))
+    }
+}
+
+impl Kept {
+    fn find(&mut self, file: usize) -> Option<Arc<TexturedMesh>> {
+        self.used += 1;
+        let (mesh, used) = self.meshes.get_mut(&file)?;
+        *used = self.used;
+        Some(mesh.clone())
+    }
+
+    /// Keeps a mesh, in place of those that were not used for longest if `instead`, or only where there is room.
+    fn keep(&mut self, file: usize, mesh: &Arc<TexturedMesh>, instead: bool) {
+        let bytes = mesh.bytes();
+        if bytes > self.most || (!instead && self.bytes + bytes > self.most) || self.meshes.contains_key(&file) {
+            return;
+        }
+        while self.bytes + bytes > self.most {
+            let oldest = self.meshes.iter().min_by_key(|(file, (_, used))| (*used, **file)).map(|(file, _)| *file);
+            let Some((gone, _)) = oldest.and_then(|file| self.meshes.remove(&file)) else { break };
+            self.bytes -= gone.bytes();
+        }
+        self.bytes += bytes;
+        self.used += 1;
+        self.meshes.insert(file, (mesh.clone(), self.used));
+    }
+}
+
+/// Adds the names and lengths of the meshes below a folder.
+fn list(root: &Path, below: &str, found: &mut Vec<(String, u64)>) -> Result<()> {
+    let folder = root.join(below);
+    let io = |e: std::io::Error| Error::io(&folder, "list the folder of meshes", &e).fix("give a folder with meshes");
+    for entry in std::fs::read_dir(&folder).map_err(io)? {
+        let entry = entry.map_err(io)?;
+        let own = entry.file_name();
+        // a name that is no text could not be told to anyone
+        let Some(own) = own.to_str().filter(|name| !name.starts_with('.')) else { continue };
+        let name = if below.is_empty() { own.to_owned() } else { format!("{below}/{own}") };
+        if entry.file_type().map_err(io)?.is_dir() {
+            list(root, &name, found)?;
+        } else if ENDINGS.iter().any(|ending| own.to_lowercase().ends_with(&format!(".{ending}"))) {
+            let length = std::fs::metadata(entry.path()).map(|kind| if kind.is_file() { kind.len() } else { 0 });
+            found.push((name, length.unwrap_or(0)));
+        }
+    }
+    Ok(())
+}
+
+/// The files to train on and those to look at, the latter in an order that says nothing of their names.
+fn divided(files: &[MeshFile], mut usable: Vec<usize>, held_out: f64) -> (Vec<usize>, Vec<usize>) {
+    let share = |file: &usize| {
+        let name = &files[*file].name;
+        let stem = name.rsplit_once('.').map_or(&**name, |(stem, _)| stem);
+        (Key::new(hash(stem)).uniform(1).next().expect("one number"), *file)
+    };
+    usable.sort_by(|a, b| share(a).partial_cmp(&share(b)).expect("shares are numbers"));
+    let mut count = usable.iter().filter(|file| share(file).0 < held_out).count();
+    if held_out > 0.0 && held_out < 1.0 && usable.len() > 1 {
+        count = count.clamp(1, usable.len() - 1);
+    }
+    if count == 0 || (usable.len() == 1 && held_out < 1.0) {
+        return (usable.clone(), usable);
+    }
+    let mut trained = usable.split_off(count);
+    trained.sort_unstable();
+    (trained, usable)
+}
+
+/// FNV-1a.
+fn hash(text: &str) -> u64 {
+    text.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
+}
+
+/// What another thread that panicked left is as good: meshes are put there whole.
+fn lock(kept: &Mutex<Kept>) -> std::sync::MutexGuard<'_, Kept> {
+    kept.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+}

@@ -1,0 +1,42 @@
+//! Procedural objects: a body, what is painted on it, and its grid.
+
+use gradreel::Key;
+
+use super::Met;
+use super::body::Body;
+use super::field::Field;
+use super::texture::Texture;
+
+/// A body with a pattern.
+pub(super) struct Made {
+    body: Body,
+    texture: Texture,
+    field: Field,
+}
+
+impl Made {
+    /// The one of a key for its shape and one for its paint, with so many nodes along the longest side.
+    pub fn new([shape, paint]: [Key; 2], nodes: usize) -> Self {
+        // what is empty or as thin as paper is thrown again
+        let made = (0..).find_map(|turn| {
+            let body = Body::new(shape.fold(turn));
+            Field::of(&body, nodes.max(8)).map(|field| (body, field))
+        });
+        let (body, field) = made.expect("bodies do not end");
+        Self { texture: Texture::new(paint, body.parts()), body, field }
+    }
+
+    /// Half the sides of its box.
+    pub fn half(&self) -> [f64; 3] {
+        self.field.half
+    }
+
+    /// Where a ray meets it; the direction has length 1.
+    pub fn met(&self, origin: [f64; 3], along: [f64; 3]) -> Option<Met> {
+        let entry = self.field.entry(origin, along)?;
+        let (middle, size) = self.field.made;
+        let made: [f64; 3] = std::array::from_fn(|axis| middle[axis] + size * entry.place[axis]);
+        let own = self.body.inside(made);
+        Some(Met { normal: entry.normal, colour: self.texture.colour(self.body.part_at(own), own) })
+    }
+}

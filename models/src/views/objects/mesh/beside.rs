@@ -1,0 +1,108 @@
+//! Files that a mesh names: only those in its own folder are read, and none that is too large.
+
+use std::cell::Cell;
+use std::fs::File;
+use std::io::Read;
+use std::path::{Component, Path, PathBuf};
+
+use gradreel::{Error, ErrorKind, Result};
+
+/// Largest file, and most bytes of all files beside a mesh.
+pub(super) const LARGEST: u64 = 256 << 20;
+
+/// The folder of a mesh.
+pub(super) struct Beside {
+    folder: PathBuf,
+    /// Bytes that may still be read.
+    left: Cell<u64>,
+}
+
+impl Beside {
+    pub fn of(folder: &Path) -> Self {
+        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        Self { folder: folder.to_owned(), left: Cell::new(LARGEST) }
+    }
+
+    /// Whether there is a file of this name.
+    pub fn has(&self, named: &str) -> bool {
+        self.place(named).is_some_and(|path| path.is_file())
+    }
+
+    /// Reads the file of a name; `what` says in an error what it was to be.
+    pub fn read(&self, named: &str, what: &str) -> Result<Vec<u8>> {
+        let outside = |found: String| {
+            Error::new(ErrorKind::Input, format!("{what} is not in the folder of the mesh"))
+                .at(named)
+                .found(found)
+                .wanted("a file beside the mesh or in a folder below it")
+                .fix("put it there and name it by its path from the mesh's folder")
+        };
+        let path = self.place(named).ok_or_else(|| outside("a path that leads elsewhere".into()))?;
+        let io = |e: std::io::Error| {
+            Error::io(named, &format!("read {what}"), &e)
+                .wanted("the file that the mesh names (large and small letters differ)")
+                .fix("put it beside the mesh, or correct its name in the file that names it")
+        };
+        let (folder, whole) = (self.folder.canonicalize().map_err(io)?, path.canonicalize().map_err(io)?);
+        if !whole.starts_with(&folder) {
+            return Err(outside("a link that leads elsewhere".into()));
+        }
+        let bytes = read(&whole, what).map_err(|e| e.at(named))?;
+        match self.left.get().checked_sub(bytes.len() as u64) {
+            Some(left) => self.left.set(left),
+            None => {
+                return Err(too_large(named, what, format!("more than {} MB with the files before it", LARGEST >> 20)));
+            }
+        }
+        Ok(bytes)
+    }
+
+    /// The path that a name means, if it stays in the folder.
+    fn place(&self, named: &str) -> Option<PathBuf> {
+        let named = named.replace('\\', "/");
+        if named.contains('\0') || named.as_bytes().get(1) == Some(&b':') {
+            return None;
+        }
+        let mut path = self.folder.clone();
+        let mut depth = 0;
+        for component in Path::new(&named).components() {
+            match component {
+                Component::Normal(part) => {
+                    path.push(part);
+                    depth += 1;
+                }
+                Component::CurDir => {}
+                Component::ParentDir if depth > 0 => {
+                    path.pop();
+                    depth -= 1;
+                }
+                _ => return None,
+            }
+        }
+        (depth > 0).then_some(path)
+    }
+}
+
+/// Reads a regular file of at most [`LARGEST`] bytes.
+pub(super) fn read(path: &Path, what: &str) -> Result<Vec<u8>> {
+    let io = |e: std::io::Error| Error::io(path, &format!("read {what}"), &e).fix("check the path and its permissions");
+    let kind = path.metadata().map_err(io)?;
+    if !kind.is_file() {
+        let error = Error::new(ErrorKind::Input, format!("cannot read {what}")).at(path.display());
+        return Err(error.found("something that is no file").wanted("a file").fix("remove or replace it"));
+    }
+    let mut bytes = Vec::new();
+    File::open(path).map_err(io)?.take(LARGEST + 1).read_to_end(&mut bytes).map_err(io)?;
+    match bytes.len() as u64 <= LARGEST {
+        true => Ok(bytes),
+        false => Err(too_large(&path.display().to_string(), what, format!("{} MB", kind.len() >> 20))),
+    }
+}
+
+fn too_large(at: &str, what: &str, found: String) -> Error {
+    Error::new(ErrorKind::Input, format!("{what} is too large"))
+        .at(at)
+        .found(found)
+        .wanted(format!("at most {} MB", LARGEST >> 20))
+        .fix("simplify the mesh, or shrink its textures")
+}

@@ -1,0 +1,172 @@
+//! The bytes of a glTF file: its container, its buffers, and what is in them.
+
+use std::borrow::Cow;
+
+use gradreel::Result;
+
+use super::json::{Accessor, Buffer, BufferView, Root};
+use crate::report::base64;
+use crate::views::objects::mesh::beside::{Beside, LARGEST};
+use crate::views::objects::mesh::damaged;
+use crate::views::objects::mesh::surface::MOST_TRIANGLES;
+
+/// The JSON of a `.gltf` or `.glb` file, and the binary part of the latter.
+pub(super) fn parts(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>)> {
+    let Some(rest) = bytes.strip_prefix(b"glTF") else { return Ok((bytes, None)) };
+    let short = || damaged("the mesh is cut short").found(format!("{} bytes", bytes.len()));
+    let (version, rest) = number(rest).ok_or_else(short)?;
+    if version != 2 {
+        return Err(damaged("the mesh has another version of glTF").found(version).wanted(2));
+    }
+    let (length, mut rest) = number(rest).ok_or_else(short)?;
+    if (length as usize) > bytes.len() {
+        return Err(short().wanted(format!("the {length} bytes that it announces")));
+    }
+    let (mut json, mut binary) = (None, None);
+    while let Some((length, after)) = number(rest) {
+        let (kind, after) = number(after).ok_or_else(short)?;
+        let (chunk, after) = after.split_at_checked(length as usize).ok_or_else(short)?;
+        match &kind.to_le_bytes() {
+            b"JSON" => json = json.or(Some(chunk)),
+            b"BIN\0" => binary = binary.or(Some(chunk)),
+            _ => {}
+        }
+        rest = after;
+    }
+    Ok((json.ok_or_else(|| damaged("the mesh has no JSON part"))?, binary))
+}
+
+fn number(bytes: &[u8]) -> Option<(u32, &[u8])> {
+    let (number, rest) = bytes.split_first_chunk()?;
+    Some((u32::from_le_bytes(*number), rest))
+}
+
+/// The bytes that a URI carries itself (`data:`), or those of the file that it names.
+pub(super) fn of_uri(uri: &str, beside: &Beside, what: &str) -> Result<Vec<u8>> {
+    if let Some(data) = uri.strip_prefix("data:") {
+        let text = data.split_once(";base64,").map(|(_, text)| text);
+        return text.and_then(base64::decode).ok_or_else(|| {
+            let found: String = uri.chars().take(40).collect();
+            damaged(format!("{what} cannot be read")).found(found).wanted("data:…;base64,…")
+        });
+    }
+    beside.read(&percent_decoded(uri), what)
+}
+
+/// `%20` is a blank, and so on.
+fn percent_decoded(uri: &str) -> String {
+    let mut bytes = Vec::with_capacity(uri.len());
+    let mut rest = uri.as_bytes();
+    while let Some((&first, after)) = rest.split_first() {
+        let digits = after.get(..2).filter(|digits| first == b'%' && digits.iter().all(u8::is_ascii_hexdigit));
+        let code = digits.and_then(|digits| u8::from_str_radix(std::str::from_utf8(digits).ok()?, 16).ok());
+        bytes.push(code.unwrap_or(first));
+        rest = if code.is_some() { &after[2..] } else { after };
+    }
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
+/// The buffers of a file.
+pub(super) struct Buffers<'a> {
+    root: &'a Root,
+    bytes: Vec<Cow<'a, [u8]>>,
+}
+
+/// The elements of an accessor: so many numbers each.
+pub(super) struct Elements {
+    pub width: usize,
+    pub numbers: Vec<f64>,
+}
+
+impl<'a> Buffers<'a> {
+    pub fn read(root: &'a Root, binary: Option<&'a [u8]>, beside: &Beside) -> Result<Self> {
+        let mut bytes = Vec::new();
+        let mut all = 0;
+        for (index, Buffer { uri, byte_length }) in root.buffers.iter().enumerate() {
+            let buffer = match (uri, binary) {
+                (Some(uri), _) => Cow::Owned(of_uri(uri, beside, "a buffer of the mesh")?),
+                (None, Some(binary)) if index == 0 => Cow::Borrowed(binary),
+                (None, _) => return Err(damaged("a buffer of the mesh has no bytes").at(format!("buffer {index}"))),
+            };
+            all += buffer.len() as u64;
+            if buffer.len() < *byte_length || all > LARGEST {
+                return Err(damaged("a buffer of the mesh has not the bytes that it announces, or too many")
+                    .at(format!("buffer {index}"))
+                    .found(format!("{} bytes", buffer.len()))
+                    .wanted(format!("{byte_length}, at most {} MB in all", LARGEST >> 20)));
+            }
+            bytes.push(buffer);
+        }
+        Ok(Self { root, bytes })
+    }
+
+    /// The bytes of a view, and the distance of its elements if they do not lie side by side.
+    pub fn view(&self, index: usize) -> Result<(&[u8], Option<usize>)> {
+        let found = self.root.buffer_views.get(index).and_then(|view| {
+            let BufferView { buffer, byte_offset, byte_length, byte_stride } = *view;
+            let end = byte_offset.checked_add(byte_length)?;
+            Some((self.bytes.get(buffer)?.get(byte_offset..end)?, byte_stride))
+        });
+        found.ok_or_else(|| damaged("a part of the mesh's buffers is missing").at(format!("buffer view {index}")))
+    }
+
+    /// The numbers of an accessor; normalised integers are within −1..1.
+    pub fn elements(&self, index: usize) -> Result<Elements> {
+        let wrong = |found: String, wanted: &str| {
+            damaged("numbers of the mesh cannot be read").at(format!("accessor {index}")).found(found).wanted(wanted)
+        };
+        let accessor = self.root.accessors.get(index);
+        let accessor = accessor.ok_or_else(|| wrong("none".into(), "an accessor of this number"))?;
+        let Accessor { buffer_view, byte_offset, component_type, normalized, count, ref kind, ref sparse } = *accessor;
+        let (Some(view), None) = (buffer_view, sparse) else {
+            return Err(wrong("a sparse accessor".into(), "one with all of its numbers"));
+        };
+        let width = match kind.as_str() {
+            "SCALAR" => 1,
+            "VEC2" => 2,
+            "VEC3" => 3,
+            "VEC4" => 4,
+            other => return Err(wrong(format!("the type {other}"), "numbers, or vectors of them")),
+        };
+        if count > 3 * MOST_TRIANGLES {
+            return Err(wrong(format!("{count} elements"), "three for each of two million triangles"));
+        }
+        let (bytes, scale) = match component_type {
+            5120 => (1, 127.0),
+            5121 => (1, 255.0),
+            5122 => (2, 32767.0),
+            5123 => (2, 65535.0),
+            5125 => (4, 4_294_967_295.0),
+            5126 => (4, 1.0),
+            other => return Err(wrong(format!("the component type {other}"), "5120 to 5126")),
+        };
+        let (data, stride) = self.view(view)?;
+        let stride = stride.unwrap_or(width * bytes);
+        let mut numbers = Vec::with_capacity((count * width).min(data.len()));
+        for element in 0..count {
+            let place = element.checked_mul(stride).and_then(|place| place.checked_add(byte_offset));
+            let end = place.and_then(|place| place.checked_add(width * bytes));
+            let element = place.zip(end).and_then(|(place, end)| data.get(place..end));
+            let element =
+                element.ok_or_else(|| wrong(format!("{} bytes", data.len()), "bytes for all of its elements"))?;
+            numbers.extend(element.chunks_exact(bytes).map(|value| {
+                let value = match (component_type, value) {
+                    (5120, &[a]) => f64::from(a as i8),
+                    (5122, &[a, b]) => f64::from(i16::from_le_bytes([a, b])),
+                    (5126, &[a, b, c, d]) => f64::from(f32::from_le_bytes([a, b, c, d])),
+                    _ => value.iter().rev().fold(0.0, |sum, byte| 256.0 * sum + f64::from(*byte)),
+                };
+                if normalized { (value / scale).max(-1.0) } else { value }
+            }));
+        }
+        Ok(Elements { width, numbers })
+    }
+}
+
+impl Elements {
+    /// The elements as vectors of `N`, those that are longer cut short; `None` where they are shorter.
+    pub fn vectors<const N: usize>(&self) -> Option<impl ExactSizeIterator<Item = [f64; N]>> {
+        let each = self.numbers.chunks_exact(self.width);
+        (self.width >= N).then(|| each.map(|element| *element.first_chunk().expect("at least so many")))
+    }
+}

@@ -1,0 +1,207 @@
+//! What of a glTF file's JSON decides how an object looks (Khronos glTF 2.0). Names are those of the format.
+
+use std::fmt;
+use std::marker::PhantomData;
+
+use serde::de::{Error, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer};
+
+/// Most entries of a list: three bytes of JSON can be an entry that takes fifty times the memory.
+const MOST: usize = 1 << 18;
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct Root {
+    pub extensions_required: Vec<String>,
+    pub scene: Option<usize>,
+    #[serde(deserialize_with = "list")]
+    pub scenes: Vec<Scene>,
+    #[serde(deserialize_with = "list")]
+    pub nodes: Vec<Node>,
+    #[serde(deserialize_with = "list")]
+    pub meshes: Vec<Mesh>,
+    #[serde(deserialize_with = "list")]
+    pub materials: Vec<Material>,
+    #[serde(deserialize_with = "list")]
+    pub textures: Vec<Texture>,
+    #[serde(deserialize_with = "list")]
+    pub samplers: Vec<Sampler>,
+    #[serde(deserialize_with = "list")]
+    pub images: Vec<Image>,
+    #[serde(deserialize_with = "list")]
+    pub accessors: Vec<Accessor>,
+    #[serde(deserialize_with = "list")]
+    pub buffer_views: Vec<BufferView>,
+    #[serde(deserialize_with = "list")]
+    pub buffers: Vec<Buffer>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Scene {
+    pub nodes: Vec<usize>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Node {
+    pub children: Vec<usize>,
+    pub mesh: Option<usize>,
+    /// By columns.
+    pub matrix: Option<[f64; 16]>,
+    pub translation: Option<[f64; 3]>,
+    /// x, y, z, w
+    pub rotation: Option<[f64; 4]>,
+    pub scale: Option<[f64; 3]>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Mesh {
+    pub primitives: Vec<Primitive>,
+}
+
+#[derive(Debug, Deserialize)]
+pub(super) struct Primitive {
+    pub attributes: std::collections::BTreeMap<String, usize>,
+    pub indices: Option<usize>,
+    pub material: Option<usize>,
+    #[serde(default = "triangles")]
+    pub mode: u32,
+}
+
+/// Triangles, three corners each; 5 is a strip and 6 a fan.
+fn triangles() -> u32 {
+    4
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct Material {
+    pub pbr_metallic_roughness: BaseColour,
+    pub alpha_mode: Option<String>,
+    pub alpha_cutoff: Option<f32>,
+    pub extensions: MaterialExtensions,
+}
+
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct BaseColour {
+    /// Linear.
+    #[serde(rename = "baseColorFactor", alias = "diffuseFactor")]
+    pub factor: Option<[f32; 4]>,
+    #[serde(rename = "baseColorTexture", alias = "diffuseTexture")]
+    pub texture: Option<TextureInfo>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct MaterialExtensions {
+    #[serde(rename = "KHR_materials_pbrSpecularGlossiness")]
+    pub specular_glossiness: Option<BaseColour>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct TextureInfo {
+    pub index: usize,
+    #[serde(default)]
+    pub tex_coord: usize,
+    #[serde(default)]
+    pub extensions: TextureExtensions,
+}
+
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct TextureExtensions {
+    #[serde(rename = "KHR_texture_transform")]
+    pub transform: Option<TextureTransform>,
+}
+
+/// `uv' = offset + turn · scale · uv`
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct TextureTransform {
+    pub offset: [f64; 2],
+    /// Radians.
+    pub rotation: f64,
+    pub scale: Option<[f64; 2]>,
+    pub tex_coord: Option<usize>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Texture {
+    pub sampler: Option<usize>,
+    pub source: Option<usize>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct Sampler {
+    pub wrap_s: Option<u32>,
+    pub wrap_t: Option<u32>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct Image {
+    pub uri: Option<String>,
+    pub buffer_view: Option<usize>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Accessor {
+    pub buffer_view: Option<usize>,
+    #[serde(default)]
+    pub byte_offset: usize,
+    pub component_type: u32,
+    #[serde(default)]
+    pub normalized: bool,
+    pub count: usize,
+    #[serde(rename = "type")]
+    pub kind: String,
+    pub sparse: Option<serde::de::IgnoredAny>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct BufferView {
+    pub buffer: usize,
+    #[serde(default)]
+    pub byte_offset: usize,
+    pub byte_length: usize,
+    pub byte_stride: Option<usize>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Buffer {
+    pub uri: Option<String>,
+    pub byte_length: usize,
+}
+
+/// A list that is not too long.
+fn list<'de, D: Deserializer<'de>, T: Deserialize<'de>>(json: D) -> Result<Vec<T>, D::Error> {
+    struct List<T>(PhantomData<T>);
+    impl<'de, T: Deserialize<'de>> Visitor<'de> for List<T> {
+        type Value = Vec<T>;
+
+        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            write!(f, "a list of at most {MOST} entries")
+        }
+
+        fn visit_seq<A: SeqAccess<'de>>(self, mut entries: A) -> Result<Vec<T>, A::Error> {
+            let mut found = Vec::new();
+            while let Some(entry) = entries.next_element()? {
+                if found.len() == MOST {
+                    return Err(A::Error::invalid_length(MOST + 1, &self));
+                }
+                found.push(entry);
+            }
+            Ok(found)
+        }
+    }
+    json.deserialize_seq(List(PhantomData))
+}

@@ -1,0 +1,119 @@
+//! Materials of a Wavefront OBJ: the colour `Kd r g b`, as it is shown, and the picture `map_Kd file`, which is multiplied by it;
+//! all else is passed over.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use gradreel::Result;
+
+use super::beside::Beside;
+use super::damaged;
+use super::paint::{Ends, Paint, Picture};
+
+/// Most pictures of a mesh.
+pub(super) const MOST_PICTURES: usize = 256;
+/// Colour of a surface that nothing is said of.
+pub(super) const GREY: [f32; 3] = [0.8; 3];
+
+/// A material by its name.
+pub(super) struct Material {
+    pub name: String,
+    colour: Option<[f32; 3]>,
+    /// File of the picture, and whether it ends at its edges.
+    picture: Option<(String, bool)>,
+}
+
+impl Material {
+    /// What the corners are multiplied by. Black under a picture is what exporters leave that mean the picture alone.
+    pub fn colour(&self) -> [f32; 3] {
+        match (self.colour, &self.picture) {
+            (Some([0.0, 0.0, 0.0]) | None, Some(_)) => [1.0; 3],
+            (colour, _) => colour.unwrap_or(GREY),
+        }
+    }
+
+    /// The picture on the surface; those read before are in `known`.
+    pub fn paint(&self, beside: &Beside, known: &mut HashMap<String, Arc<Picture>>) -> Result<Paint> {
+        let Some((file, clamped)) = &self.picture else { return Ok(Paint::default()) };
+        let picture = match known.get(file) {
+            Some(picture) => picture.clone(),
+            None => {
+                if known.len() >= MOST_PICTURES {
+                    return Err(damaged("the mesh has too many textures").wanted(format!("at most {MOST_PICTURES}")));
+                }
+                let bytes = beside.read(file, "the texture of the mesh")?;
+                let picture = Arc::new(Picture::decode(&bytes, file)?);
+                known.insert(file.clone(), picture.clone());
+                picture
+            }
+        };
+        let ends = if *clamped { Ends::Clamp } else { Ends::Repeat };
+        Ok(Paint { picture: Some(picture), cutoff: 0.0, ends: [ends; 2] })
+    }
+}
+
+/// Reads the materials of a file.
+pub(super) fn read(bytes: &[u8]) -> Result<Vec<Material>> {
+    let text = String::from_utf8_lossy(bytes);
+    let mut materials: Vec<Material> = Vec::new();
+    for (number, line) in text.lines().enumerate() {
+        let line = line.trim();
+        let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
+        let rest = rest.trim();
+        if word == "newmtl" {
+            materials.push(Material { name: rest.to_owned(), colour: None, picture: None });
+        }
+        let Some(material) = materials.last_mut() else { continue };
+        match word {
+            "Kd" => material.colour = Some(colour(rest).ok_or_else(|| refused(number, line, "Kd r g b, from 0 to 1"))?),
+            "map_Kd" => {
+                material.picture = Some(picture(rest).ok_or_else(|| refused(number, line, "map_Kd and a file"))?);
+            }
+            _ => {}
+        }
+    }
+    Ok(materials)
+}
+
+fn refused(number: usize, line: &str, wanted: &str) -> gradreel::Error {
+    damaged("a line of the materials cannot be read").at(format!("line {}", number + 1)).found(line).wanted(wanted)
+}
+
+/// Three numbers, or one for all.
+fn colour(text: &str) -> Option<[f32; 3]> {
+    let numbers = text.split_whitespace().map(|word| word.parse().ok().filter(|x: &f32| x.is_finite()));
+    match numbers.collect::<Option<Vec<f32>>>()?[..] {
+        [grey] => Some([grey; 3]),
+        [red, green, blue, ..] => Some([red, green, blue]),
+        _ => None,
+    }
+}
+
+/// The file behind the options, which may have blanks in its name, and whether it is clamped.
+fn picture(text: &str) -> Option<(String, bool)> {
+    let (mut rest, mut clamped) = (text, false);
+    let next = |text: &mut &str| {
+        let (word, after) = text.split_once(char::is_whitespace)?;
+        *text = after.trim_start();
+        Some(word.to_owned())
+    };
+    while rest.starts_with('-') {
+        let option = next(&mut rest)?;
+        match option.as_str() {
+            "-clamp" => clamped = next(&mut rest)? == "on",
+            "-mm" => (0..2).try_for_each(|_| next(&mut rest).map(drop))?,
+            // one to three numbers
+            "-o" | "-s" | "-t" => {
+                for _ in 0..3 {
+                    let word = rest.split_whitespace().next()?;
+                    if word.parse::<f64>().is_ok() {
+                        next(&mut rest)?;
+                    }
+                }
+            }
+            // one word: -blendu, -cc, -boost, …
+            _ => drop(next(&mut rest)?),
+        }
+    }
+    (!rest.is_empty()).then(|| (rest.to_owned(), clamped))
+}
