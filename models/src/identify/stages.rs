@@ -270,13 +270,16 @@ impl Stages<'_> {
         let shape = if flight.is_some() { from(MOVING) } else { first.clone() };
         let length = flight.map_or(0.0, |flight| flight.deviation);
         let lasts = run.state.contact.unwrap_or(1).max(1) as f64 * self.observed.frame_dt;
+        let filmed = self.observed.targets.len().saturating_sub(1).max(1) as f64 * self.observed.frame_dt;
         let of_outlines = OUTLINE_ERROR * 2.0 * self.spacing / lasts;
+        let of_depth = DEPTH_ERROR * 2.0 * self.spacing / filmed;
         let of = |(k, unknown): (usize, Unknown)| {
             let other = (GRID_ERROR * grid[k]).hypot(SHAPE_ERROR * shape[k]).hypot(depth[k]);
             match unknown {
                 Unknown::Contact => 0.0,
                 Unknown::Velocity(axis) => {
-                    let speed = if flight.is_some() { length * fitted.velocity[axis] } else { of_outlines };
+                    let of_fall = of_depth.hypot(length * fitted.velocity[axis]);
+                    let speed = if flight.is_some() { of_fall } else { of_outlines };
                     other.hypot(speed / fitted.slope(self.law, unknown))
                 }
                 Unknown::Parameter(p) => {
@@ -393,6 +396,10 @@ const MODEL_ERROR: f64 = 0.03;
 /// Deviation of where the outlines say that the object is, from the first frame of its flight to the last, in grid cells: a part of
 /// what the silhouettes are too wide or narrow is alike in all cameras.
 const OUTLINE_ERROR: f64 = 0.1;
+
+/// Deviation of how much nearer a single camera sees an object come than it does, from the first frame to the last, in grid cells: on
+/// a grid of twice the spacing it was three cells.
+const DEPTH_ERROR: f64 = 2.0;
 
 /// The share of its depth that a body seen from one side is tried with: what a deviation of it may be.
 const THINNESS: f64 = 0.6;
