@@ -107,6 +107,20 @@ impl Error {
         self.0.kind
     }
 
+    /// What went wrong, where and what was found there in one line, for lists of many.
+    ///
+    /// ```
+    /// use gradreel::{Error, ErrorKind};
+    ///
+    /// let error = Error::new(ErrorKind::Input, "this is no number").at("line 2").found("`x`").fix("export it again");
+    /// assert_eq!(error.in_short(), "this is no number; at: line 2; found: `x`");
+    /// ```
+    pub fn in_short(&self) -> String {
+        let Detail { what, at, found, .. } = &*self.0;
+        let told = [("at", at), ("found", found)].into_iter().filter_map(|(label, text)| Some((label, text.as_ref()?)));
+        told.fold(what.clone(), |line, (label, text)| line + "; " + label + ": " + text)
+    }
+
     /// An operating-system fault at a path.
     ///
     /// A missing or unreadable file is the user's input ([`ErrorKind::Input`]); anything else is [`ErrorKind::Io`].

@@ -7,6 +7,7 @@
 //! ```
 
 mod constant;
+mod fnv1a;
 mod nearest;
 mod vector;
 pub mod layers;

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use gradreel::{Device, Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
+use crate::fnv1a::fnv1a;
 use crate::views::FileWeights;
 
 /// Where the model runs.
@@ -104,6 +105,5 @@ fn mark(path: &Path) -> std::io::Result<String> {
 }
 
 fn mark_of(length: u64, bytes: &[u8]) -> String {
-    let step = |hash: u64, byte: &u8| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3);
-    format!("{length}-{:016x}", bytes.iter().fold(0xcbf2_9ce4_8422_2325, step))
+    format!("{length}-{:016x}", fnv1a(bytes))
 }

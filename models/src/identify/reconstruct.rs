@@ -128,7 +128,7 @@ impl Stages<'_> {
     /// In rounds, fits the voxels to all frames as the simulation moves them, and then the material once more. Ends after a
     /// round that does not agree better with the clip than what was there before, and goes back to that.
     fn refine(&self, run: &mut Run, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
-        let mut fitted = if self.clip.flight.is_some() { MOVING } else { MATERIAL }.to_owned();
+        let mut fitted = self.fitted().to_owned();
         for round in 1..=run.config.estimate.rounds {
             let shape = format!("shape in motion, round {round}");
             let material = format!("{MATERIAL}, round {round}");

@@ -27,6 +27,15 @@ pub(super) struct Effort<'a> {
     pub budget: usize,
 }
 
+/// What a search weighs with what the pictures say.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Weighed {
+    /// What a fall says of the velocity.
+    Velocity,
+    /// That, and what is plausible of the material.
+    All,
+}
+
 /// What a stage runs: from the problem, where it starts and what is known from before an interruption, to the best.
 type Body<'a> = dyn FnMut(&Problem<'_>, &Search, &mut Listener<'_>, &mut dyn FnMut(String)) -> Result<Evaluation> + 'a;
 
@@ -116,24 +125,23 @@ impl Stages<'_> {
         Ok(if self.clip.cameras.len() == 1 { all.with_ground(self.law, Ground::Unsure) } else { all })
     }
 
-    /// What the later searches move: the same, and of what a single camera saw the velocity, too. The pixels after the contact tell
-    /// how fast it came nearer, which its fall hardly does; what the fall says of it counts as well.
-    fn with_fall(&self, run: &Run) -> Result<Free> {
+    /// What the later searches move, and what is known of it: the same, and of what a single camera saw the velocity, too. The pixels
+    /// after the contact tell how fast it came nearer, which its fall hardly does; what the fall says of it counts as well.
+    fn plausible<'a>(&'a self, run: &Run, fall: Option<&'a Fallen>) -> Result<Plausible<'a>> {
         let free = self.free(run, &run.config)?;
-        Ok(if self.clip.flight.is_some() { free.with_velocity(self.law) } else { free })
+        let free = if self.clip.flight.is_some() { free.with_velocity(self.law) } else { free };
+        Ok(Plausible::new(self.law, free).after(fall))
     }
 
     /// The material from near it, in so many Gauss–Newton steps or twice as many evaluations of a descent.
     pub fn fine(&self, run: &mut Run, effort: &Effort<'_>, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
-        let (method, budget) = (run.config.estimate.method, effort.budget);
-        let free = self.free(run, &run.config)?;
         let particles = self.particles(run)?;
+        if run.config.estimate.method == Method::GaussNewton {
+            return self.held(run, effort, &particles, frames, unknowns);
+        }
+        let free = self.free(run, &run.config)?;
         self.search(run, effort, &particles, unknowns, &mut |problem, search, each, notes| {
-            let Search { start, answers, .. } = search;
-            match method {
-                Method::Descent => estimate(problem, start, free, frames, 2 * budget, answers, each, notes),
-                Method::GaussNewton => gauss_newton(problem, start, free, frames, budget, answers, each, notes),
-            }
+            estimate(problem, &search.start, free, frames, 2 * effort.budget, &search.answers, each, notes)
         })
     }
 
@@ -143,23 +151,42 @@ impl Stages<'_> {
             return self.fine(run, effort, frames, unknowns);
         }
         let particles = self.particles(run)?;
-        self.weighed(run, effort, &particles, false, frames, unknowns)
+        self.weighed(run, effort, &particles, Weighed::Velocity, frames, unknowns)
     }
 
-    /// Gauss–Newton steps that weigh what the pictures say with what a fall says of the velocity, and, if asked for, with what is
-    /// plausible of the material.
+    /// The stage that fits the material to the shape that was seen in flight, the last before the rounds that mend both.
+    pub fn fitted(&self) -> &'static str {
+        if self.clip.flight.is_some() { MOVING } else { MATERIAL }
+    }
+
+    /// Gauss–Newton steps with the velocity of what a single camera saw held.
+    fn held(
+        &self,
+        run: &mut Run,
+        effort: &Effort<'_>,
+        particles: &Particles,
+        frames: usize,
+        unknowns: &mut Unknowns,
+    ) -> Result<()> {
+        let free = self.free(run, &run.config)?;
+        self.search(run, effort, particles, unknowns, &mut |problem, search, each, notes| {
+            gauss_newton(problem, &search.start, free, frames, effort.budget, &search.answers, each, notes)
+        })
+    }
+
+    /// Gauss–Newton steps that weigh what the pictures say with what is known besides.
     fn weighed(
         &self,
         run: &mut Run,
         effort: &Effort<'_>,
         particles: &Particles,
-        material: bool,
+        weighed: Weighed,
         frames: usize,
         unknowns: &mut Unknowns,
     ) -> Result<()> {
-        let free = self.with_fall(run)?;
         let fall = self.fall()?;
-        let mut plausible = Plausible::new(self.law, free).after(fall.as_ref());
+        let mut plausible = self.plausible(run, fall.as_ref())?;
+        let free = plausible.free;
         let mut first = None;
         if !run.has_finished(effort.stage) {
             let start = run.search(effort.stage, unknowns).start.clone();
@@ -167,8 +194,8 @@ impl Stages<'_> {
             let (mut notes, mut substeps) = (Vec::new(), 0);
             let here = problem.linearise(&start, free, frames, &mut substeps, &mut |note| notes.push(note))?;
             let noise = interval::noise(&plausible, &start, &here)?.into_iter().zip(free.list(self.law));
-            let weighed = |unknown| material || matches!(unknown, Unknown::Velocity(_));
-            plausible = plausible.pulling(noise.map(|(n, unknown)| if weighed(unknown) { n } else { 0.0 }).collect());
+            let pulls = |unknown| weighed == Weighed::All || matches!(unknown, Unknown::Velocity(_));
+            plausible = plausible.pulling(noise.map(|(n, unknown)| if pulls(unknown) { n } else { 0.0 }).collect());
             first = Some((here, substeps));
             notes.into_iter().for_each(|note| run.note(format!("{}: {note}", effort.stage)));
         }
@@ -206,13 +233,8 @@ impl Stages<'_> {
         let effort = Effort { stage, budget: run.config.estimate.coarse };
         let mut there = unknowns.clone();
         match self.clip.flight {
-            Some(_) => self.weighed(run, &effort, particles, false, frames, &mut there)?,
-            None => {
-                let (free, budget) = (self.free(run, &run.config)?, effort.budget);
-                self.search(run, &effort, particles, &mut there, &mut |problem, search, each, notes| {
-                    gauss_newton(problem, &search.start, free, frames, budget, &search.answers, each, notes)
-                })?;
-            }
+            Some(_) => self.weighed(run, &effort, particles, Weighed::Velocity, frames, &mut there)?,
+            None => self.held(run, &effort, particles, frames, &mut there)?,
         }
         run.state.unknowns = Some(unknowns.clone());
         run.save()
@@ -238,10 +260,11 @@ impl Stages<'_> {
         }
         let particles = self.particles(run)?;
         if self.clip.cameras.len() > 1 {
-            return self.weighed(run, &effort, &particles, true, frames, unknowns);
+            return self.weighed(run, &effort, &particles, Weighed::All, frames, unknowns);
         }
-        let (free, fall) = (self.with_fall(run)?, self.fall()?);
-        let plausible = Plausible::new(self.law, free).after(fall.as_ref());
+        let fall = self.fall()?;
+        let plausible = self.plausible(run, fall.as_ref())?;
+        let free = plausible.free;
         let bias = self.bias(run, free, unknowns);
         self.search(run, &effort, &particles, unknowns, &mut |problem, search, each, notes| {
             let start = &search.start;
@@ -267,7 +290,7 @@ impl Stages<'_> {
         };
         let flight = self.clip.flight.as_ref();
         let (grid, depth, first) = (from(COARSE), from(THIN), from(MATERIAL));
-        let shape = if flight.is_some() { from(MOVING) } else { first.clone() };
+        let shape = from(self.fitted());
         let length = flight.map_or(0.0, |flight| flight.deviation);
         let lasts = run.state.contact.unwrap_or(1).max(1) as f64 * self.observed.frame_dt;
         let filmed = self.observed.targets.len().saturating_sub(1).max(1) as f64 * self.observed.frame_dt;

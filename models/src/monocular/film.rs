@@ -5,7 +5,7 @@ use std::path::Path;
 use gradreel::{Error, ErrorKind, Result};
 use ndarray::azip;
 
-use super::free_fall::{Down, LEAST_FRAMES};
+use super::free_fall::Down;
 use super::{ground, locate};
 use crate::vector::times;
 use crate::video::{Camera, Clip, Film, FilmSettings, Flight, Frame, OpenOptions};
@@ -63,7 +63,7 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
     };
     let mut fall = locate(&clip, down)?;
     if let Some(hueless) = film.hueless {
-        let flight = fall.as_ref().map_or(LEAST_FRAMES, |fall| fall.frames);
+        let flight = fall.as_ref().map_or(Flight::LEAST_FRAMES, |fall| fall.frames);
         if complete(&mut clip.frames[0], hueless, flight) {
             clip.assumptions.push(
                 "parts in the background's hue: of the object while it is in the air, of nothing afterwards (the film has few colours)"

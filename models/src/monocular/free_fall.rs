@@ -5,7 +5,7 @@ use gradreel::optim::{LevenbergMarquardt, Residuals};
 
 use super::sighting::Sighting;
 use crate::vector::{dot, times};
-use crate::video::Camera;
+use crate::video::{Camera, Flight};
 
 /// Standard deviation of a silhouette's middle: a share of its side, at least so many pixels.
 const MIDDLE: [f64; 2] = [0.003, 0.25];
@@ -13,9 +13,6 @@ const MIDDLE: [f64; 2] = [0.003, 0.25];
 /// Standard deviation of the logarithm of a silhouette's side: of that of a body which is turned by what it is seen from, as its body is
 /// known roughly only. Taking it for surer makes things seem to come or go, and with that all lengths wrong.
 const SIZE: f64 = 0.05;
-
-/// The frames that show a free fall, at least.
-pub(super) const LEAST_FRAMES: usize = 3;
 
 /// How much the cost may grow by another frame of free fall, as a multiple of the residuals' variance: three numbers do so by
 /// chance one time in twenty. Half a pixel above the path, an object may have touched the ground already.
@@ -179,7 +176,7 @@ impl FreeFall {
     /// Those of [`FreeFall::fit`].
     pub fn longest(camera: &Camera, sightings: &[Sighting], bias: &[[f64; 3]], down: Down) -> Result<Option<Self>> {
         let mut found: Option<Self> = None;
-        for frames in LEAST_FRAMES..=sightings.len() {
+        for frames in Flight::LEAST_FRAMES..=sightings.len() {
             let longer = Self::fit(camera, &sightings[..frames], bias, down)?;
             // noise is what is expected, or what there was if that was more
             let noise = |shorter: &Self| (2.0 * shorter.cost / (3 * shorter.frames - 7) as f64).max(1.0);

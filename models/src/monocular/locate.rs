@@ -3,11 +3,11 @@
 use gradreel::Result;
 use ndarray::Array2;
 
-use super::free_fall::{Down, FreeFall, LEAST_FRAMES};
+use super::free_fall::{Down, FreeFall};
 use super::sighting::Sighting;
 use crate::field::Inflated;
 use crate::vector::{minus, plus};
-use crate::video::{Camera, Clip, Frame};
+use crate::video::{Camera, Clip, Flight, Frame};
 
 /// Pixels of the coarse silhouettes along the object's side.
 const FINENESS: f64 = 60.0;
@@ -28,7 +28,7 @@ pub fn locate(clip: &Clip, down: Down) -> Result<Option<FreeFall>> {
     let (camera, frames) = (&clip.cameras[0], &clip.frames[0]);
     let times = clip.times.iter().map(|t| t - clip.times[0]);
     let sightings: Vec<Sighting> = frames.iter().zip(times).map_while(|(f, t)| Sighting::of(camera, f, t)).collect();
-    if sightings.len() < LEAST_FRAMES {
+    if sightings.len() < Flight::LEAST_FRAMES {
         return Ok(None);
     }
     let Some(body) = Body::of(camera, &frames[0]) else { return Ok(None) };

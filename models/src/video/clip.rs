@@ -97,6 +97,9 @@ pub struct OpenOptions {
 }
 
 impl Flight {
+    /// The frames that show a free fall, at least.
+    pub const LEAST_FRAMES: usize = 3;
+
     /// Standard deviations of the velocity \[m/s\].
     pub fn velocity_deviation(&self) -> [f64; 3] {
         [0, 1, 2].map(|axis| self.velocity_covariance[axis][axis].max(0.0).sqrt())

@@ -4,25 +4,22 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use serde_json::Value;
+use tempfile::TempDir;
 
 /// Settings of a run of a second or two: few iterations on few pixels.
 pub const QUICK: &str = "[clip]\nshrink = 5\n[geometry]\ndx = 0.05\n[geometry.fit]\niterations = 6\nin_motion = 2\n\
                          [estimate]\nvelocity = 2\nscan = 2\nstarts = 1\nfirst = 1\nfine = 1\ncoarse = 1\n";
 
 /// A folder of the test's own that goes away with it.
-pub struct Scene(pub PathBuf);
+pub struct Scene(TempDir);
 
 impl Scene {
     pub fn new() -> Self {
-        static COUNT: AtomicUsize = AtomicUsize::new(0);
-        let unique = format!("gradreel-cli-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
-        let root = std::env::temp_dir().join(unique);
-        fs::create_dir_all(&root).unwrap();
-        fs::write(root.join("quick.toml"), QUICK).unwrap();
-        Self(root)
+        let scene = Self(TempDir::new().unwrap());
+        scene.write("quick.toml", QUICK);
+        scene
     }
 
     /// A scene with a folder `clip`: these cameras and so many frames of the bundled clip, with background plates.
@@ -33,7 +30,7 @@ impl Scene {
     }
 
     pub fn copy_clip(&self, name: &str, cameras: &[i64], frames: i64) {
-        let (from, to) = (bundled(), self.0.join(name));
+        let (from, to) = (bundled(), self.0.path().join(name));
         fs::create_dir_all(to.join("data")).unwrap();
         let list: Vec<Value> = serde_json::from_slice(&fs::read(from.join("all_data.json")).unwrap()).unwrap();
         let wanted: Vec<String> = cameras
@@ -50,7 +47,7 @@ impl Scene {
     }
 
     pub fn path(&self, name: &str) -> PathBuf {
-        self.0.join(name)
+        self.0.path().join(name)
     }
 
     pub fn write(&self, name: &str, bytes: impl AsRef<[u8]>) {
@@ -80,7 +77,7 @@ impl Scene {
     /// Runs the program, which must refuse its input, say all of `parts` and a way out, and change nothing here.
     #[track_caller]
     pub fn refuses(&self, arguments: &str, parts: &[&str]) {
-        let before = contents(&self.0);
+        let before = contents(self.0.path());
         let output = self.run(arguments);
         let message = text(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{arguments}: {message}");
@@ -88,18 +85,12 @@ impl Scene {
             assert!(message.contains(part), "{arguments}: no {part:?} in: {message}");
         }
         assert!(!message.contains("panicked"), "{message}");
-        assert!(before == contents(&self.0), "{arguments}: a refused run leaves everything as it was");
+        assert!(before == contents(self.0.path()), "{arguments}: a refused run leaves everything as it was");
     }
 
     /// The state of a run.
     pub fn state(&self, out: &str) -> Value {
         serde_json::from_slice(&fs::read(self.path(out).join("state.json")).unwrap()).unwrap()
-    }
-}
-
-impl Drop for Scene {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
     }
 }
 

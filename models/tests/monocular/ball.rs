@@ -1,10 +1,10 @@
 //! A ball that falls onto a floor and stays there, as a pinhole camera sees it.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use gradreel_models::video::{Camera, Clip, Foreground, Frame};
 use ndarray::{Array2, Array3};
+use tempfile::TempDir;
 
 pub const GRAVITY: [f64; 3] = [0.0, -9.8, 0.0];
 pub const RADIUS: f64 = 0.1;
@@ -127,24 +127,14 @@ pub fn write_folder(folder: &Path, pictures: &[Vec<u8>]) {
 }
 
 /// A folder of the test's own that goes away with it.
-pub struct Folder(pub PathBuf);
+pub struct Folder(TempDir);
 
 impl Folder {
     pub fn new() -> Self {
-        static COUNT: AtomicUsize = AtomicUsize::new(0);
-        let unique = format!("gradreel-film-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
-        let root = std::env::temp_dir().join(unique);
-        std::fs::create_dir_all(&root).unwrap();
-        Self(root)
+        Self(TempDir::new().unwrap())
     }
 
     pub fn path(&self, name: &str) -> PathBuf {
-        self.0.join(name)
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
+        self.0.path().join(name)
     }
 }

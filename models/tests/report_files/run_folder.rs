@@ -1,27 +1,11 @@
 //! A run never writes over anything, and never leaves half a file.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use gradreel::ErrorKind;
 use gradreel_models::report::run_folder::{RunFolder, next_free};
-
-/// A folder of the test's own that goes away with it.
-pub struct Scratch(pub PathBuf);
-
-impl Scratch {
-    pub fn new(test: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("gradreel-{test}-{}", std::process::id()));
-        fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
-    }
-}
+use tempfile::TempDir;
 
 /// What a run has written into a folder, beside the mark that it is at work.
 pub fn names(folder: &Path) -> Vec<String> {
@@ -34,8 +18,8 @@ pub fn names(folder: &Path) -> Vec<String> {
 
 #[test]
 fn a_folder_with_something_in_it_is_refused_and_left_alone() {
-    let scratch = Scratch::new("refuse");
-    let path = scratch.0.join("bird");
+    let scratch = TempDir::new().unwrap();
+    let path = scratch.path().join("bird");
     fs::create_dir(&path).unwrap();
     fs::write(path.join("notes.txt"), "mine").unwrap();
 
@@ -51,41 +35,41 @@ fn a_folder_with_something_in_it_is_refused_and_left_alone() {
 
 #[test]
 fn a_hidden_file_also_makes_a_folder_not_empty() {
-    let scratch = Scratch::new("hidden");
-    fs::write(scratch.0.join(".keep"), "").unwrap();
-    assert!(RunFolder::create(&scratch.0).is_err());
+    let scratch = TempDir::new().unwrap();
+    fs::write(scratch.path().join(".keep"), "").unwrap();
+    assert!(RunFolder::create(scratch.path()).is_err());
 }
 
 #[test]
 fn new_and_empty_folders_are_taken_and_files_are_not() {
-    let scratch = Scratch::new("create");
-    assert_eq!(RunFolder::create(&scratch.0.join("a/b/c")).unwrap().root(), scratch.0.join("a/b/c"));
-    RunFolder::create(&scratch.0.join("a/b/c")).expect("an empty folder is as good as a new one");
+    let scratch = TempDir::new().unwrap();
+    assert_eq!(RunFolder::create(&scratch.path().join("a/b/c")).unwrap().root(), scratch.path().join("a/b/c"));
+    RunFolder::create(&scratch.path().join("a/b/c")).expect("an empty folder is as good as a new one");
 
-    let file = scratch.0.join("file");
+    let file = scratch.path().join("file");
     fs::write(&file, "mine").unwrap();
     for error in [
         RunFolder::create(&file).unwrap_err(),
         RunFolder::create(&file.join("below")).unwrap_err(),
         RunFolder::open(&file).unwrap_err(),
-        RunFolder::open(&scratch.0.join("missing")).unwrap_err(),
+        RunFolder::open(&scratch.path().join("missing")).unwrap_err(),
     ] {
         assert_eq!(error.kind(), ErrorKind::Input, "{error}");
     }
     assert_eq!(fs::read(&file).unwrap(), b"mine");
-    assert!(!scratch.0.join("missing").exists());
+    assert!(!scratch.path().join("missing").exists());
 }
 
 #[test]
 fn files_are_written_read_and_replaced() {
-    let scratch = Scratch::new("write");
-    let run = RunFolder::create(&scratch.0).unwrap();
+    let scratch = TempDir::new().unwrap();
+    let run = RunFolder::create(scratch.path()).unwrap();
     assert!(!run.has("frames/000.ply"));
     run.write("frames/000.ply", b"old and long").unwrap();
     run.write("frames/000.ply", b"new").unwrap();
     assert!(run.has("frames/000.ply"));
     assert!(!run.has("frames"), "a folder is not a file of the run");
-    let again = RunFolder::open(&scratch.0).unwrap();
+    let again = RunFolder::open(scratch.path()).unwrap();
     assert_eq!(again.read("frames/000.ply").unwrap(), b"new");
     assert_eq!(names(&run.path("frames")), ["000.ply"], "nothing is left beside it");
     assert_eq!(run.read("absent").unwrap_err().kind(), ErrorKind::Input);
@@ -93,8 +77,8 @@ fn files_are_written_read_and_replaced() {
 
 #[test]
 fn a_write_that_fails_changes_nothing() {
-    let scratch = Scratch::new("fail");
-    let run = RunFolder::create(&scratch.0).unwrap();
+    let scratch = TempDir::new().unwrap();
+    let run = RunFolder::create(scratch.path()).unwrap();
     run.write("page/index.html", b"old").unwrap();
 
     let error = run.write("page", b"a file where a folder is").unwrap_err();
@@ -102,26 +86,26 @@ fn a_write_that_fails_changes_nothing() {
     run.write("page/index.html/below", b"a folder where a file is").unwrap_err();
 
     assert_eq!(run.read("page/index.html").unwrap(), b"old");
-    assert_eq!(names(&scratch.0), ["page"]);
+    assert_eq!(names(scratch.path()), ["page"]);
     assert_eq!(names(&run.path("page")), ["index.html"]);
 }
 
 #[test]
 fn names_that_lead_out_of_the_folder_are_refused() {
-    let scratch = Scratch::new("outside");
-    let run = RunFolder::create(&scratch.0.join("run")).unwrap();
-    let absolute = scratch.0.join("out").into_os_string().into_string().unwrap();
+    let scratch = TempDir::new().unwrap();
+    let run = RunFolder::create(&scratch.path().join("run")).unwrap();
+    let absolute = scratch.path().join("out").into_os_string().into_string().unwrap();
     for name in ["../out", "frames/../../out", &absolute, ""] {
         assert_eq!(run.write(name, b"x").unwrap_err().kind(), ErrorKind::Input, "{name}");
         assert_eq!(run.read(name).unwrap_err().kind(), ErrorKind::Input, "{name}");
     }
-    assert_eq!(names(&scratch.0), ["run"]);
+    assert_eq!(names(scratch.path()), ["run"]);
 }
 
 #[test]
 fn the_next_free_name_is_numbered() {
-    let scratch = Scratch::new("next");
-    let base = scratch.0.join("runs");
+    let scratch = TempDir::new().unwrap();
+    let base = scratch.path().join("runs");
     assert_eq!(next_free(&base, "bird"), base.join("bird"));
     assert!(!base.exists(), "asking makes nothing");
     fs::create_dir_all(base.join("bird")).unwrap();

@@ -9,8 +9,9 @@ use std::time::Duration;
 use gradreel::ErrorKind;
 use gradreel_models::report::interrupt;
 use gradreel_models::report::run_folder::RunFolder;
+use tempfile::TempDir;
 
-use crate::run_folder::{Scratch, names};
+use crate::run_folder::names;
 
 /// Tells the process started by a test which folder to write to, or that it is to wait for signals.
 const PART: &str = "GRADREEL_TEST_PART";
@@ -106,19 +107,19 @@ fn part_writes() {
 
 #[test]
 fn a_write_that_breaks_off_half_way_keeps_the_old_file() {
-    let scratch = Scratch::new("full");
-    let run = RunFolder::create(&scratch.0).unwrap();
+    let scratch = TempDir::new().unwrap();
+    let run = RunFolder::create(scratch.path()).unwrap();
     run.write("big", &vec![b'o'; 3000]).unwrap();
     // A limit of a few kilobytes per file stands for a full disk: the first bytes are taken, the rest refused.
     let script = r#"trap '' XFSZ; ulimit -f 8; exec "$0" --exact signals::part_writes --nocapture"#;
     let mut child = Command::new("sh")
         .args(["-c", script, &this_program()])
-        .env(PART, &scratch.0)
+        .env(PART, scratch.path())
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
     assert_eq!(exit_code(&mut child), Some(7), "the write fails with an error");
-    assert_eq!(fs::read(scratch.0.join("big")).unwrap(), vec![b'o'; 3000]);
-    assert_eq!(names(&scratch.0), ["big"]);
+    assert_eq!(fs::read(scratch.path().join("big")).unwrap(), vec![b'o'; 3000]);
+    assert_eq!(names(scratch.path()), ["big"]);
 }

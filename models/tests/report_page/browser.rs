@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use gradreel_models::report::page::{Headline, Page, Scene};
+use tempfile::TempDir;
 
 /// A browser on the path, or the one that `CHROMIUM` names.
 fn browser() -> Option<PathBuf> {
@@ -92,11 +93,11 @@ fn the_player_draws_and_plays_in_a_browser() {
         config_toml: String::new(),
         files: Vec::new(),
     };
-    let folder = std::env::temp_dir().join(format!("gradreel-page-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
+    let folder = TempDir::new().unwrap();
+    let folder = folder.path();
     std::fs::write(folder.join("index.html"), page.html()).unwrap();
 
-    let after = run(&browser, &folder, &["--dump-dom"]);
+    let after = run(&browser, folder, &["--dump-dom"]);
     let clock = after.split("id=\"clock\"").nth(1).and_then(|rest| rest.split(['>', '<']).nth(1)).unwrap_or_default();
     assert!(clock.contains("of 2") && clock.contains(" s · frame"), "the clock says {clock:?}");
     let player =
@@ -105,8 +106,7 @@ fn the_player_draws_and_plays_in_a_browser() {
     assert!(after.contains("1000 particles") && after.contains("301 kPa") && after.contains("295 kPa to 308 kPa"));
 
     let picture = folder.join("page.png");
-    run(&browser, &folder, &[&format!("--screenshot={}", picture.display())]);
+    run(&browser, folder, &[&format!("--screenshot={}", picture.display())]);
     let count = magenta(&picture);
     assert!(count > 1000, "{count} pixels of the particles' colour");
-    std::fs::remove_dir_all(&folder).unwrap();
 }

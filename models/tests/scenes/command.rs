@@ -1,7 +1,9 @@
 //! `gradreel simulate` as a person runs it.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output};
+
+use tempfile::TempDir;
 
 const SCENE: &str = r#"
 title = "Two <small> boxes"
@@ -34,28 +36,22 @@ velocity_m_s = [-0.2, 0, 0]
 pixels = [96, 72]
 "#;
 
-fn folder(name: &str) -> PathBuf {
-    let path = std::env::temp_dir().join(format!("gradreel-simulate-{name}-{}", std::process::id()));
-    let _ = std::fs::remove_dir_all(&path);
-    std::fs::create_dir_all(&path).unwrap();
-    path
-}
-
 fn simulate(arguments: &[&str], within: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_gradreel")).arg("simulate").args(arguments).current_dir(within).output().unwrap()
 }
 
 #[test]
 fn a_scene_becomes_a_folder_of_results() {
-    let within = folder("whole");
+    let folder = TempDir::new().unwrap();
+    let within = folder.path();
     std::fs::write(within.join("two.toml"), SCENE).unwrap();
-    let plan = simulate(&["two.toml", "--plan"], &within);
+    let plan = simulate(&["two.toml", "--plan"], within);
     let text = String::from_utf8(plan.stdout).unwrap();
     assert!(plan.status.success() && text.contains("432 particles") || text.contains("particles   432"), "{text}");
     assert!(text.contains("substeps") && text.contains("MiB"), "{text}");
     assert!(!within.join("runs").exists(), "a plan writes nothing");
 
-    let done = simulate(&["two.toml", "--frames", "ply,npy"], &within);
+    let done = simulate(&["two.toml", "--frames", "ply,npy"], within);
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     let run = within.join("runs/two");
     for file in
@@ -76,25 +72,24 @@ fn a_scene_becomes_a_folder_of_results() {
     let height = |k: usize| frames[k]["centre_m"][1].as_f64().unwrap();
     assert!(height(4) < height(0));
     // The copy is a scene, and says what was assumed.
-    let again = simulate(&["runs/two/scene.toml", "--plan"], &within);
+    let again = simulate(&["runs/two/scene.toml", "--plan"], within);
     assert!(again.status.success(), "{}", String::from_utf8_lossy(&again.stderr));
-    std::fs::remove_dir_all(within).unwrap();
 }
 
 #[test]
 fn a_bad_scene_leaves_no_folder_and_exits_with_2() {
-    let within = folder("bad");
+    let folder = TempDir::new().unwrap();
+    let within = folder.path();
     std::fs::write(within.join("bad.toml"), SCENE.replace("newtonian", "newtonain")).unwrap();
-    let refused = simulate(&["bad.toml"], &within);
+    let refused = simulate(&["bad.toml"], within);
     let text = String::from_utf8(refused.stderr).unwrap();
     assert_eq!(refused.status.code(), Some(2), "{text}");
     assert!(text.contains("bad.toml: materials.b.law") && text.contains("did you mean `newtonian`?"), "{text}");
     assert!(!within.join("runs").exists());
-    assert_eq!(simulate(&["missing.toml"], &within).status.code(), Some(2));
-    let help = simulate(&["--help"], &within);
+    assert_eq!(simulate(&["missing.toml"], within).status.code(), Some(2));
+    let help = simulate(&["--help"], within);
     let help = String::from_utf8(help.stdout).unwrap();
     assert!(help.contains("shape.sphere") && help.contains("drucker_prager"), "{help}");
-    std::fs::remove_dir_all(within).unwrap();
 }
 
 #[cfg(unix)]
@@ -102,18 +97,19 @@ fn a_bad_scene_leaves_no_folder_and_exits_with_2() {
 fn a_run_that_is_interrupted_goes_on_to_the_same_end() {
     use std::time::{Duration, Instant};
 
-    let within = folder("interrupted");
+    let folder = TempDir::new().unwrap();
+    let within = folder.path();
     // Long enough to be caught in the middle.
     let scene = SCENE.replace("duration_s = 0.1", "duration_s = 0.3").replace("spacing_m = 0.06", "spacing_m = 0.03");
     std::fs::write(within.join("two.toml"), scene).unwrap();
     let arguments = ["two.toml", "--frames", "npy", "--no-gif"];
-    let whole = simulate(&[&arguments[..], &["--out", "whole"]].concat(), &within);
+    let whole = simulate(&[&arguments[..], &["--out", "whole"]].concat(), within);
     assert!(whole.status.success(), "{}", String::from_utf8_lossy(&whole.stderr));
     let resumed = [&arguments[..], &["--out", "parts"]].concat();
     let mut child = Command::new(env!("CARGO_BIN_EXE_gradreel"))
         .arg("simulate")
         .args(&resumed)
-        .current_dir(&within)
+        .current_dir(within)
         .stderr(std::process::Stdio::null())
         .spawn()
         .unwrap();
@@ -127,9 +123,9 @@ fn a_run_that_is_interrupted_goes_on_to_the_same_end() {
     // On a very fast machine it may have finished.
     if code == Some(130) {
         assert!(within.join("parts/state.npy").exists() && within.join("parts/totals.json").exists());
-        let other = simulate(&[&resumed[..], &["--resume", "--precision", "f64"]].concat(), &within);
+        let other = simulate(&[&resumed[..], &["--resume", "--precision", "f64"]].concat(), within);
         assert!(String::from_utf8_lossy(&other.stderr).contains("another scene"), "{other:?}");
-        let rest = simulate(&[&resumed[..], &["--resume"]].concat(), &within);
+        let rest = simulate(&[&resumed[..], &["--resume"]].concat(), within);
         assert!(rest.status.success(), "{}", String::from_utf8_lossy(&rest.stderr));
         assert!(!within.join("parts/state.npy").exists());
     } else {
@@ -146,16 +142,16 @@ fn a_run_that_is_interrupted_goes_on_to_the_same_end() {
     let (whole, parts) = (heights("whole"), heights("parts"));
     assert_eq!((whole.len(), parts.len()), (13, 13));
     whole.iter().zip(&parts).for_each(|(a, b)| approx::assert_relative_eq!(a, b, max_relative = 1e-12));
-    std::fs::remove_dir_all(within).unwrap();
 }
 
 #[test]
 fn a_filmed_scene_is_a_clip_that_can_be_reconstructed() {
     use gradreel_models::video::{Clip, OpenOptions};
-    let within = folder("film");
+    let folder = TempDir::new().unwrap();
+    let within = folder.path();
     let scene = SCENE.to_owned() + "[film]\ncameras = 3\npixels = [40, 32]\ntarget_m = [0, 0.2, 0]\ndistance_m = 1.2\n";
     std::fs::write(within.join("film.toml"), &scene).unwrap();
-    let done = simulate(&["film.toml", "--out", "run", "--no-gif"], &within);
+    let done = simulate(&["film.toml", "--out", "run", "--no-gif"], within);
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     let clip = Clip::open(&within.join("run/clip"), &OpenOptions::default()).unwrap();
     assert_eq!((clip.cameras.len(), clip.frame_count()), (3, 5));
@@ -178,7 +174,7 @@ fn a_filmed_scene_is_a_clip_that_can_be_reconstructed() {
         assert_eq!(frames[0].alpha[[0, 0]], 0.0);
     }
     std::fs::write(within.join("film.toml"), scene.replace("cameras = 3", "cameras = 0")).unwrap();
-    let refused = simulate(&["film.toml", "--out", "third"], &within);
+    let refused = simulate(&["film.toml", "--out", "third"], within);
     let text = String::from_utf8_lossy(&refused.stderr);
     assert!(refused.status.code() == Some(2) && text.contains("film.cameras"), "{text}");
     assert!(!within.join("third").exists(), "a scene that is refused leaves nothing");

@@ -2,11 +2,11 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use gradreel::{Error, ErrorKind, Result};
 use gradreel_models::video::{Clip, OpenOptions};
 use serde_json::{Value, json};
+use tempfile::TempDir;
 
 /// An image as a function of column and row.
 pub type Paint<'a> = &'a dyn Fn(usize, usize) -> [u8; 4];
@@ -15,15 +15,15 @@ pub struct Builder {
     pub root: PathBuf,
     pub entries: Vec<Value>,
     pub size: (usize, usize),
+    _folder: TempDir,
 }
 
 impl Builder {
     pub fn new(width: usize, height: usize) -> Builder {
-        static COUNT: AtomicUsize = AtomicUsize::new(0);
-        let unique = format!("gradreel-video-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
-        let root = std::env::temp_dir().join(unique);
-        fs::create_dir_all(root.join("data")).unwrap();
-        Builder { root, entries: Vec::new(), size: (width, height) }
+        let folder = TempDir::new().unwrap();
+        let root = folder.path().to_owned();
+        fs::create_dir(root.join("data")).unwrap();
+        Builder { root, entries: Vec::new(), size: (width, height), _folder: folder }
     }
 
     /// Cameras × frames of a red square on transparent ground.
@@ -73,12 +73,6 @@ impl Builder {
     #[track_caller]
     pub fn fails(&self) -> String {
         message(self.open().expect_err("this clip is broken and must be refused"))
-    }
-}
-
-impl Drop for Builder {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.root);
     }
 }
 

@@ -10,7 +10,7 @@ use crate::mesh_files::{cube, cube_glb, obj};
 use crate::meshes::Folder;
 
 fn open(folder: &Folder, settings: FolderSettings) -> MeshFolder {
-    MeshFolder::open(&folder.0, settings, &|| {}).unwrap()
+    MeshFolder::open(folder.root(), settings, &|| {}).unwrap()
 }
 
 /// Boxes of different shapes and colours.
@@ -93,7 +93,7 @@ fn the_split_is_stable_and_nothing_is_on_both_sides() {
 #[test]
 fn files_that_cannot_be_used_are_left_out_and_told() {
     let folder = Folder::new();
-    let refused = || MeshFolder::open(&folder.0, FolderSettings::default(), &|| {}).err().unwrap().to_string();
+    let refused = || MeshFolder::open(folder.root(), FolderSettings::default(), &|| {}).err().unwrap().to_string();
     assert!(refused().contains("no meshes in the folder"), "{}", refused());
     folder.write("a/broken.OBJ", "v 0 0 0\nf 1 2 3\n");
     folder.write("a/empty.gltf", "");
@@ -109,6 +109,6 @@ fn files_that_cannot_be_used_are_left_out_and_told() {
     let told: Vec<(&str, Option<String>)> = meshes.files().iter().map(|file| (&*file.name, file.why())).collect();
     assert_eq!(told.iter().map(|(name, _)| *name).collect::<Vec<_>>(), ["a/broken.OBJ", "a/empty.gltf", "b/cube.GLB"]);
     assert!(told[0].1.as_ref().unwrap().contains("line 2") && told[1].1.is_some() && told[2].1.is_none());
-    let missing = MeshFolder::open(&folder.0.join("nowhere"), FolderSettings::default(), &|| {}).err().unwrap();
+    let missing = MeshFolder::open(&folder.root().join("nowhere"), FolderSettings::default(), &|| {}).err().unwrap();
     assert!(missing.to_string().contains("nowhere"));
 }

@@ -3,12 +3,12 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use gradreel::{ErrorKind, Key};
 use gradreel_models::views::Ring;
 use gradreel_models::views::objects::{Object, Placement, TexturedMesh, View};
 use serde_json::{Value, json};
+use tempfile::TempDir;
 
 use crate::mesh_files::{Model, SIDES, cube, cube_glb, glb, gltf, obj, texture, textured};
 
@@ -16,28 +16,22 @@ const SIZE: usize = 48;
 const PLACEMENT: Placement = Placement { scale: 0.5, shift: [0.0; 3] };
 
 /// A folder that goes away with the test.
-pub struct Folder(pub PathBuf);
+pub struct Folder(TempDir);
 
 impl Folder {
     pub fn new() -> Self {
-        static COUNT: AtomicUsize = AtomicUsize::new(0);
-        let unique = format!("gradreel-meshes-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
-        let root = std::env::temp_dir().join(unique);
-        fs::create_dir_all(&root).unwrap();
-        Self(root)
+        Self(TempDir::new().unwrap())
+    }
+
+    pub fn root(&self) -> &Path {
+        self.0.path()
     }
 
     pub fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
-        let path = self.0.join(name);
+        let path = self.root().join(name);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(&path, bytes).unwrap();
         path
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
     }
 }
 
@@ -264,7 +258,7 @@ fn what_cannot_be_used_is_refused() {
     folder.write("red.mtl", "newmtl a\nKd red\n");
     #[cfg(unix)]
     {
-        std::os::unix::fs::symlink(&outside, folder.0.join("link.png")).unwrap();
+        std::os::unix::fs::symlink(&outside, folder.root().join("link.png")).unwrap();
         folder.write("link.mtl", "newmtl a\nmap_Kd link.png\n");
     }
     let mut wrong: Vec<(&str, Vec<u8>, Vec<&str>)> = vec![
@@ -344,11 +338,11 @@ fn what_cannot_be_used_is_refused() {
 fn damaged_files_are_errors() {
     let folder = Folder::new();
     cube_obj(&folder);
-    let text = fs::read(folder.0.join("cube.obj")).unwrap();
+    let text = fs::read(folder.root().join("cube.obj")).unwrap();
     let binary = cube_glb();
     for (bytes, ending) in [(&text, "obj"), (&binary, "glb")] {
         let try_to_read = |bytes: &[u8]| {
-            if let Err(error) = TexturedMesh::from_bytes(bytes, ending, &folder.0) {
+            if let Err(error) = TexturedMesh::from_bytes(bytes, ending, folder.root()) {
                 assert_eq!(error.kind(), ErrorKind::Input, "{error}");
             }
         };
@@ -356,7 +350,7 @@ fn damaged_files_are_errors() {
             try_to_read(&bytes[..length]);
         }
         if ending == "glb" {
-            let short = |length: usize| TexturedMesh::from_bytes(&bytes[..length], ending, &folder.0).is_err();
+            let short = |length: usize| TexturedMesh::from_bytes(&bytes[..length], ending, folder.root()).is_err();
             assert!((0..bytes.len()).all(short), "every byte counts");
         }
         for place in 0..bytes.len() {

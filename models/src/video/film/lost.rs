@@ -6,18 +6,15 @@ use gradreel::{Error, ErrorKind, Result};
 use ndarray::{Array2, Array3};
 
 use super::Wanted;
-use crate::video::clip::Frame;
+use crate::video::clip::{Flight, Frame};
 use crate::video::foreground::Foreground;
 use crate::video::matte::Matte;
 
 /// A frame that shows less than this share of what frames usually show has lost the object.
 const LOST: f64 = 0.25;
 
-/// One frame in so many may be lost, …
+/// One frame in so many may be lost, but none of the first ones, which show the object and its fall.
 const ONE_IN: usize = 8;
-
-/// … but none of the first ones, which show the object and its fall.
-const NEEDED: usize = 3;
 
 /// The numbers of the frames that show far less of an object than frames usually do: a flash, a hand, a matte that failed.
 ///
@@ -30,7 +27,8 @@ pub(super) fn frames(path: &Path, mattes: &[Matte], foreground: Foreground, want
     let usual = *sorted.select_nth_unstable(middle).1;
     let least = ((LOST * usual as f64) as usize).max(16);
     let lost: Vec<usize> = (0..areas.len()).filter(|&k| areas[k] < least).collect();
-    let Some(&k) = lost.first().filter(|first| **first < NEEDED || lost.len() > areas.len() / ONE_IN) else {
+    let Some(&k) = lost.first().filter(|first| **first < Flight::LEAST_FRAMES || lost.len() > areas.len() / ONE_IN)
+    else {
         return Ok(lost);
     };
     let still = foreground == Foreground::Still;
@@ -42,7 +40,10 @@ pub(super) fn frames(path: &Path, mattes: &[Matte], foreground: Foreground, want
             lost.len(),
             areas.len()
         ))
-        .wanted(format!("an object that is in the first {NEEDED} frames, and at most one in {ONE_IN} others without it"))
+        .wanted(format!(
+            "an object that is in the first {} frames, and at most one in {ONE_IN} others without it",
+            Flight::LEAST_FRAMES
+        ))
         .fix(if still {
             "give a picture of the background without the object (--background FILE), or masks (--masks FOLDER); the camera \
              must stand still, and the object must leave every place once"

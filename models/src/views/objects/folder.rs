@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use super::dice::Dice;
 use super::mesh::ENDINGS;
 use super::{Object, TexturedMesh};
+use crate::fnv1a::fnv1a;
 
 /// How a folder of meshes is used.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -167,17 +168,14 @@ impl MeshFolder {
     /// Tells this folder from one with other files: their number, and FNV-1a of their names and lengths.
     pub fn mark(&self) -> String {
         let text: String = self.files.iter().map(|file| format!("{}\n{}\n", file.name, file.length)).collect();
-        format!("{}-{:016x}", self.files.len(), hash(&text))
+        format!("{}-{:016x}", self.files.len(), fnv1a(text.as_bytes()))
     }
 }
 
 impl MeshFile {
     /// Why it cannot be used: what is wrong, where in the file, and what was found.
     pub fn why(&self) -> Option<String> {
-        let told = self.triangles.as_ref().err()?.to_string();
-        let lines =
-            told.lines().map(str::trim).filter(|line| !line.starts_with("wanted:") && !line.starts_with("fix:"));
-        Some(lines.collect::<Vec<_>>().join("; "))
+        self.triangles.as_ref().err().map(Error::in_short)
     }
 }
 
@@ -231,7 +229,7 @@ fn divided(files: &[MeshFile], mut usable: Vec<usize>, held_out: f64) -> (Vec<us
     let share = |file: &usize| {
         let name = &files[*file].name;
         let stem = name.rsplit_once('.').map_or(&**name, |(stem, _)| stem);
-        (Key::new(hash(stem)).uniform(1).next().expect("one number"), *file)
+        (Key::new(fnv1a(stem.as_bytes())).uniform(1).next().expect("one number"), *file)
     };
     usable.sort_by(|a, b| share(a).partial_cmp(&share(b)).expect("shares are numbers"));
     let mut count = usable.iter().filter(|file| share(file).0 < held_out).count();
@@ -244,11 +242,6 @@ fn divided(files: &[MeshFile], mut usable: Vec<usize>, held_out: f64) -> (Vec<us
     let mut trained = usable.split_off(count);
     trained.sort_unstable();
     (trained, usable)
-}
-
-/// FNV-1a.
-fn hash(text: &str) -> u64 {
-    text.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
 }
 
 /// What another thread that panicked left is as good: meshes are put there whole.
