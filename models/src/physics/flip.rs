@@ -139,7 +139,7 @@ impl<T: Number> Old<T> {
         let start = block * BLOCK;
         let end = (start + BLOCK).min(self.scattered.len());
         let (scattered, gathered) = (&self.scattered[start..end], &self.gathered[start..end]);
-        let mut sums = [T::ZERO; 3 * BLOCK];
+        let mut sums = [T::ZERO; 4 * BLOCK];
         collect_old(level, lattice, &self.cotangent_grid, &self.grid, scattered, gathered, cotangent, on_c, &mut sums);
         for i in 0..scattered.len() {
             let (at, m) = (|component: usize| now[component * BLOCK + i], mass_of(masses, i));

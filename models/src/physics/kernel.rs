@@ -1,9 +1,12 @@
 //! The transfers over whole slabs and blocks, compiled once per instruction set and chosen at run time.
 
+use gradreel::scalar::Lanes;
+
 use super::lattice::Lattice;
 use super::row::{Level, Number, Row};
 use super::state::{BLOCK, C, V};
-use super::transfer::{Record, gather, gather_tangent, pull, push, push_tangent};
+use super::stencil::{BATCH, Batch, Slopes, Stencils};
+use super::transfer::{Gathered, Record, gather, gather_tangent, positions, pull, push, push_tangent, record};
 
 /// Declares a function whose body, over rows of type `R`, runs with the best rows of this machine.
 macro_rules! by_level {
@@ -40,6 +43,112 @@ macro_rules! by_level {
     };
 }
 
+/// The positions of `count` particles of a block from `first` on, the last of them in the place of missing ones.
+#[inline(always)]
+fn batch<T: Number>(block: &[T], first: usize, count: usize) -> [Batch<T>; 3] {
+    let mut x = [[T::ZERO; BATCH]; 3];
+    for axis in 0..3 {
+        x[axis].copy_from_slice(&block[axis * BLOCK + first..][..BATCH]);
+        for i in count..BATCH {
+            x[axis][i] = x[axis][count - 1];
+        }
+    }
+    x
+}
+
+/// Puts what a batch gathered into arrays of its block from `first` on: the sums (4 arrays) and the moments (9 arrays, row by row).
+///
+/// # Safety
+///
+/// The machine must have the instruction set of `R`.
+#[inline(always)]
+unsafe fn spread<T: Number, R: Row<T>>(
+    found: &[Gathered<T>; BATCH],
+    [first, count]: [usize; 2],
+    sums: &mut [T],
+    moments: &mut [T],
+) {
+    let (sums, moments) = (&mut sums[..4 * BLOCK], &mut moments[..9 * BLOCK]);
+    assert!(first + BATCH <= BLOCK, "a batch outside its block");
+    if count < BATCH {
+        for (i, found) in found[..count].iter().enumerate() {
+            (0..4).for_each(|k| sums[k * BLOCK + first + i] = found[k]);
+            (0..9).for_each(|k| moments[k * BLOCK + first + i] = found[4 + 4 * (k % 3) + k / 3]);
+        }
+        return;
+    }
+    let (sums, moments) = (sums.as_mut_ptr(), moments.as_mut_ptr());
+    let mut nothing = [T::ZERO; 4];
+    for (quad, four) in found.as_chunks::<4>().0.iter().enumerate() {
+        let at = first + 4 * quad;
+        // SAFETY: the batch lies within the arrays, whose lengths were fixed above; a record holds four times four values.
+        unsafe {
+            let from = |part: usize| [0, 1, 2, 3].map(|i| four[i].as_ptr().add(4 * part));
+            R::turn(from(0), [0, 1, 2, 3].map(|k| sums.add(k * BLOCK + at)));
+            for column in 0..3 {
+                let to = |row: usize| moments.add((3 * row + column) * BLOCK + at);
+                R::turn(from(1 + column), [to(0), to(1), to(2), nothing.as_mut_ptr()]);
+            }
+        }
+    }
+}
+
+by_level! {
+    /// Makes records of a block's particles: of positions `x` (3 arrays), `q` and mass (4 arrays), and `A` (9 arrays, row by row).
+    fn assemble(
+        x: &[T],
+        q: &[T],
+        a: &[T],
+        records: &mut [Record<T>],
+    ) {
+        let (x, q, a) = (&x[..3 * BLOCK], &q[..4 * BLOCK], &a[..9 * BLOCK]);
+        assert!(records.len() <= BLOCK, "more records than a block has particles");
+        let (fours, rest) = records.as_chunks_mut::<4>();
+        for (quad, four) in fours.iter_mut().enumerate() {
+            let at = 4 * quad;
+            // SAFETY: there are no more particles than an array has values; a record holds four times four values.
+            unsafe {
+                let [r0, r1, r2, r3] = four.each_mut().map(|record| record.as_mut_ptr());
+                let to = |part: usize| [r0.add(4 * part), r1.add(4 * part), r2.add(4 * part), r3.add(4 * part)];
+                R::turn([0, 1, 2, 3].map(|k| q.as_ptr().add(k * BLOCK + at)), to(0));
+                for column in 0..3 {
+                    let from = |row: usize| a.as_ptr().add((3 * row + column) * BLOCK + at);
+                    R::turn([from(0), from(1), from(2), x.as_ptr().add(column * BLOCK + at)], to(1 + column));
+                }
+            }
+        }
+        let first = 4 * fours.len();
+        for (i, out) in (first..).zip(rest) {
+            let [qx, qy, qz, m] = [0, 1, 2, 3].map(|k| q[k * BLOCK + i]);
+            let x = [0, 1, 2].map(|axis| x[axis * BLOCK + i]);
+            *out = record(x, [qx, qy, qz], m, std::array::from_fn(|k| a[k * BLOCK + i]));
+        }
+    }
+}
+
+by_level! {
+    /// The momenta and masses (4 arrays) of a block's particles with these velocities (3 arrays).
+    fn momenta(
+        masses: Lanes<'_, T>,
+        velocities: &[T],
+        len: usize,
+        out: &mut [T],
+    ) {
+        let len = len.min(BLOCK);
+        let (q, m) = out[..4 * BLOCK].split_at_mut(3 * BLOCK);
+        match masses {
+            Lanes::Same(mass) => m[..len].fill(mass),
+            Lanes::Each(masses) => m[..len].copy_from_slice(&masses[..len]),
+        }
+        for axis in 0..3 {
+            let (q, v) = (&mut q[axis * BLOCK..][..len], &velocities[axis * BLOCK..][..len]);
+            for i in 0..len {
+                q[i] = m[i] * v[i];
+            }
+        }
+    }
+}
+
 by_level! {
     /// Scatters the records listed in `order` into a region of node planes that starts at `first_plane`.
     fn scatter(
@@ -49,8 +158,13 @@ by_level! {
         records: &[Record<T>],
         order: &[u32],
     ) {
-        for &particle in order {
-            unsafe { push::<T, R>(lattice, first_plane, region, &records[particle as usize]) };
+        let planes = region.len() / lattice.stride[0];
+        for order in order.chunks(BATCH) {
+            let of = |i: usize| &records[order[i] as usize];
+            let s = Stencils::new(lattice, first_plane, planes, &positions(order.len(), of));
+            for i in 0..order.len().min(BATCH) {
+                unsafe { push::<T, R>(lattice, &s, i, region, of(i)) };
+            }
         }
     }
 }
@@ -65,9 +179,14 @@ by_level! {
         tangents: &[Record<T>],
         order: &[u32],
     ) {
-        for &particle in order {
-            let (record, tangent) = (&records[particle as usize], &tangents[particle as usize]);
-            unsafe { push_tangent::<T, R>(lattice, first_plane, region, record, tangent) };
+        let planes = region.len() / lattice.stride[0];
+        for order in order.chunks(BATCH) {
+            let of = |i: usize| &records[order[i] as usize];
+            let x = positions(order.len(), of);
+            let (s, dw) = (Stencils::new(lattice, first_plane, planes, &x), Slopes::new(lattice, &x));
+            for i in 0..order.len().min(BATCH) {
+                unsafe { push_tangent::<T, R>(lattice, (&s, &dw), i, region, of(i), &tangents[order[i] as usize]) };
+            }
         }
     }
 }
@@ -85,20 +204,33 @@ by_level! {
         tangent: &mut [T],
     ) {
         let len = len.min(BLOCK);
-        let (now, tangent) = (&now[..V * BLOCK], &mut tangent[..(C + 9) * BLOCK]);
-        let four = T::from_f64(4.0) * lattice.inverse_dx * lattice.inverse_dx;
-        for i in 0..len {
-            let x = [now[i], now[BLOCK + i], now[2 * BLOCK + i]];
-            let dx = [tangent[i], tangent[BLOCK + i], tangent[2 * BLOCK + i]];
-            let found = unsafe { gather_tangent::<T, R>(lattice, grid, tangents, x, dx) };
-            for axis in 0..3 {
-                tangent[(V + axis) * BLOCK + i] = found.sum[axis];
-                tangent[axis * BLOCK + i] = dx[axis] + dt * found.sum[axis];
+        let (moved, affine) = tangent[..(C + 9) * BLOCK].split_at_mut(C * BLOCK);
+        let mut sums = [T::ZERO; 4 * BLOCK];
+        for first in (0..len).step_by(BATCH) {
+            let count = (len - first).min(BATCH);
+            let x = batch(now, first, count);
+            let (s, dw) = (Stencils::new(lattice, 0, lattice.shape[0], &x), Slopes::new(lattice, &x));
+            let mut found = [[T::ZERO; 16]; BATCH];
+            for i in 0..count {
+                let dx = [0, 1, 2].map(|axis| moved[axis * BLOCK + first + i]);
+                found[i] = unsafe { gather_tangent::<T, R>(lattice, (&s, &dw), i, [grid, tangents], dx) };
             }
-            for k in 0..9 {
-                tangent[(C + k) * BLOCK + i] = four * found.moment[k];
-            }
+            unsafe { spread::<T, R>(&found, [first, count], &mut sums, affine) };
         }
+        let (dx, dv) = moved.split_at_mut(V * BLOCK);
+        for axis in 0..3 {
+            let at = axis * BLOCK..axis * BLOCK + len;
+            dv[at.clone()].copy_from_slice(&sums[at.clone()]);
+            dx[at.clone()].iter_mut().zip(&sums[at]).for_each(|(dx, dv)| *dx += dt * *dv);
+        }
+        scale(affine, T::from_f64(4.0) * lattice.inverse_dx * lattice.inverse_dx);
+    }
+}
+
+#[inline(always)]
+fn scale<T: Number>(numbers: &mut [T], factor: T) {
+    for number in numbers {
+        *number *= factor;
     }
 }
 
@@ -111,10 +243,14 @@ by_level! {
         len: usize,
         out: &mut [T],
     ) {
-        let (now, out) = (&now[..V * BLOCK], &mut out[..3 * BLOCK]);
-        for i in 0..len.min(BLOCK) {
-            let found = unsafe { gather::<T, R>(lattice, grid, [now[i], now[BLOCK + i], now[2 * BLOCK + i]]) };
-            (0..3).for_each(|axis| out[axis * BLOCK + i] = found.sum[axis]);
+        let len = len.min(BLOCK);
+        for first in (0..len).step_by(BATCH) {
+            let count = (len - first).min(BATCH);
+            let s = Stencils::new(lattice, 0, lattice.shape[0], &batch(now, first, count));
+            for i in 0..count {
+                let found = unsafe { gather::<T, R>(lattice, &s, i, grid) };
+                (0..3).for_each(|axis| out[axis * BLOCK + first + i] = found[axis]);
+            }
         }
     }
 }
@@ -130,11 +266,16 @@ by_level! {
         len: usize,
         out: &mut [T],
     ) {
-        let (now, tangent, out) = (&now[..V * BLOCK], &tangent[..V * BLOCK], &mut out[..3 * BLOCK]);
-        for i in 0..len.min(BLOCK) {
-            let at = |array: &[T]| [array[i], array[BLOCK + i], array[2 * BLOCK + i]];
-            let found = unsafe { gather_tangent::<T, R>(lattice, grid, tangents, at(now), at(tangent)) };
-            (0..3).for_each(|axis| out[axis * BLOCK + i] = found.sum[axis]);
+        let len = len.min(BLOCK);
+        for first in (0..len).step_by(BATCH) {
+            let count = (len - first).min(BATCH);
+            let x = batch(now, first, count);
+            let (s, dw) = (Stencils::new(lattice, 0, lattice.shape[0], &x), Slopes::new(lattice, &x));
+            for i in 0..count {
+                let dx = [0, 1, 2].map(|axis| tangent[axis * BLOCK + first + i]);
+                let found = unsafe { gather_tangent::<T, R>(lattice, (&s, &dw), i, [grid, tangents], dx) };
+                (0..3).for_each(|axis| out[axis * BLOCK + first + i] = found[axis]);
+            }
         }
     }
 }
@@ -159,6 +300,24 @@ pub(crate) struct Limits<T> {
     pub bounds: [[T; 3]; 2],
 }
 
+/// The least and the largest of some numbers: those of every sixteenth one, then of these.
+#[inline(always)]
+fn extent<T: Number>(numbers: &[T]) -> [T; 2] {
+    let least = |a: T, b: T| if b < a { b } else { a };
+    let most = |a: T, b: T| if b > a { b } else { a };
+    let mut extents = [[T::INFINITY; BATCH], [-T::INFINITY; BATCH]];
+    let (batches, rest) = numbers.as_chunks::<BATCH>();
+    for batch in batches {
+        for i in 0..BATCH {
+            extents[0][i] = least(extents[0][i], batch[i]);
+            extents[1][i] = most(extents[1][i], batch[i]);
+        }
+    }
+    let [low, high] = extents;
+    let all = |values: [T; BATCH]| values.into_iter().chain(rest.iter().copied());
+    [all(low).fold(T::INFINITY, least), all(high).fold(-T::INFINITY, most)]
+}
+
 by_level! {
     /// Gathers velocity and affine velocity of the first `len` particles of a block and moves them.
     fn advance(
@@ -170,37 +329,35 @@ by_level! {
         next: &mut [T],
     ) -> Motion<T> {
         let len = len.min(BLOCK);
-        let (now, next) = (&now[..C * BLOCK], &mut next[..(C + 9) * BLOCK]);
-        let four = T::from_f64(4.0) * lattice.inverse_dx * lattice.inverse_dx;
-        for i in 0..len {
-            let found = unsafe { gather::<T, R>(lattice, grid, [now[i], now[BLOCK + i], now[2 * BLOCK + i]]) };
-            for axis in 0..3 {
-                next[(V + axis) * BLOCK + i] = found.sum[axis];
+        let (moved, affine) = next[..(C + 9) * BLOCK].split_at_mut(C * BLOCK);
+        let mut sums = [T::ZERO; 4 * BLOCK];
+        for first in (0..len).step_by(BATCH) {
+            let count = (len - first).min(BATCH);
+            let s = Stencils::new(lattice, 0, lattice.shape[0], &batch(now, first, count));
+            let mut found = [[T::ZERO; 16]; BATCH];
+            for i in 0..count {
+                found[i] = unsafe { gather::<T, R>(lattice, &s, i, grid) };
             }
-            for k in 0..9 {
-                next[(C + k) * BLOCK + i] = four * found.moment[k];
-            }
+            unsafe { spread::<T, R>(&found, [first, count], &mut sums, affine) };
         }
+        scale(affine, T::from_f64(4.0) * lattice.inverse_dx * lattice.inverse_dx);
         // The rest array by array, which compilers vectorise.
         let mut motion = Motion { extent: [[T::INFINITY; 3], [-T::INFINITY; 3]], broken: None };
         let mut broken = [false; BLOCK];
-        let (x_next, v_next) = next.split_at_mut(V * BLOCK);
+        let (x_next, v_next) = moved.split_at_mut(V * BLOCK);
         for axis in 0..3 {
-            let (x, v) = (&now[axis * BLOCK..][..len], &v_next[axis * BLOCK..][..len]);
+            let (x, v) = (&now[axis * BLOCK..][..len], &sums[axis * BLOCK..][..len]);
+            v_next[axis * BLOCK..][..len].copy_from_slice(v);
             let x_next = &mut x_next[axis * BLOCK..][..len];
             let [low, high] = [limits.bounds[0][axis], limits.bounds[1][axis]];
-            let (mut least, mut most) = (T::INFINITY, -T::INFINITY);
             for i in 0..len {
                 let moved = x[i] + limits.dt * v[i];
                 x_next[i] = moved;
-                least = if moved < least { moved } else { least };
-                most = if moved > most { moved } else { most };
                 // Written so that NaN breaks the limits.
                 let sound = (v[i].abs() <= limits.speed) & (moved >= low) & (moved <= high);
                 broken[i] |= !sound;
             }
-            motion.extent[0][axis] = least;
-            motion.extent[1][axis] = most;
+            [motion.extent[0][axis], motion.extent[1][axis]] = extent(x_next);
         }
         motion.broken = broken[..len].iter().position(|&broken| broken);
         motion
@@ -223,27 +380,62 @@ by_level! {
         affine: &mut [T],
         mass: &mut [T],
     ) {
-        let (now, cotangent, affine) = (&now[..C * BLOCK], &mut cotangent[..C * BLOCK], &mut affine[..9 * BLOCK]);
-        for (i, (scattered, gathered)) in scattered.iter().zip(gathered).enumerate().take(BLOCK) {
-            let found = unsafe { pull::<T, R>(lattice, scattered, cotangents, gathered, velocities) };
-            let mut on_mass = mass[i] + found.sum[3];
-            for axis in 0..3 {
-                let at = axis * BLOCK + i;
-                cotangent[at] += found.position[axis];
-                cotangent[(V + axis) * BLOCK + i] = scattered[3] * found.sum[axis];
-                on_mass += now[(V + axis) * BLOCK + i] * found.sum[axis];
-            }
-            for k in 0..9 {
-                affine[k * BLOCK + i] = found.moment[k];
-            }
-            mass[i] = on_mass;
+        let len = scattered.len().min(BLOCK);
+        let (mut sums, mut masses) = ([T::ZERO; 4 * BLOCK], [T::ZERO; BLOCK]);
+        let (on_x, on_v) = cotangent[..C * BLOCK].split_at_mut(V * BLOCK);
+        let grids = [cotangents, velocities];
+        unsafe { pull_all::<T, R>(lattice, grids, [scattered, gathered], on_x, &mut sums, affine) };
+        masses.iter_mut().zip(scattered).for_each(|(mass, record)| *mass = record[3]);
+        for i in 0..len {
+            mass[i] += sums[3 * BLOCK + i];
         }
+        for axis in 0..3 {
+            let (sums, on_v) = (&sums[axis * BLOCK..][..len], &mut on_v[axis * BLOCK..][..len]);
+            let v = &now[(V + axis) * BLOCK..][..len];
+            for i in 0..len {
+                on_v[i] = masses[i] * sums[i];
+                mass[i] += v[i] * sums[i];
+            }
+        }
+    }
+}
+
+/// The adjoint of the transfers of a block: adds to the positions' cotangents (3 arrays), and writes those of what was
+/// scattered to `sums` (4 arrays) and `affine` (9 arrays).
+///
+/// # Safety
+///
+/// The machine must have the instruction set of `R`.
+#[inline(always)]
+unsafe fn pull_all<T: Number, R: Row<T>>(
+    lattice: &Lattice<T>,
+    grids: [&[T]; 2],
+    [scattered, gathered]: [&[Record<T>]; 2],
+    on_x: &mut [T],
+    sums: &mut [T],
+    affine: &mut [T],
+) {
+    let len = scattered.len().min(gathered.len()).min(BLOCK);
+    for first in (0..len).step_by(BATCH) {
+        let count = (len - first).min(BATCH);
+        let x = positions(count, |i| &scattered[first + i]);
+        let (s, dw) = (Stencils::new(lattice, 0, lattice.shape[0], &x), Slopes::new(lattice, &x));
+        let mut found = [[T::ZERO; 16]; BATCH];
+        for i in 0..count {
+            let records = [&scattered[first + i], &gathered[first + i]];
+            // SAFETY: the caller's promise; both grids are whole.
+            let pulled = unsafe { pull::<T, R>(lattice, (&s, &dw), i, grids, records) };
+            (0..3).for_each(|axis| on_x[axis * BLOCK + first + i] += pulled.position[axis]);
+            found[i] = pulled.record;
+        }
+        // SAFETY: the caller's promise.
+        unsafe { spread::<T, R>(&found, [first, count], sums, affine) };
     }
 }
 
 by_level! {
     /// As [`collect`], for a scatter that carries no mass: adds to the positions of `cotangent`, writes the cotangents of
-    /// what was scattered to `affine` (9 arrays) and `sums` (3 arrays).
+    /// what was scattered to `affine` (9 arrays) and `sums` (3 arrays and one that means nothing).
     fn collect_old(
         lattice: &Lattice<T>,
         cotangents: &[T],
@@ -254,16 +446,7 @@ by_level! {
         affine: &mut [T],
         sums: &mut [T],
     ) {
-        let (cotangent, affine, sums) = (&mut cotangent[..V * BLOCK], &mut affine[..9 * BLOCK], &mut sums[..3 * BLOCK]);
-        for (i, (scattered, gathered)) in scattered.iter().zip(gathered).enumerate().take(BLOCK) {
-            let found = unsafe { pull::<T, R>(lattice, scattered, cotangents, gathered, velocities) };
-            for axis in 0..3 {
-                cotangent[axis * BLOCK + i] += found.position[axis];
-                sums[axis * BLOCK + i] = found.sum[axis];
-            }
-            for k in 0..9 {
-                affine[k * BLOCK + i] = found.moment[k];
-            }
-        }
+        let on_x = &mut cotangent[..V * BLOCK];
+        unsafe { pull_all::<T, R>(lattice, [cotangents, velocities], [scattered, gathered], on_x, sums, affine) };
     }
 }

@@ -4,6 +4,7 @@
 //! the particles' stencils and follows them; it is a function of the particles' extent alone.
 
 use super::row::Number;
+use super::stencil::{BATCH, Batch};
 use gradreel::{Error, ErrorKind, Result};
 
 /// Node planes per slab, the unit of parallel scatter. A stencil reaches two planes into the next slab, so slabs two
@@ -16,7 +17,7 @@ pub(crate) const SLAB: usize = 4;
 pub fn neighbours<T: Number>(dx: f64, positions: &[[T; 3]], material: impl Fn(usize) -> u32) -> Vec<u32> {
     let lattice = Lattice::of_spacing(dx);
     let mut order: Vec<u32> = (0..positions.len() as u32).collect();
-    order.sort_by_cached_key(|&p| (material(p as usize), lattice.locate(positions[p as usize]).0));
+    order.sort_by_cached_key(|&p| (material(p as usize), positions[p as usize].map(|x| lattice.locate(x).0)));
     order
 }
 
@@ -57,7 +58,7 @@ impl<T: Number> Lattice<T> {
         if !extent.iter().flatten().all(|x| x.to_f64().abs() < far) {
             return Err(too_large(format!("coordinates beyond {far:.3e} m")));
         }
-        let (low, high) = (lattice.locate(extent[0]).0, lattice.locate(extent[1]).0);
+        let [low, high] = extent.map(|corner| corner.map(|x| lattice.locate(x).0));
         let slab = SLAB as i32;
         lattice.origin = [low[0].div_euclid(slab) * slab, low[1], low[2]];
         // One plane of nodes more along z: a row may carry a fourth node.
@@ -82,24 +83,18 @@ impl<T: Number> Lattice<T> {
         self.shape[0] * self.stride[0]
     }
 
-    /// The world index of the lowest node of a stencil, `floor(x/dx − ½)`, and `x/dx` minus it, in `[½, 1½)`.
+    /// The world index of the lowest node of a stencil along an axis, `floor(x/dx − ½)`, and `x/dx` minus it, in `[½, 1½)`.
     #[inline(always)]
-    pub fn locate(&self, x: [T; 3]) -> ([i32; 3], [T; 3]) {
-        let mut base = [0; 3];
-        let mut fraction = x;
-        for axis in 0..3 {
-            let scaled = x[axis] * self.inverse_dx;
-            let (integer, floor) = (scaled - T::from_f64(0.5)).split();
-            base[axis] = integer;
-            fraction[axis] = scaled - floor;
-        }
-        (base, fraction)
+    pub fn locate(&self, x: T) -> (i32, T) {
+        let scaled = x * self.inverse_dx;
+        let (integer, floor) = (scaled - T::from_f64(0.5)).split();
+        (integer, scaled - floor)
     }
 
     /// The slab in which a stencil starts.
     #[inline(always)]
     pub fn slab(&self, x: T) -> usize {
-        (self.locate([x; 3]).0[0] - self.origin[0]) as usize / SLAB
+        (self.locate(x).0 - self.origin[0]) as usize / SLAB
     }
 
     /// How many slabs there are.
@@ -107,20 +102,27 @@ impl<T: Number> Lattice<T> {
         self.shape[0].saturating_sub(2).div_ceil(SLAB)
     }
 
-    /// Where the stencil that starts at `base` begins in a region of `planes` node planes from `first_plane` on.
+    /// Where the stencils that start at the nodes `base[axis]` begin in a region of `planes` node planes from `first_plane` on.
     ///
     /// # Panics
     ///
-    /// If nine rows of four nodes from there do not lie in the region. The memory safety of the transfers rests on it.
+    /// If nine rows of four nodes from there do not lie in the region, for any of them. The memory safety of the transfers rests
+    /// on it.
     #[inline(always)]
-    pub fn start(&self, base: [i32; 3], first_plane: usize, planes: usize) -> usize {
-        let x = (base[0] - self.origin[0]) as usize;
-        let y = (base[1] - self.origin[1]) as usize;
-        let z = (base[2] - self.origin[2]) as usize;
-        let x = x.wrapping_sub(first_plane);
-        let inside = x < planes && x + 2 < planes && y < self.shape[1] && y + 2 < self.shape[1];
-        assert!(inside && z < self.shape[2] && z + 3 < self.shape[2], "a stencil outside the grid's box");
-        x * self.stride[0] + y * self.stride[1] + 4 * z
+    pub fn starts(&self, base: &[Batch<i32>; 3], first_plane: usize, planes: usize) -> Batch<usize> {
+        let mut starts = [0; BATCH];
+        let mut inside = true;
+        for i in 0..BATCH {
+            // what lies below wraps around to what is far above
+            let [x, y, z] = [0, 1, 2].map(|axis| base[axis][i].wrapping_sub(self.origin[axis]) as u32 as usize);
+            let x = x.wrapping_sub(first_plane);
+            inside &= (x < planes.saturating_sub(2))
+                & (y < self.shape[1].saturating_sub(2))
+                & (z < self.shape[2].saturating_sub(3));
+            starts[i] = x.wrapping_mul(self.stride[0]).wrapping_add(y.wrapping_mul(self.stride[1])).wrapping_add(4 * z);
+        }
+        assert!(inside, "a stencil outside the grid's box");
+        starts
     }
 
     /// World coordinates of a node \[m\].

@@ -40,6 +40,7 @@ mod rollout;
 mod row;
 mod scene;
 mod state;
+mod stencil;
 mod substep;
 mod timestep;
 mod totals;

@@ -7,7 +7,6 @@
 use std::cell::RefCell;
 use std::ops::Range;
 
-use gradreel::scalar::Lanes;
 use gradreel::{Error, ErrorKind, Result};
 use rayon::prelude::*;
 
@@ -17,13 +16,13 @@ use super::failure::{Moment, failure};
 use super::flip::Old;
 use super::forward::Buffers;
 use super::grid::{Buckets, scatter_all, update, update_vjp};
-use super::kernel::{Limits, Motion, advance, collect};
+use super::kernel::{Limits, Motion, advance, assemble, collect, momenta};
 use super::lattice::Lattice;
 use super::law::{Law, Run};
 use super::row::{Level, Number};
 use super::state::{BLOCK, C, F, HISTORY, State, V, widen};
 use super::totals::{Sink, Totals};
-use super::transfer::{Record, record};
+use super::transfer::Record;
 use super::values::{ValueGradients, Values, check_values};
 use super::world::World;
 
@@ -259,7 +258,7 @@ impl<'a, T: Number> Simulation<'a, T> {
         }
         let lattice = self.scatter(now, &mut scratch.values)?;
         self.scatter_old(now, &lattice);
-        self.scatter_cotangents(&lattice, cotangent);
+        self.scatter_cotangents(&lattice, now, cotangent);
         update_vjp(
             self.world,
             &self.obstacles,
@@ -375,7 +374,7 @@ impl<'a, T: Number> Simulation<'a, T> {
         self.obstacles.extend(self.world.colliders.iter().map(|collider| Placed::new(collider, time)));
         let lattice = Lattice::covering(now.extent, self.world.dx, self.world.node_limit)?;
         let constants = Constants::of(self.world, self.dt, &self.mass);
-        let (portions, particles, stride) = (&self.portions, self.particles, now.stride());
+        let (level, portions, particles, stride) = (self.level, &self.portions, self.particles, now.stride());
         now.values
             .par_chunks_exact(stride)
             .zip(next.par_chunks_exact_mut(stride))
@@ -390,17 +389,10 @@ impl<'a, T: Number> Simulation<'a, T> {
                     }
                 }
                 let masses = constants.mass.run(block * BLOCK, records.len());
-                for (i, (record_, slab)) in records.iter_mut().zip(slabs).enumerate() {
-                    let at = |component: usize| now[component * BLOCK + i];
-                    let x = [at(0), at(1), at(2)];
-                    let mass = match masses {
-                        Lanes::Same(mass) => mass,
-                        Lanes::Each(masses) => masses[i],
-                    };
-                    let q = [mass * at(V), mass * at(V + 1), mass * at(V + 2)];
-                    *record_ = record(x, q, mass, std::array::from_fn(|k| affine[k * BLOCK + i]));
-                    *slab = lattice.slab(x[0]) as u32;
-                }
+                let mut q = [T::ZERO; 4 * BLOCK];
+                momenta(level, masses, &now[V * BLOCK..], records.len(), &mut q);
+                assemble(level, now, &q, &affine, records);
+                slabs.iter_mut().zip(now).for_each(|(slab, x)| *slab = lattice.slab(*x) as u32);
             });
         self.buckets.sort(&self.slab_of, lattice.slabs());
         scatter_all(self.level, &lattice, &mut self.grid, &self.scattered, &self.buckets);
@@ -408,23 +400,22 @@ impl<'a, T: Number> Simulation<'a, T> {
     }
 
     /// The adjoint of grid-to-particle: a scatter of `gv + dt gx` and `4/dx² gc`.
-    fn scatter_cotangents(&mut self, lattice: &Lattice<T>, cotangent: &State<T>) {
+    fn scatter_cotangents(&mut self, lattice: &Lattice<T>, now: &State<T>, cotangent: &State<T>) {
         self.gathered.resize(self.particles, [T::ZERO; 16]);
-        let dt = T::from_f64(self.dt);
+        let (level, dt) = (self.level, T::from_f64(self.dt));
         let four = T::from_f64(4.0) * lattice.inverse_dx * lattice.inverse_dx;
         cotangent
             .values
             .par_chunks_exact(cotangent.stride())
+            .zip(now.values.par_chunks_exact(now.stride()))
             .zip(self.gathered.par_chunks_mut(BLOCK))
-            .zip(self.scattered.par_chunks(BLOCK))
-            .for_each(|((cotangent, records), scattered)| {
+            .for_each(|((cotangent, now), records)| {
                 let _flush = Flush::start();
-                for (i, (record_, scattered)) in records.iter_mut().zip(scattered).enumerate() {
-                    let at = |component: usize| cotangent[component * BLOCK + i];
-                    let q = std::array::from_fn(|axis| at(V + axis) + dt * at(axis));
-                    let a = std::array::from_fn(|k| four * at(C + k));
-                    *record_ = record(super::transfer::position(scattered), q, T::ZERO, a);
-                }
+                let (mut q, mut a) = ([T::ZERO; 4 * BLOCK], [T::ZERO; 9 * BLOCK]);
+                let (on_x, on_v) = (&cotangent[..V * BLOCK], &cotangent[V * BLOCK..C * BLOCK]);
+                q.iter_mut().zip(on_v.iter().zip(on_x)).for_each(|(q, (&v, &x))| *q = v + dt * x);
+                a.iter_mut().zip(&cotangent[C * BLOCK..]).for_each(|(a, &c)| *a = four * c);
+                assemble(level, now, &q, &a, records);
             });
         scatter_all(self.level, lattice, &mut self.cotangent_grid, &self.gathered, &self.buckets);
     }

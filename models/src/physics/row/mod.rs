@@ -82,8 +82,10 @@ pub trait Row<T>: Copy {
     unsafe fn mul(self, other: Self) -> Self;
     /// `self · factor + addend`
     unsafe fn mul_add(self, factor: Self, addend: Self) -> Self;
-    /// The sum of the three nodes.
-    unsafe fn fold(self) -> [T; 4];
+    /// The sums of the three nodes of four rows, one after the other.
+    unsafe fn fold(rows: [Self; 4]) -> [T; 16];
+    /// Four rows of four values become columns: `to[c][r] = from[r][c]`. Pointers must be valid for 4 values.
+    unsafe fn turn(from: [*const T; 4], to: [*mut T; 4]);
 }
 
 /// An instruction set the transfers are compiled for.

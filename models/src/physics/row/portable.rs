@@ -91,11 +91,18 @@ impl<T: Real> Row<T> for [T; 12] {
     }
 
     #[inline(always)]
-    unsafe fn fold(self) -> [T; 4] {
-        let mut sum = [self[0], self[1], self[2], self[3]];
-        for i in 0..4 {
-            sum[i] = sum[i] + self[4 + i] + self[8 + i];
+    unsafe fn fold(rows: [Self; 4]) -> [T; 16] {
+        std::array::from_fn(|k| {
+            let row = &rows[k / 4];
+            row[k % 4] + row[4 + k % 4] + row[8 + k % 4]
+        })
+    }
+
+    #[inline(always)]
+    unsafe fn turn(from: [*const T; 4], to: [*mut T; 4]) {
+        let square = from.map(|row| unsafe { row.cast::<[T; 4]>().read() });
+        for (c, to) in to.into_iter().enumerate() {
+            unsafe { to.cast::<[T; 4]>().write([square[0][c], square[1][c], square[2][c], square[3][c]]) }
         }
-        sum
     }
 }

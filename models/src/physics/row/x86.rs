@@ -66,15 +66,23 @@ impl Row<f32> for __m512 {
     }
 
     #[inline(always)]
-    unsafe fn fold(self) -> [f32; 4] {
+    unsafe fn fold([a, b, c, d]: [Self; 4]) -> [f32; 16] {
         unsafe {
-            let first = _mm512_castps512_ps128(self);
-            let second = _mm512_extractf32x4_ps::<1>(self);
-            let third = _mm512_extractf32x4_ps::<2>(self);
-            let mut sum = [0.0; 4];
-            _mm_storeu_ps(sum.as_mut_ptr(), _mm_add_ps(_mm_add_ps(first, second), third));
-            sum
+            // two rows at a time: their first halves beside each other, plus their second halves without the fourth node
+            let ab = _mm512_shuffle_f32x4::<0x44>(a, b);
+            let ab = _mm512_add_ps(ab, _mm512_maskz_shuffle_f32x4::<0xee>(0x0f0f, a, b));
+            let cd = _mm512_shuffle_f32x4::<0x44>(c, d);
+            let cd = _mm512_add_ps(cd, _mm512_maskz_shuffle_f32x4::<0xee>(0x0f0f, c, d));
+            let sums = _mm512_add_ps(_mm512_shuffle_f32x4::<0x88>(ab, cd), _mm512_shuffle_f32x4::<0xdd>(ab, cd));
+            let mut out = [0.0; 16];
+            _mm512_storeu_ps(out.as_mut_ptr(), sums);
+            out
         }
+    }
+
+    #[inline(always)]
+    unsafe fn turn(from: [*const f32; 4], to: [*mut f32; 4]) {
+        unsafe { turn32(from, to) }
     }
 }
 
@@ -133,14 +141,20 @@ impl Row<f32> for Middle32 {
     }
 
     #[inline(always)]
-    unsafe fn fold(self) -> [f32; 4] {
-        unsafe {
-            let first = _mm256_castps256_ps128(self.0);
-            let second = _mm256_extractf128_ps::<1>(self.0);
-            let mut sum = [0.0; 4];
-            _mm_storeu_ps(sum.as_mut_ptr(), _mm_add_ps(_mm_add_ps(first, second), self.1));
-            sum
+    unsafe fn fold(rows: [Self; 4]) -> [f32; 16] {
+        let mut out = [0.0; 16];
+        for (k, Self(two, third)) in rows.into_iter().enumerate() {
+            unsafe {
+                let both = _mm_add_ps(_mm256_castps256_ps128(two), _mm256_extractf128_ps::<1>(two));
+                _mm_storeu_ps(out.as_mut_ptr().add(4 * k), _mm_add_ps(both, third));
+            }
         }
+        out
+    }
+
+    #[inline(always)]
+    unsafe fn turn(from: [*const f32; 4], to: [*mut f32; 4]) {
+        unsafe { turn32(from, to) }
     }
 }
 
@@ -214,12 +228,17 @@ impl Row<f64> for Middle64 {
     }
 
     #[inline(always)]
-    unsafe fn fold(self) -> [f64; 4] {
-        unsafe {
-            let mut sum = [0.0; 4];
-            _mm256_storeu_pd(sum.as_mut_ptr(), _mm256_add_pd(_mm256_add_pd(self.0, self.1), self.2));
-            sum
+    unsafe fn fold(rows: [Self; 4]) -> [f64; 16] {
+        let mut out = [0.0; 16];
+        for (k, Self(a, b, c)) in rows.into_iter().enumerate() {
+            unsafe { _mm256_storeu_pd(out.as_mut_ptr().add(4 * k), _mm256_add_pd(_mm256_add_pd(a, b), c)) };
         }
+        out
+    }
+
+    #[inline(always)]
+    unsafe fn turn(from: [*const f64; 4], to: [*mut f64; 4]) {
+        unsafe { turn64(from, to) }
     }
 }
 
@@ -276,13 +295,48 @@ impl Row<f64> for Wide64 {
     }
 
     #[inline(always)]
-    unsafe fn fold(self) -> [f64; 4] {
-        unsafe {
-            let first = _mm512_castpd512_pd256(self.0);
-            let second = _mm512_extractf64x4_pd::<1>(self.0);
-            let mut sum = [0.0; 4];
-            _mm256_storeu_pd(sum.as_mut_ptr(), _mm256_add_pd(_mm256_add_pd(first, second), self.1));
-            sum
+    unsafe fn fold(rows: [Self; 4]) -> [f64; 16] {
+        let mut out = [0.0; 16];
+        for (k, Self(two, third)) in rows.into_iter().enumerate() {
+            unsafe {
+                let both = _mm256_add_pd(_mm512_castpd512_pd256(two), _mm512_extractf64x4_pd::<1>(two));
+                _mm256_storeu_pd(out.as_mut_ptr().add(4 * k), _mm256_add_pd(both, third));
+            }
         }
+        out
+    }
+
+    #[inline(always)]
+    unsafe fn turn(from: [*const f64; 4], to: [*mut f64; 4]) {
+        unsafe { turn64(from, to) }
+    }
+}
+
+/// [`Row::turn`] of `f32`.
+#[inline(always)]
+unsafe fn turn32(from: [*const f32; 4], to: [*mut f32; 4]) {
+    unsafe {
+        let (a, b, c, d) = (_mm_loadu_ps(from[0]), _mm_loadu_ps(from[1]), _mm_loadu_ps(from[2]), _mm_loadu_ps(from[3]));
+        let (ab, cd) = (_mm_unpacklo_ps(a, b), _mm_unpacklo_ps(c, d));
+        _mm_storeu_ps(to[0], _mm_movelh_ps(ab, cd));
+        _mm_storeu_ps(to[1], _mm_movehl_ps(cd, ab));
+        let (ab, cd) = (_mm_unpackhi_ps(a, b), _mm_unpackhi_ps(c, d));
+        _mm_storeu_ps(to[2], _mm_movelh_ps(ab, cd));
+        _mm_storeu_ps(to[3], _mm_movehl_ps(cd, ab));
+    }
+}
+
+/// [`Row::turn`] of `f64`.
+#[inline(always)]
+unsafe fn turn64(from: [*const f64; 4], to: [*mut f64; 4]) {
+    unsafe {
+        let (a, b, c, d) =
+            (_mm256_loadu_pd(from[0]), _mm256_loadu_pd(from[1]), _mm256_loadu_pd(from[2]), _mm256_loadu_pd(from[3]));
+        let (ab, cd) = (_mm256_unpacklo_pd(a, b), _mm256_unpacklo_pd(c, d));
+        _mm256_storeu_pd(to[0], _mm256_permute2f128_pd::<0x20>(ab, cd));
+        _mm256_storeu_pd(to[2], _mm256_permute2f128_pd::<0x31>(ab, cd));
+        let (ab, cd) = (_mm256_unpackhi_pd(a, b), _mm256_unpackhi_pd(c, d));
+        _mm256_storeu_pd(to[1], _mm256_permute2f128_pd::<0x20>(ab, cd));
+        _mm256_storeu_pd(to[3], _mm256_permute2f128_pd::<0x31>(ab, cd));
     }
 }
