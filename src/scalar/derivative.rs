@@ -138,6 +138,13 @@ impl Program {
                 _ => {}
             }
             let Some(g) = adjoints[id] else { continue };
+            if let Node::Binary(Binary::Mul, a, b) = node
+                && a == b
+            {
+                // the squares of a sum share this double
+                accumulate(&mut adjoints, a, (g * 2.0) * values[a as usize]);
+                continue;
+            }
             match rule(node, &values, values[id]) {
                 Rule::Leaf => {
                     if let Node::Input(n) = node {

@@ -3,7 +3,7 @@
 use super::instruction::{Binary, Unary};
 use super::kernel::Job;
 use super::lanes::{Lane, Port};
-use super::lower::{Code, Op, SvdSlots, UNUSED};
+use super::lower::{Code, Op, SvdSlots, Term, UNUSED};
 use super::real::Real;
 use super::svd::svd;
 
@@ -73,7 +73,7 @@ unsafe fn decompose<V: Lane>(slots: &SvdSlots, ports: &mut [Port<V::Element>], v
 unsafe fn execute<V: Lane>(code: &Code, ports: &mut [Port<V::Element>], lanes: usize) {
     let all = lanes.div_ceil(V::WIDTH);
     let first_temporary = code.first_temporary();
-    let mut spare = [[V::Element::ZERO; 16]; 3];
+    let mut spare = [[V::Element::ZERO; 16]; 5];
     for step in &code.steps {
         macro_rules! port {
             ($slot:ident) => {{
@@ -134,6 +134,50 @@ unsafe fn execute<V: Lane>(code: &Code, ports: &mut [Port<V::Element>], lanes: u
                     }
                 }
             }};
+            ($a:ident, $b:ident, $c:ident, $d:ident => $value:expr) => {{
+                let ((mut at_a, stride_a), (mut at_b, stride_b)) = (port!(a), port!(b));
+                let ((mut at_c, stride_c), (mut at_d, stride_d)) = (port!(c), port!(d));
+                let (dst, vectors) = destination!(at_a stride_a 0, at_b stride_b 1, at_c stride_c 2, at_d stride_d 3);
+                for i in 0..vectors {
+                    // SAFETY: as above.
+                    unsafe {
+                        let $a = V::load(at_a.add(i * stride_a));
+                        let $b = V::load(at_b.add(i * stride_b));
+                        let $c = V::load(at_c.add(i * stride_c));
+                        let $d = V::load(at_d.add(i * stride_d));
+                        $value.store(dst.add(i * V::WIDTH));
+                    }
+                }
+            }};
+            ($a:ident, $b:ident, $c:ident, $d:ident, $e:ident => $value:expr) => {{
+                let ((mut at_a, stride_a), (mut at_b, stride_b)) = (port!(a), port!(b));
+                let ((mut at_c, stride_c), (mut at_d, stride_d)) = (port!(c), port!(d));
+                let (mut at_e, stride_e) = port!(e);
+                let (dst, vectors) =
+                    destination!(at_a stride_a 0, at_b stride_b 1, at_c stride_c 2, at_d stride_d 3, at_e stride_e 4);
+                for i in 0..vectors {
+                    // SAFETY: as above.
+                    unsafe {
+                        let $a = V::load(at_a.add(i * stride_a));
+                        let $b = V::load(at_b.add(i * stride_b));
+                        let $c = V::load(at_c.add(i * stride_c));
+                        let $d = V::load(at_d.add(i * stride_d));
+                        let $e = V::load(at_e.add(i * stride_e));
+                        $value.store(dst.add(i * V::WIDTH));
+                    }
+                }
+            }};
+        }
+        // The second of a chain, of the first one's value.
+        macro_rules! chain {
+            ($last:ident, $($slot:ident),* => $c:ident $d:ident $first:expr) => {
+                match $last {
+                    Term::MulAdd => each!($($slot),* => $c.mul_add($d, $first)),
+                    Term::MulSub => each!($($slot),* => $c.mul_sub($d, $first)),
+                    Term::NegMulAdd => each!($($slot),* => $c.neg_mul_add($d, $first)),
+                    Term::Mul => unreachable!("a chain ends with a sum"),
+                }
+            };
         }
         match step.op {
             Op::Svd(n) => {
@@ -145,6 +189,12 @@ unsafe fn execute<V: Lane>(code: &Code, ports: &mut [Port<V::Element>], lanes: u
             Op::MulAdd => each!(a, b, c => a.mul_add(b, c)),
             Op::MulSub => each!(a, b, c => a.mul_sub(b, c)),
             Op::NegMulAdd => each!(a, b, c => a.neg_mul_add(b, c)),
+            Op::Chain(first, last) => match first {
+                Term::Mul => chain!(last, a, b, c, d => c d a.mul(b)),
+                Term::MulAdd => chain!(last, a, b, c, d, e => c d a.mul_add(b, e)),
+                Term::MulSub => chain!(last, a, b, c, d, e => c d a.mul_sub(b, e)),
+                Term::NegMulAdd => chain!(last, a, b, c, d, e => c d a.neg_mul_add(b, e)),
+            },
             Op::Binary(op) => match op {
                 Binary::Add => each!(a, b => a.add(b)),
                 Binary::Sub => each!(a, b => a.sub(b)),

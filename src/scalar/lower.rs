@@ -20,12 +20,27 @@ pub enum Op {
     MulSub,
     /// `c − a · b`
     NegMulAdd,
+    /// The first of `a`, `b` and `e`, the second of `c`, `d` and that.
+    Chain(Term, Term),
     Copy,
     /// The n-th decomposition of [`Code::svds`]; it has no operands and no destination of its own.
     Svd(u32),
 }
 
-/// One instruction over a block of lanes: `dst = op(a, b, c)`, slots of operands that `op` lacks being 0.
+/// A product, or a product and a sum, of a chain.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Term {
+    /// `a · b`; only the first one.
+    Mul,
+    /// `a · b + c`
+    MulAdd,
+    /// `a · b − c`
+    MulSub,
+    /// `c − a · b`
+    NegMulAdd,
+}
+
+/// One instruction over a block of lanes: `dst = op(a, b, …)`, slots of operands that `op` lacks being 0.
 #[derive(Debug, Clone, Copy)]
 pub struct Step {
     pub op: Op,
@@ -33,6 +48,8 @@ pub struct Step {
     pub a: u32,
     pub b: u32,
     pub c: u32,
+    pub d: u32,
+    pub e: u32,
 }
 
 /// The slots of a singular value decomposition.
@@ -64,6 +81,7 @@ impl Code {
     /// Lowers a graph whose nodes are in topological order.
     pub(crate) fn lower(nodes: &[Node], results: &[Id], inputs: usize) -> Self {
         let (mut steps, mut svds) = fuse(nodes, results);
+        chain(&mut steps, &svds, results);
         let mut constants = Vec::new();
         let mut slot: HashMap<Id, u32> = HashMap::new();
         for (id, node) in nodes.iter().enumerate() {
@@ -85,7 +103,7 @@ impl Code {
         }
         let first_temporary = first_output + results.len() as u32;
         let temporaries = assign_temporaries(&mut steps, &mut svds, &mut slot, first_temporary);
-        steps.extend(copies.into_iter().map(|(id, dst)| Step { op: Op::Copy, dst, a: slot[&id], b: 0, c: 0 }));
+        steps.extend(copies.into_iter().map(|(id, dst)| Step { a: slot[&id], ..Step::new(Op::Copy, dst) }));
         Self { steps, svds, constants, inputs, outputs: results.len(), temporaries }
     }
 
@@ -108,11 +126,29 @@ impl Op {
             Self::Unary(_) | Self::Copy => 1,
             Self::Binary(_) => 2,
             Self::Select | Self::MulAdd | Self::MulSub | Self::NegMulAdd => 3,
+            Self::Chain(Term::Mul, _) => 4,
+            Self::Chain(..) => 5,
+        }
+    }
+
+    /// What it is in a chain, if it can be in one.
+    fn term(self) -> Option<Term> {
+        match self {
+            Self::Binary(Binary::Mul) => Some(Term::Mul),
+            Self::MulAdd => Some(Term::MulAdd),
+            Self::MulSub => Some(Term::MulSub),
+            Self::NegMulAdd => Some(Term::NegMulAdd),
+            _ => None,
         }
     }
 }
 
 impl Step {
+    /// A step without operands.
+    fn new(op: Op, dst: u32) -> Self {
+        Self { op, dst, a: 0, b: 0, c: 0, d: 0, e: 0 }
+    }
+
     /// The slots it reads.
     fn operands<'a>(&'a mut self, svds: &'a mut [SvdSlots]) -> impl Iterator<Item = &'a mut u32> {
         let arity = self.op.arity();
@@ -120,7 +156,7 @@ impl Step {
             Op::Svd(n) => &mut svds[n as usize].inputs,
             _ => &mut [],
         };
-        [&mut self.a, &mut self.b, &mut self.c].into_iter().take(arity).chain(entries)
+        [&mut self.a, &mut self.b, &mut self.c, &mut self.d, &mut self.e].into_iter().take(arity).chain(entries)
     }
 }
 
@@ -176,10 +212,42 @@ fn fuse(nodes: &[Node], results: &[Id]) -> (Vec<Step>, Vec<SvdSlots>) {
                 _ => (Op::Binary(op), [x, y, 0]),
             },
         };
-        steps.push(Step { op, dst: id as u32, a, b, c });
+        steps.push(Step { a, b, c, ..Step::new(op, id as u32) });
     }
     steps.retain(|step| !merged[step.dst as usize]);
     (steps, svds)
+}
+
+/// Merges a product, or a product and a sum, into the sum that is the only one to read it: its value never leaves the
+/// registers.
+fn chain(steps: &mut Vec<Step>, svds: &[SvdSlots], results: &[Id]) {
+    let mut reads: HashMap<Id, usize> = HashMap::new();
+    let mut made: HashMap<Id, usize> = HashMap::new();
+    let mut svds = svds.to_vec();
+    for (at, step) in steps.iter_mut().enumerate() {
+        made.insert(step.dst, at);
+        step.operands(&mut svds).for_each(|id| *reads.entry(*id).or_default() += 1);
+    }
+    results.iter().for_each(|id| *reads.entry(*id).or_default() += 2);
+    let mut merged = vec![false; steps.len()];
+    for at in 0..steps.len() {
+        let outer = steps[at];
+        let Some(last) = outer.op.term().filter(|term| *term != Term::Mul) else { continue };
+        let Some(&before) = made.get(&outer.c).filter(|_| reads[&outer.c] == 1) else { continue };
+        let inner = steps[before];
+        let Some(first) = inner.op.term() else { continue };
+        steps[at] = Step {
+            a: inner.a,
+            b: inner.b,
+            c: outer.a,
+            d: outer.b,
+            e: inner.c,
+            ..Step::new(Op::Chain(first, last), outer.dst)
+        };
+        merged[before] = true;
+    }
+    let mut merged = merged.into_iter();
+    steps.retain(|_| !merged.next().expect("one for each step"));
 }
 
 /// Rewrites node ids to slots. A slot is free again from the step that reads its value last: that step may write its

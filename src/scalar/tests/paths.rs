@@ -2,7 +2,7 @@
 
 use super::super::graph::Node;
 use super::super::kernel::Path;
-use super::super::{Lanes, Program, Real};
+use super::super::{Lanes, Program, Real, Scalar};
 use super::{every_instruction, everything};
 
 /// Lane by lane, node by node: what the programs mean.
@@ -93,6 +93,27 @@ fn every_instruction_agrees_on_every_path() {
         for path in Path::available() {
             agree::<f32>(&program, path, 300, 2e-6);
             agree::<f64>(&program, path, 300, 1e-14);
+        }
+    }
+}
+
+#[test]
+fn chains_of_sums_are_one_step_and_agree() {
+    let first: [fn(&[Scalar]) -> Scalar; 4] =
+        [|x| x[0] * x[1], |x| x[0] * x[1] + x[4], |x| x[0] * x[1] - x[4], |x| x[4] - x[0] * x[1]];
+    let last: [fn(&[Scalar], Scalar) -> Scalar; 3] =
+        [|x, t| x[2] * x[3] + t, |x, t| x[2] * x[3] - t, |x, t| t - x[2] * x[3]];
+    for (i, first) in first.into_iter().enumerate() {
+        for (j, last) in last.into_iter().enumerate() {
+            let name = format!("chain_{i}_{j}");
+            let program = Program::trace(&name, &["a", "b", "c", "d", "e"], &["y"], |x| vec![last(x, first(x))]);
+            assert_eq!(program.code().steps.len(), 1, "{name}");
+            for path in Path::available() {
+                for same in [0, 0b00001, 0b01010, 0b10101, 0b11111] {
+                    agree_with::<f32>(&program, path, 37, same, 1e-6);
+                    agree_with::<f64>(&program, path, 300, same, 1e-15);
+                }
+            }
         }
     }
 }

@@ -60,12 +60,13 @@ potential_vjp(x, k, g_e) -> g_x, g_k
   %7 = mul %2 %6
   %8 = mul %2 %5
   %9 = mul %2 %4
-  %10 = mul %0 %9
-  %11 = add %7 %10
-  %12 = add %10 %11
-  %13 = mul %3 %8
-  g_x = %12
-  g_k = %13
+  %10 = const 2
+  %11 = mul %9 %10
+  %12 = mul %0 %11
+  %13 = add %7 %12
+  %14 = mul %3 %8
+  g_x = %13
+  g_k = %14
 ";
     assert_eq!(program.vjp().to_string(), listing);
 }
