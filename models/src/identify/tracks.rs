@@ -54,11 +54,15 @@ pub const TANGENT_COST: f64 = 2.5;
 /// about one digit a step instead of doubling them, at the cost of one rollout.
 const NEAR: f64 = 0.03;
 
+/// Frames from contact on that the material is fitted to, one search after the other.
+const BEYOND: [usize; 3] = [1, 2, 4];
+
 impl Tracks {
     /// Fits the velocity and the parameters listed in `fitted` (indices into the law's); the others stay as they `start`.
     ///
     /// First the velocity alone, on the frames before contact, where the material does not matter; then the material alone, on
-    /// the frames around contact, where errors have not grown yet; then everything on all frames.
+    /// the first frame of contact and a few more at a time, where errors have not grown yet: over many frames a wrong modulus
+    /// of what yields can look better than all that are near it. At last everything on all frames.
     ///
     /// # Errors
     /// [`ErrorKind::Shape`] for positions of another shape, [`ErrorKind::Input`] for too few frames or parameters that do not
@@ -88,9 +92,12 @@ impl Tracks {
         if falls {
             search.run(0..3, self.contact.min(frames), 1e-4)?;
         }
-        let around = (self.contact + 4).clamp(2, frames);
-        if around < frames && !fitted.is_empty() {
-            search.run(if falls { 3..all.end } else { all.clone() }, around, 3e-3)?;
+        let unknown = if falls { 3..all.end } else { all.clone() };
+        for beyond in BEYOND {
+            let around = (self.contact + beyond).max(2);
+            if around < frames && !fitted.is_empty() {
+                search.run(unknown.clone(), around, 1e-3)?;
+            }
         }
         let fit = search.run(all, frames, 1e-4)?;
         let rollouts = search.rollouts;
