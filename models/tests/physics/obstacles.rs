@@ -36,15 +36,22 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     (0..3).map(|axis| a[axis] * b[axis]).sum()
 }
 
+/// Directions down a slope and away from it.
+fn slope(degrees: f64) -> [[f64; 3]; 2] {
+    let (sin, cos) = degrees.to_radians().sin_cos();
+    [[cos, -sin, 0.0], [sin, cos, 0.0]]
+}
+
+/// What stands on a floor, on a slope.
+fn leaning(block: &[[f64; 3]], [down, normal]: [[f64; 3]; 2]) -> Vec<[f64; 3]> {
+    let place = |x: &[f64; 3], i: usize| x[0] * down[i] + x[1] * normal[i] + if i == 2 { x[2] } else { 0.0 };
+    block.iter().map(|x| std::array::from_fn(|i| place(x, i))).collect()
+}
+
 /// A block on a slope of 30°: its velocity \[m/s\] down the slope and away from it after a tenth of a second.
 fn on_a_slope(contact: Contact, start: f64) -> [f64; 2] {
-    let (sin, cos) = 30_f64.to_radians().sin_cos();
-    let (down, normal) = ([cos, -sin, 0.0], [sin, cos, 0.0]);
-    let block = cube(6, DX, [0.0, 0.2 * DX, 0.0]);
-    let block: Vec<[f64; 3]> = block
-        .iter()
-        .map(|x| std::array::from_fn(|i| x[0] * down[i] + x[1] * normal[i] + if i == 2 { x[2] } else { 0.0 }))
-        .collect();
+    let [down, normal] = slope(30.0);
+    let block = leaning(&cube(6, DX, [0.0, 0.2 * DX, 0.0]), [down, normal]);
     let world = World { colliders: vec![Collider::plane([0.0; 3], normal, contact)], ..World::new(DX) };
     let end = run(&world, ("neo_hookean", &[1e5, 0.0]), &block, down.map(|d| start * d), (5e-4, 200), |_| ());
     let v = mean(&end.velocities());
@@ -88,6 +95,33 @@ fn a_block_on_a_slope_rougher_than_steep_stays() {
     let [rough, smooth] = [crept(0.8), crept(0.0)];
     println!("{rough:.5} m in a tenth of a second, {smooth:.5} m without friction");
     assert!(smooth > 0.12 && rough.abs() < 0.03 * smooth, "{rough} m, and {smooth} m without friction");
+}
+
+#[test]
+fn a_slab_on_an_oblique_slope_stays_if_that_is_rough_enough() {
+    // Stiff and flat: a tall, soft block rocks and hops down any slope.
+    let slid = |degrees: f64| {
+        let [down, normal] = slope(degrees);
+        let slab: Vec<[f64; 3]> =
+            cube(12, DX, [0.0, 0.2 * DX, 0.0]).into_iter().filter(|x| x[1] < 3.2 * DX).collect();
+        let slab = leaning(&slab, [down, normal]);
+        let world = World {
+            colliders: vec![Collider::plane([0.0; 3], normal, Contact::Friction(0.8))],
+            ..World::new(DX)
+        };
+        let mut places = Vec::new();
+        run(&world, ("neo_hookean", &[1e6, 0.0]), &slab, [0.0; 3], (1e-4, 3000), |state| {
+            places.push(dot(mean(&state.positions()), down));
+        });
+        places[2999] - places[999]
+    };
+    let [stays, slides] = [slid(30.0), slid(44.0)];
+    // from the speed that it has after a tenth of a second
+    let (sin, cos) = 44_f64.to_radians().sin_cos();
+    let wanted = 0.5 * 9.8 * (sin - 0.8 * cos) * (0.3_f64.powi(2) - 0.1_f64.powi(2));
+    println!("{stays:.6} m on 30°, {slides:.5} m on 44°, {wanted:.5} wanted");
+    assert!(stays.abs() < 1e-4, "{stays} m in a fifth of a second");
+    approx::assert_relative_eq!(slides, wanted, max_relative = 0.3);
 }
 
 #[test]
