@@ -9,7 +9,8 @@ use rayon::prelude::*;
 
 use super::denormals::Flush;
 use super::grid::{OnWorld, scatter_tangents, update, update_jvp};
-use super::kernel::{advance_tangent, interpolate_tangent};
+use super::kernel::{MOVING, advance_tangent, interpolate_tangent, moving};
+use super::lattice::Lattice;
 use super::law::Run;
 use super::row::Number;
 use super::state::{BLOCK, C, F, HISTORY, State, V};
@@ -93,7 +94,15 @@ impl<T: Number> Simulation<'_, T> {
         }
         update(world, &self.obstacles, &lattice, dt, &mut self.grid);
         self.advance(&lattice, now, next)?;
-        let (grid, old_grid, particles) = (&self.grid, &self.old.grid, self.particles);
+        if tangents.is_empty() {
+            return Ok(());
+        }
+        let mut slopes = std::mem::take(&mut self.slopes);
+        self.move_all(&lattice, now, &self.grid, &mut slopes[0]);
+        if world.flip > 0.0 {
+            self.move_all(&lattice, now, &self.old.grid, &mut slopes[1]);
+        }
+        let (particles, [slopes_now, slopes_old]) = (self.particles, &slopes);
         let (flip, step) = (T::from_f64(world.flip), T::from_f64(dt));
         for (index, (tangent, own)) in tangents.iter_mut().zip(&buffers).enumerate() {
             let stride = now.stride();
@@ -101,13 +110,15 @@ impl<T: Number> Simulation<'_, T> {
             let sound = blocks.enumerate().map(|(block, (now, tangent))| {
                 let _flush = Flush::start();
                 let len = block_len(particles, block);
+                let own_slopes = block * MOVING * BLOCK..(block + 1) * MOVING * BLOCK;
                 let mut kept = [T::ZERO; 3 * BLOCK];
                 if flip > T::ZERO {
-                    interpolate_tangent(level, &lattice, old_grid, &own.old_grid, now, tangent, len, &mut kept);
+                    let slopes = &slopes_old[own_slopes.clone()];
+                    interpolate_tangent(level, &lattice, &own.old_grid, slopes, now, tangent, len, &mut kept);
                     let own = tangent[V * BLOCK..][..3 * BLOCK].iter();
                     kept.iter_mut().zip(own).for_each(|(kept, &own)| *kept = flip * (own - *kept));
                 }
-                advance_tangent(level, &lattice, grid, &own.grid, step, now, len, tangent);
+                advance_tangent(level, &lattice, &own.grid, &slopes_now[own_slopes], step, now, len, tangent);
                 if flip > T::ZERO {
                     let v = tangent[V * BLOCK..][..3 * BLOCK].iter_mut();
                     v.zip(&kept).for_each(|(v, &kept)| *v += kept);
@@ -125,8 +136,18 @@ impl<T: Number> Simulation<'_, T> {
                     .fix("use more substeps per frame, or parameters away from the limits of the material"));
             }
         }
-        self.tangents = buffers;
+        (self.tangents, self.slopes) = (buffers, slopes);
         Ok(())
+    }
+
+    /// What particles gather from a grid, and how that changes as they move: the same for all tangents.
+    fn move_all(&self, lattice: &Lattice<T>, now: &State<T>, grid: &[T], slopes: &mut Vec<T>) {
+        slopes.resize(now.values.len() / now.stride() * MOVING * BLOCK, T::ZERO);
+        let blocks = now.values.par_chunks_exact(now.stride()).zip(slopes.par_chunks_exact_mut(MOVING * BLOCK));
+        blocks.enumerate().for_each(|(block, (now, slopes))| {
+            let _flush = Flush::start();
+            moving(self.level, lattice, grid, now, block_len(self.particles, block), slopes);
+        });
     }
 
     /// The tangents of what particles scatter; those of `F` and history become those after the substep.
@@ -179,13 +200,7 @@ impl<T: Number> Simulation<'_, T> {
     }
 
     /// The tangents of node velocities before forces.
-    fn scatter_old_tangent(
-        &self,
-        now: &State<T>,
-        lattice: &super::lattice::Lattice<T>,
-        tangent: &Tangent<T>,
-        own: &mut Buffers<T>,
-    ) {
+    fn scatter_old_tangent(&self, now: &State<T>, lattice: &Lattice<T>, tangent: &Tangent<T>, own: &mut Buffers<T>) {
         own.old_records.resize(self.particles, [T::ZERO; 16]);
         let directions = &own.records;
         let stride = now.stride();

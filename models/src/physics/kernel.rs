@@ -5,8 +5,8 @@ use gradreel::scalar::Lanes;
 use super::lattice::Lattice;
 use super::row::{Level, Number, Row};
 use super::state::{BLOCK, C, V};
-use super::stencil::{BATCH, Batch, Slopes, Stencils};
-use super::transfer::{Gathered, Record, gather, gather_tangent, positions, pull, push, push_tangent, record};
+use super::stencil::{BATCH, Batch, Moved, Slopes, Stencils};
+use super::transfer::{Gathered, Record, gather, gather_moving, positions, pull, push, push_tangent, record};
 
 /// Declares a function whose body, over rows of type `R`, runs with the best rows of this machine.
 macro_rules! by_level {
@@ -181,23 +181,60 @@ by_level! {
     ) {
         let planes = region.len() / lattice.stride[0];
         for order in order.chunks(BATCH) {
-            let of = |i: usize| &records[order[i] as usize];
+            let (of, along) = (|i: usize| &records[order[i] as usize], |i: usize| &tangents[order[i] as usize]);
             let x = positions(order.len(), of);
             let (s, dw) = (Stencils::new(lattice, first_plane, planes, &x), Slopes::new(lattice, &x));
+            let moved = Moved::new(&s, &dw, &positions(order.len(), along));
             for i in 0..order.len().min(BATCH) {
-                unsafe { push_tangent::<T, R>(lattice, (&s, &dw), i, region, of(i), &tangents[order[i] as usize]) };
+                unsafe { push_tangent::<T, R>(lattice, (&s, &dw, &moved), i, region, of(i), along(i)) };
+            }
+        }
+    }
+}
+
+/// Arrays that [`moving`] makes of a block.
+pub(crate) const MOVING: usize = 4 + 3 * SLOPES;
+
+/// Those for one axis: sums (4 arrays) and moments (9 arrays, row by row).
+const SLOPES: usize = 13;
+
+by_level! {
+    /// What the first `len` particles of a block gather (4 arrays), and how it changes as they move along each axis ([`SLOPES`]
+    /// arrays each); see [`gather_moving`].
+    fn moving(
+        lattice: &Lattice<T>,
+        grid: &[T],
+        now: &[T],
+        len: usize,
+        out: &mut [T],
+    ) {
+        let len = len.min(BLOCK);
+        let (still, slopes) = out[..MOVING * BLOCK].split_at_mut(4 * BLOCK);
+        for first in (0..len).step_by(BATCH) {
+            let count = (len - first).min(BATCH);
+            let x = batch(now, first, count);
+            let (s, dw) = (Stencils::new(lattice, 0, lattice.shape[0], &x), Slopes::new(lattice, &x));
+            let mut found = [[[T::ZERO; 16]; BATCH]; 3];
+            for i in 0..count {
+                let of = unsafe { gather_moving::<T, R>(lattice, (&s, &dw), i, grid) };
+                (0..4).for_each(|k| still[k * BLOCK + first + i] = of.sum[k]);
+                (0..3).for_each(|axis| found[axis][i] = of.along[axis]);
+            }
+            for (found, slopes) in found.iter().zip(slopes.chunks_exact_mut(SLOPES * BLOCK)) {
+                let (sums, moments) = slopes.split_at_mut(4 * BLOCK);
+                unsafe { spread::<T, R>(found, [first, count], sums, moments) };
             }
         }
     }
 }
 
 by_level! {
-    /// The tangent of a block's gather and motion: reads positions of `now`, and turns the positions, velocities and affine
-    /// velocities of `tangent` from those before the substep into those after it.
+    /// The tangent of a block's gather and motion: reads positions of `now` and what [`moving`] has made, and turns the positions,
+    /// velocities and affine velocities of `tangent` from those before the substep into those after it.
     fn advance_tangent(
         lattice: &Lattice<T>,
-        grid: &[T],
         tangents: &[T],
+        moving: &[T],
         dt: T,
         now: &[T],
         len: usize,
@@ -205,25 +242,43 @@ by_level! {
     ) {
         let len = len.min(BLOCK);
         let (moved, affine) = tangent[..(C + 9) * BLOCK].split_at_mut(C * BLOCK);
+        let (dx, dv) = moved.split_at_mut(V * BLOCK);
         let mut sums = [T::ZERO; 4 * BLOCK];
         for first in (0..len).step_by(BATCH) {
             let count = (len - first).min(BATCH);
-            let x = batch(now, first, count);
-            let (s, dw) = (Stencils::new(lattice, 0, lattice.shape[0], &x), Slopes::new(lattice, &x));
+            let s = Stencils::new(lattice, 0, lattice.shape[0], &batch(now, first, count));
             let mut found = [[T::ZERO; 16]; BATCH];
             for i in 0..count {
-                let dx = [0, 1, 2].map(|axis| moved[axis * BLOCK + first + i]);
-                found[i] = unsafe { gather_tangent::<T, R>(lattice, (&s, &dw), i, [grid, tangents], dx) };
+                found[i] = unsafe { gather::<T, R>(lattice, &s, i, tangents) };
             }
             unsafe { spread::<T, R>(&found, [first, count], &mut sums, affine) };
         }
-        let (dx, dv) = moved.split_at_mut(V * BLOCK);
+        let (still, slopes) = moving[..MOVING * BLOCK].split_at(4 * BLOCK);
+        for (axis, slopes) in slopes.chunks_exact(SLOPES * BLOCK).enumerate() {
+            let dx = &dx[axis * BLOCK..][..len];
+            for k in 0..3 {
+                add_products(&mut sums[k * BLOCK..][..len], dx, &slopes[k * BLOCK..][..len], T::ONE);
+                let moment = &mut affine[(3 * k + axis) * BLOCK..][..len];
+                add_products(moment, dx, &still[k * BLOCK..][..len], -T::ONE);
+            }
+            for k in 0..9 {
+                add_products(&mut affine[k * BLOCK..][..len], dx, &slopes[(4 + k) * BLOCK..][..len], T::ONE);
+            }
+        }
         for axis in 0..3 {
             let at = axis * BLOCK..axis * BLOCK + len;
             dv[at.clone()].copy_from_slice(&sums[at.clone()]);
             dx[at.clone()].iter_mut().zip(&sums[at]).for_each(|(dx, dv)| *dx += dt * *dv);
         }
         scale(affine, T::from_f64(4.0) * lattice.inverse_dx * lattice.inverse_dx);
+    }
+}
+
+/// `to += sign a b`, number by number.
+#[inline(always)]
+fn add_products<T: Number>(to: &mut [T], a: &[T], b: &[T], sign: T) {
+    for ((to, a), b) in to.iter_mut().zip(a).zip(b) {
+        *to += sign * *a * *b;
     }
 }
 
@@ -256,11 +311,11 @@ by_level! {
 }
 
 by_level! {
-    /// The tangent of [`interpolate`]; reads the positions of `now` and `tangent`.
+    /// The tangent of [`interpolate`]; reads what [`moving`] has made, and the positions of `now` and `tangent`.
     fn interpolate_tangent(
         lattice: &Lattice<T>,
-        grid: &[T],
         tangents: &[T],
+        moving: &[T],
         now: &[T],
         tangent: &[T],
         len: usize,
@@ -269,12 +324,16 @@ by_level! {
         let len = len.min(BLOCK);
         for first in (0..len).step_by(BATCH) {
             let count = (len - first).min(BATCH);
-            let x = batch(now, first, count);
-            let (s, dw) = (Stencils::new(lattice, 0, lattice.shape[0], &x), Slopes::new(lattice, &x));
+            let s = Stencils::new(lattice, 0, lattice.shape[0], &batch(now, first, count));
             for i in 0..count {
-                let dx = [0, 1, 2].map(|axis| tangent[axis * BLOCK + first + i]);
-                let found = unsafe { gather_tangent::<T, R>(lattice, (&s, &dw), i, [grid, tangents], dx) };
+                let found = unsafe { gather::<T, R>(lattice, &s, i, tangents) };
                 (0..3).for_each(|axis| out[axis * BLOCK + first + i] = found[axis]);
+            }
+        }
+        for (axis, slopes) in moving[4 * BLOCK..MOVING * BLOCK].chunks_exact(SLOPES * BLOCK).enumerate() {
+            let dx = &tangent[axis * BLOCK..][..len];
+            for k in 0..3 {
+                add_products(&mut out[k * BLOCK..][..len], dx, &slopes[k * BLOCK..][..len], T::ONE);
             }
         }
     }

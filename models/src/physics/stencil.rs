@@ -84,3 +84,31 @@ impl<T: Number> Slopes<T> {
         Self(dw)
     }
 }
+
+/// How the weights of rows change as particles move.
+#[repr(C, align(64))]
+pub(crate) struct Moved<T> {
+    /// Times the weights along z: what movement along x and y does, per plane and row.
+    pub across: [[Batch<T>; 3]; 3],
+    /// Times the derivative of the weights along z: what movement along z does.
+    pub along: [[Batch<T>; 3]; 3],
+}
+
+impl<T: Number> Moved<T> {
+    /// By `dx[axis]` \[m\].
+    #[inline(always)]
+    pub fn new(s: &Stencils<T>, Slopes(dw): &Slopes<T>, dx: &[Batch<T>; 3]) -> Self {
+        let zero = [[[T::ZERO; BATCH]; 3]; 3];
+        let mut moved = Self { across: zero, along: zero };
+        for a in 0..3 {
+            for b in 0..3 {
+                for i in 0..BATCH {
+                    let along_x = dw[0][a][i] * dx[0][i] * s.w[1][b][i];
+                    moved.across[a][b][i] = along_x + s.w[0][a][i] * (dw[1][b][i] * dx[1][i]);
+                    moved.along[a][b][i] = s.across[a][b][i] * dx[2][i];
+                }
+            }
+        }
+        moved
+    }
+}

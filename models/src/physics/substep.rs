@@ -63,6 +63,8 @@ pub struct Simulation<'a, T: Number> {
     pub(super) cotangent_grid: Vec<T>,
     pub(super) old: Old<T>,
     pub(super) tangents: Vec<Buffers<T>>,
+    /// What tangents share: how what is gathered changes as particles move, from the grid and from that before forces.
+    pub(super) slopes: [Vec<T>; 2],
     totals: Totals<T>,
 }
 
@@ -141,6 +143,7 @@ impl<'a, T: Number> Simulation<'a, T> {
             cotangent_grid: Vec::new(),
             old: Old::default(),
             tangents: Vec::new(),
+            slopes: [Vec::new(), Vec::new()],
             totals,
         })
     }

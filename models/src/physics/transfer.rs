@@ -3,7 +3,7 @@
 //! With quadratic B-spline weights `w` and `δ = x_node − x_particle`, a particle *scatters* `w (q + A δ)` and `w m`; it
 //! *gathers* `v = Σ w v_i` and `c = 4/dx² Σ w v_i δᵀ`. The adjoint of the gather is the same scatter with
 //! `q = gv`, `A = 4/dx² gc`, `m = 0`; the adjoint of the scatter is the same gather over node cotangents. Only the
-//! position needs more: it enters through `w` and through `δ` (see [`pull`]; forwards [`push_tangent`], [`gather_tangent`]).
+//! position needs more: it enters through `w` and through `δ` (see [`pull`]; forwards [`push_tangent`], [`gather_moving`]).
 //!
 //! Everything here is `#[inline(always)]` and generic over the [`Row`]; [`super::kernel`] instantiates it. The functions are unsafe
 //! alike: the machine must have the instruction set of `R`, and the stencils must have been made for the lattice and the
@@ -11,7 +11,7 @@
 
 use super::lattice::Lattice;
 use super::row::{Number, Row};
-use super::stencil::{BATCH, Batch, Slopes, Stencils};
+use super::stencil::{BATCH, Batch, Moved, Slopes, Stencils};
 
 /// What a particle scatters, as four nodes' worth of numbers:
 /// `[q, m | A's first column, x₀ | second column, x₁ | third column, x₂]`.
@@ -118,26 +118,6 @@ pub(crate) unsafe fn gather<T: Number, R: Row<T>>(
     }
 }
 
-/// Weights of a node row and how they change when the particle moves, for the rows of a stencil.
-struct MovingWeights<T> {
-    /// Times the weights along z: the row's weight.
-    plain: T,
-    /// Times the weights along z: its change by movement along x and y.
-    across: T,
-    /// Times the derivative of the weights along z.
-    along: T,
-}
-
-impl<T: Number> MovingWeights<T> {
-    /// Of the rows of node planes `a` and `b`.
-    #[inline(always)]
-    fn new(s: &Stencils<T>, Slopes(dw): &Slopes<T>, i: usize, [a, b]: [usize; 2], dx: [T; 3]) -> Self {
-        let plain = s.across[a][b][i];
-        let across = dw[0][a][i] * dx[0] * s.w[1][b][i] + s.w[0][a][i] * (dw[1][b][i] * dx[1]);
-        Self { plain, across, along: plain * dx[2] }
-    }
-}
-
 /// Adds the tangent of what particle `i` of a batch scatters to a region of the grid: `w (dq + dA δ) + dw (q + A δ)`, where the
 /// tangent's `dq` already holds `dq − A dx`.
 ///
@@ -147,13 +127,12 @@ impl<T: Number> MovingWeights<T> {
 #[inline(always)]
 pub(crate) unsafe fn push_tangent<T: Number, R: Row<T>>(
     lattice: &Lattice<T>,
-    (s, dw): (&Stencils<T>, &Slopes<T>),
+    (s, dw, moved): (&Stencils<T>, &Slopes<T>, &Moved<T>),
     i: usize,
     region: &mut [T],
     record: &Record<T>,
     tangent: &Record<T>,
 ) {
-    let dx = position(tangent);
     // SAFETY: as in `push`.
     unsafe {
         let delta_z = R::nodes(nodes(&s.delta[2], i));
@@ -167,57 +146,74 @@ pub(crate) unsafe fn push_tangent<T: Number, R: Row<T>>(
                 let at = region.as_mut_ptr().add(s.start[i] + a * lattice.stride[0] + b * lattice.stride[1]);
                 let delta = R::splat(s.delta[1][b][i]);
                 let (value, change) = (y1.mul_add(delta, plane1), y2.mul_add(delta, plane2));
-                let moving = MovingWeights::new(s, dw, i, [a, b], dx);
-                let by_weight = change.mul(R::splat(moving.plain));
-                let by_weight = value.mul_add(R::splat(moving.across), by_weight);
+                let by_weight = change.mul(R::splat(s.across[a][b][i]));
+                let by_weight = value.mul_add(R::splat(moved.across[a][b][i]), by_weight);
                 let sum = by_weight.mul_add(weight, R::load(at));
-                value.mul(R::splat(moving.along)).mul_add(slope, sum).store(at);
+                value.mul(R::splat(moved.along[a][b][i])).mul_add(slope, sum).store(at);
             }
         }
     }
 }
 
-/// The tangent of a gather of particle `i` of a batch, whose position's own tangent is `dx`: node values `grid` change by
-/// `tangents`.
+/// What a particle gathers, and how that changes as it moves.
+pub(crate) struct Moving<T> {
+    /// `Σ w g` of the four node values.
+    pub sum: [T; 4],
+    /// As [`gather`], with `∂w` along each axis in the place of `w`.
+    pub along: [Gathered<T>; 3],
+}
+
+/// Gathers node values for particle `i` of a batch, and with the derivatives of its weights. When it moves by `dx`, the sum grows by
+/// `dx · along`, and the moments by that less `sum dxᵀ`.
 ///
 /// # Safety
 ///
-/// See the head of this file; the region is the whole of both grids.
+/// See the head of this file; the region is the whole grid.
 #[inline(always)]
-pub(crate) unsafe fn gather_tangent<T: Number, R: Row<T>>(
+pub(crate) unsafe fn gather_moving<T: Number, R: Row<T>>(
     lattice: &Lattice<T>,
-    (s, dw): (&Stencils<T>, &Slopes<T>),
+    (s, Slopes(dw)): (&Stencils<T>, &Slopes<T>),
     i: usize,
-    [grid, tangents]: [&[T]; 2],
-    dx: [T; 3],
-) -> Gathered<T> {
+    grid: &[T],
+) -> Moving<T> {
     // SAFETY: as in `push`.
     unsafe {
         let zero = R::splat(T::ZERO);
-        let (weight, slope) = (R::nodes(nodes(&s.w[2], i)), R::nodes(nodes(&dw.0[2], i)));
-        let (mut sum, mut along_x, mut along_y, mut velocity) = (zero, zero, zero, zero);
+        // by the weights along x and y, by the derivative along x, by that along y; each the sum, along x, along y
+        let (mut plain, mut by_x, mut by_y) = ([zero; 3], [zero; 3], [zero; 3]);
         for a in 0..3 {
-            let step = a * lattice.stride[0] + s.start[i];
+            let at = grid.as_ptr().add(s.start[i] + a * lattice.stride[0]);
+            let (mut plane, mut plane_y, mut sloped, mut sloped_y) = (zero, zero, zero, zero);
             for b in 0..3 {
-                let at = step + b * lattice.stride[1];
-                let (v, dv) = (R::load(grid.as_ptr().add(at)), R::load(tangents.as_ptr().add(at)));
-                let moving = MovingWeights::new(s, dw, i, [a, b], dx);
-                let by_weight = v.mul_add(R::splat(moving.across), dv.mul(R::splat(moving.plain)));
-                let change = v.mul(R::splat(moving.along)).mul(slope);
-                let change = by_weight.mul_add(weight, change);
-                sum = sum.add(change);
-                along_x = change.mul_add(R::splat(s.delta[0][a][i]), along_x);
-                along_y = change.mul_add(R::splat(s.delta[1][b][i]), along_y);
-                velocity = v.mul(R::splat(moving.plain)).mul_add(weight, velocity);
+                let row = R::load(at.add(b * lattice.stride[1]));
+                let delta = R::splat(s.delta[1][b][i]);
+                let (weighted, slope) = (row.mul(R::splat(s.w[1][b][i])), row.mul(R::splat(dw[1][b][i])));
+                (plane, plane_y) = (plane.add(weighted), weighted.mul_add(delta, plane_y));
+                (sloped, sloped_y) = (sloped.add(slope), slope.mul_add(delta, sloped_y));
             }
+            let (w, dw) = (R::splat(s.w[0][a][i]), R::splat(dw[0][a][i]));
+            let delta = R::splat(s.delta[0][a][i]);
+            macro_rules! add {
+                ($to:ident, $sum:ident, $along_y:ident, $w:ident) => {{
+                    let weighted = $sum.mul($w);
+                    $to = [$to[0].add(weighted), weighted.mul_add(delta, $to[1]), $along_y.mul_add($w, $to[2])];
+                }};
+            }
+            add!(plain, plane, plane_y, w);
+            add!(by_x, plane, plane_y, dw);
+            add!(by_y, sloped, sloped_y, w);
         }
-        let along_z = sum.mul(R::nodes(nodes(&s.delta[2], i)));
-        let mut gathered = R::fold([sum, along_x, along_y, along_z]);
-        let velocity = R::fold([velocity, zero, zero, zero]);
-        for k in 0..12 {
-            gathered[4 + k] -= velocity[k % 4] * dx[k / 4];
+        let (weight, slope) = (R::nodes(nodes(&s.w[2], i)), R::nodes(nodes(&dw[2], i)));
+        let delta = R::nodes(nodes(&s.delta[2], i));
+        macro_rules! along {
+            ($from:ident, $w:ident) => {{
+                let sum = $from[0].mul($w);
+                R::fold([sum, $from[1].mul($w), $from[2].mul($w), sum.mul(delta)])
+            }};
         }
-        gathered
+        let along = [along!(by_x, weight), along!(by_y, weight), along!(plain, slope)];
+        let [a, b, c, d, ..] = R::fold([plain[0].mul(weight), zero, zero, zero]);
+        Moving { sum: [a, b, c, d], along }
     }
 }
 

@@ -102,13 +102,10 @@ fn a_slab_on_an_oblique_slope_stays_if_that_is_rough_enough() {
     // Stiff and flat: a tall, soft block rocks and hops down any slope.
     let slid = |degrees: f64| {
         let [down, normal] = slope(degrees);
-        let slab: Vec<[f64; 3]> =
-            cube(12, DX, [0.0, 0.2 * DX, 0.0]).into_iter().filter(|x| x[1] < 3.2 * DX).collect();
+        let slab: Vec<[f64; 3]> = cube(12, DX, [0.0, 0.2 * DX, 0.0]).into_iter().filter(|x| x[1] < 3.2 * DX).collect();
         let slab = leaning(&slab, [down, normal]);
-        let world = World {
-            colliders: vec![Collider::plane([0.0; 3], normal, Contact::Friction(0.8))],
-            ..World::new(DX)
-        };
+        let world =
+            World { colliders: vec![Collider::plane([0.0; 3], normal, Contact::Friction(0.8))], ..World::new(DX) };
         let mut places = Vec::new();
         run(&world, ("neo_hookean", &[1e6, 0.0]), &slab, [0.0; 3], (1e-4, 3000), |state| {
             places.push(dot(mean(&state.positions()), down));
