@@ -83,7 +83,8 @@ impl<T: Number> Simulation<'_, T> {
         // Taken out, so that the rest of the simulation can be borrowed beside them.
         let mut buffers = std::mem::take(&mut self.tangents);
         buffers.resize_with(tangents.len(), Buffers::default);
-        for (tangent, own) in tangents.iter_mut().zip(&mut buffers) {
+        // All at once: what waits for one tangent's pieces works on another's.
+        tangents.par_iter_mut().zip(&mut buffers).for_each(|(tangent, own)| {
             self.scatter_material(now, tangent, own);
             scatter_tangents(level, &lattice, &mut own.grid, &self.scattered, &own.records, &self.buckets);
             if world.flip > 0.0 {
@@ -91,7 +92,7 @@ impl<T: Number> Simulation<'_, T> {
             }
             let change = OnWorld { gravity: tangent.gravity, friction: tangent.friction.clone() };
             update_jvp(world, &self.obstacles, &lattice, dt, &self.grid, &mut own.grid, &change);
-        }
+        });
         update(world, &self.obstacles, &lattice, dt, &mut self.grid);
         self.advance(&lattice, now, next)?;
         if tangents.is_empty() {
@@ -104,7 +105,7 @@ impl<T: Number> Simulation<'_, T> {
         }
         let (particles, [slopes_now, slopes_old]) = (self.particles, &slopes);
         let (flip, step) = (T::from_f64(world.flip), T::from_f64(dt));
-        for (index, (tangent, own)) in tangents.iter_mut().zip(&buffers).enumerate() {
+        let all = tangents.par_iter_mut().zip(&buffers).map(|(tangent, own)| {
             let stride = now.stride();
             let blocks = now.values.par_chunks_exact(stride).zip(tangent.state.values.par_chunks_exact_mut(stride));
             let sound = blocks.enumerate().map(|(block, (now, tangent))| {
@@ -125,19 +126,15 @@ impl<T: Number> Simulation<'_, T> {
                 }
                 (0..3).all(|axis| tangent[(V + axis) * BLOCK..][..len].iter().all(|v| v.is_finite()))
             });
-            if !sound.reduce(|| true, |a, b| a & b) {
-                return Err(gradreel::Error::new(ErrorKind::NonFinite, "a derivative of the simulation is not finite")
-                    .at(format!(
-                        "direction {index}, substep {}, t = {:.6} s",
-                        self.substep - 1,
-                        self.substep as f64 * dt
-                    ))
-                    .wanted("finite tangents")
-                    .fix("use more substeps per frame, or parameters away from the limits of the material"));
-            }
-        }
+            sound.reduce(|| true, |a, b| a & b)
+        });
+        let sound: Vec<bool> = all.collect();
         (self.tangents, self.slopes) = (buffers, slopes);
-        Ok(())
+        let Some(index) = sound.iter().position(|sound| !sound) else { return Ok(()) };
+        Err(gradreel::Error::new(ErrorKind::NonFinite, "a derivative of the simulation is not finite")
+            .at(format!("direction {index}, substep {}, t = {:.6} s", self.substep - 1, self.substep as f64 * dt))
+            .wanted("finite tangents")
+            .fix("use more substeps per frame, or parameters away from the limits of the material"))
     }
 
     /// What particles gather from a grid, and how that changes as they move: the same for all tangents.
