@@ -73,7 +73,7 @@ impl<T: Number> Simulation<'_, T> {
         let blocks = now.values.par_chunks_exact(stride).zip(next.values.par_chunks_exact_mut(stride));
         blocks.enumerate().for_each(|(block, (now, next))| {
             let _flush = Flush::start();
-            let mut before = [T::ZERO; 3 * BLOCK];
+            let mut before = [T::ZERO; 4 * BLOCK];
             interpolate(level, lattice, grid, now, block_len(particles, block), &mut before);
             let velocities = &now[V * BLOCK..][..3 * BLOCK];
             let blended = next[V * BLOCK..][..3 * BLOCK].iter_mut();

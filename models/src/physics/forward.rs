@@ -112,7 +112,7 @@ impl<T: Number> Simulation<'_, T> {
                 let _flush = Flush::start();
                 let len = block_len(particles, block);
                 let own_slopes = block * MOVING * BLOCK..(block + 1) * MOVING * BLOCK;
-                let mut kept = [T::ZERO; 3 * BLOCK];
+                let mut kept = [T::ZERO; 4 * BLOCK];
                 if flip > T::ZERO {
                     let slopes = &slopes_old[own_slopes.clone()];
                     interpolate_tangent(level, &lattice, &own.old_grid, slopes, now, tangent, len, &mut kept);

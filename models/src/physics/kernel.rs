@@ -93,6 +93,33 @@ unsafe fn spread<T: Number, R: Row<T>>(
     }
 }
 
+/// What the first `len` particles of a block gather from a grid: sums (4 arrays) and moments (9 arrays, row by row).
+///
+/// # Safety
+///
+/// The machine must have the instruction set of `R`.
+#[inline(always)]
+unsafe fn gather_all<T: Number, R: Row<T>>(
+    lattice: &Lattice<T>,
+    grid: &[T],
+    now: &[T],
+    len: usize,
+    sums: &mut [T],
+    moments: &mut [T],
+) {
+    for first in (0..len).step_by(BATCH) {
+        let count = (len - first).min(BATCH);
+        let s = Stencils::new(lattice, 0, lattice.shape[0], &batch(now, first, count));
+        let mut found = [[T::ZERO; 16]; BATCH];
+        for i in 0..count {
+            // SAFETY: the caller's promise; the grid is whole.
+            found[i] = unsafe { gather::<T, R>(lattice, &s, i, grid) };
+        }
+        // SAFETY: the caller's promise.
+        unsafe { spread::<T, R>(&found, [first, count], sums, moments) };
+    }
+}
+
 by_level! {
     /// Makes records of a block's particles: of positions `x` (3 arrays), `q` and mass (4 arrays), and `A` (9 arrays, row by row).
     fn assemble(
@@ -244,15 +271,7 @@ by_level! {
         let (moved, affine) = tangent[..(C + 9) * BLOCK].split_at_mut(C * BLOCK);
         let (dx, dv) = moved.split_at_mut(V * BLOCK);
         let mut sums = [T::ZERO; 4 * BLOCK];
-        for first in (0..len).step_by(BATCH) {
-            let count = (len - first).min(BATCH);
-            let s = Stencils::new(lattice, 0, lattice.shape[0], &batch(now, first, count));
-            let mut found = [[T::ZERO; 16]; BATCH];
-            for i in 0..count {
-                found[i] = unsafe { gather::<T, R>(lattice, &s, i, tangents) };
-            }
-            unsafe { spread::<T, R>(&found, [first, count], &mut sums, affine) };
-        }
+        unsafe { gather_all::<T, R>(lattice, tangents, now, len, &mut sums, affine) };
         let (still, slopes) = moving[..MOVING * BLOCK].split_at(4 * BLOCK);
         for (axis, slopes) in slopes.chunks_exact(SLOPES * BLOCK).enumerate() {
             let dx = &dx[axis * BLOCK..][..len];
@@ -290,7 +309,7 @@ fn scale<T: Number>(numbers: &mut [T], factor: T) {
 }
 
 by_level! {
-    /// What the first `len` particles of a block gather from a grid: three arrays.
+    /// What the first `len` particles of a block gather from a grid: three arrays, and one that means nothing.
     fn interpolate(
         lattice: &Lattice<T>,
         grid: &[T],
@@ -299,14 +318,7 @@ by_level! {
         out: &mut [T],
     ) {
         let len = len.min(BLOCK);
-        for first in (0..len).step_by(BATCH) {
-            let count = (len - first).min(BATCH);
-            let s = Stencils::new(lattice, 0, lattice.shape[0], &batch(now, first, count));
-            for i in 0..count {
-                let found = unsafe { gather::<T, R>(lattice, &s, i, grid) };
-                (0..3).for_each(|axis| out[axis * BLOCK + first + i] = found[axis]);
-            }
-        }
+        unsafe { gather_all::<T, R>(lattice, grid, now, len, out, &mut [T::ZERO; 9 * BLOCK]) };
     }
 }
 
@@ -322,14 +334,7 @@ by_level! {
         out: &mut [T],
     ) {
         let len = len.min(BLOCK);
-        for first in (0..len).step_by(BATCH) {
-            let count = (len - first).min(BATCH);
-            let s = Stencils::new(lattice, 0, lattice.shape[0], &batch(now, first, count));
-            for i in 0..count {
-                let found = unsafe { gather::<T, R>(lattice, &s, i, tangents) };
-                (0..3).for_each(|axis| out[axis * BLOCK + first + i] = found[axis]);
-            }
-        }
+        unsafe { gather_all::<T, R>(lattice, tangents, now, len, out, &mut [T::ZERO; 9 * BLOCK]) };
         for (axis, slopes) in moving[4 * BLOCK..MOVING * BLOCK].chunks_exact(SLOPES * BLOCK).enumerate() {
             let dx = &tangent[axis * BLOCK..][..len];
             for k in 0..3 {
@@ -390,15 +395,7 @@ by_level! {
         let len = len.min(BLOCK);
         let (moved, affine) = next[..(C + 9) * BLOCK].split_at_mut(C * BLOCK);
         let mut sums = [T::ZERO; 4 * BLOCK];
-        for first in (0..len).step_by(BATCH) {
-            let count = (len - first).min(BATCH);
-            let s = Stencils::new(lattice, 0, lattice.shape[0], &batch(now, first, count));
-            let mut found = [[T::ZERO; 16]; BATCH];
-            for i in 0..count {
-                found[i] = unsafe { gather::<T, R>(lattice, &s, i, grid) };
-            }
-            unsafe { spread::<T, R>(&found, [first, count], &mut sums, affine) };
-        }
+        unsafe { gather_all::<T, R>(lattice, grid, now, len, &mut sums, affine) };
         scale(affine, T::from_f64(4.0) * lattice.inverse_dx * lattice.inverse_dx);
         // The rest array by array, which compilers vectorise.
         let mut motion = Motion { extent: [[T::INFINITY; 3], [-T::INFINITY; 3]], broken: None };
