@@ -107,10 +107,10 @@ unsafe fn gather_all<T: Number, R: Row<T>>(
     sums: &mut [T],
     moments: &mut [T],
 ) {
+    let mut found = [[T::ZERO; 16]; BATCH];
     for first in (0..len).step_by(BATCH) {
         let count = (len - first).min(BATCH);
         let s = Stencils::new(lattice, 0, lattice.shape[0], &batch(now, first, count));
-        let mut found = [[T::ZERO; 16]; BATCH];
         for i in 0..count {
             // SAFETY: the caller's promise; the grid is whole.
             found[i] = unsafe { gather::<T, R>(lattice, &s, i, grid) };
@@ -237,11 +237,11 @@ by_level! {
     ) {
         let len = len.min(BLOCK);
         let (still, slopes) = out[..MOVING * BLOCK].split_at_mut(4 * BLOCK);
+        let mut found = [[[T::ZERO; 16]; BATCH]; 3];
         for first in (0..len).step_by(BATCH) {
             let count = (len - first).min(BATCH);
             let x = batch(now, first, count);
             let (s, dw) = (Stencils::new(lattice, 0, lattice.shape[0], &x), Slopes::new(lattice, &x));
-            let mut found = [[[T::ZERO; 16]; BATCH]; 3];
             for i in 0..count {
                 let of = unsafe { gather_moving::<T, R>(lattice, (&s, &dw), i, grid) };
                 (0..4).for_each(|k| still[k * BLOCK + first + i] = of.sum[k]);
@@ -472,11 +472,11 @@ unsafe fn pull_all<T: Number, R: Row<T>>(
     affine: &mut [T],
 ) {
     let len = scattered.len().min(gathered.len()).min(BLOCK);
+    let mut found = [[T::ZERO; 16]; BATCH];
     for first in (0..len).step_by(BATCH) {
         let count = (len - first).min(BATCH);
         let x = positions(count, |i| &scattered[first + i]);
         let (s, dw) = (Stencils::new(lattice, 0, lattice.shape[0], &x), Slopes::new(lattice, &x));
-        let mut found = [[T::ZERO; 16]; BATCH];
         for i in 0..count {
             let records = [&scattered[first + i], &gathered[first + i]];
             // SAFETY: the caller's promise; both grids are whole.

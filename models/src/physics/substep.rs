@@ -385,16 +385,17 @@ impl<'a, T: Number> Simulation<'a, T> {
             .enumerate()
             .for_each(|(block, ((now, next), (records, slabs)))| {
                 let _flush = Flush::start();
-                let mut affine = [T::ZERO; 9 * BLOCK];
-                for portion in portions {
-                    if let Some(with) = constants.run(portion, block, particles) {
-                        portion.law.advance(now, &with, next, &mut affine);
+                with_scratch(13 * BLOCK, |scratch| {
+                    let (affine, q) = scratch.split_at_mut(9 * BLOCK);
+                    for portion in portions {
+                        if let Some(with) = constants.run(portion, block, particles) {
+                            portion.law.advance(now, &with, next, affine);
+                        }
                     }
-                }
-                let masses = constants.mass.run(block * BLOCK, records.len());
-                let mut q = [T::ZERO; 4 * BLOCK];
-                momenta(level, masses, &now[V * BLOCK..], records.len(), &mut q);
-                assemble(level, now, &q, &affine, records);
+                    let masses = constants.mass.run(block * BLOCK, records.len());
+                    momenta(level, masses, &now[V * BLOCK..], records.len(), q);
+                    assemble(level, now, q, affine, records);
+                });
                 slabs.iter_mut().zip(now).for_each(|(slab, x)| *slab = lattice.slab(*x) as u32);
             });
         self.buckets.sort(&self.slab_of, lattice.slabs());
