@@ -81,88 +81,28 @@ unsafe fn execute<V: Lane>(code: &Code, ports: &mut [Port<V::Element>], lanes: u
                 (port.at, if port.repeats { 0 } else { V::WIDTH })
             }};
         }
-        // The destination, and the number of vectors to compute. An operand that repeats and lies where results go is
-        // moved aside.
-        macro_rules! destination {
-            ($($at:ident $stride:ident $spare:literal),*) => {{
-                let repeats = step.dst as usize >= first_temporary $(&& $stride == 0)*;
+        // Computes a value of the operands named, vector by vector. An operand that repeats and lies where results go is moved
+        // aside first.
+        macro_rules! each {
+            ($($x:ident),* => $value:expr) => {{
+                $(let mut $x = port!($x);)*
+                let repeats = step.dst as usize >= first_temporary $(&& $x.1 == 0)*;
                 let port = &mut ports[step.dst as usize];
                 port.repeats = repeats;
-                $(if $stride == 0 && $at == port.at {
+                let (dst, vectors) = (port.at, if repeats { 1 } else { all });
+                let mut aside = spare.iter_mut();
+                $(if let Some(aside) = aside.next()
+                    && $x.1 == 0
+                    && $x.0 == dst
+                {
                     // SAFETY: a port that repeats is valid for a vector, and no vector is wider than 16.
-                    unsafe { V::load($at).store(spare[$spare].as_mut_ptr()) };
-                    $at = spare[$spare].as_mut_ptr();
+                    unsafe { V::load($x.0).store(aside.as_mut_ptr()) };
+                    $x.0 = aside.as_mut_ptr();
                 })*
-                (port.at, if repeats { 1 } else { all })
-            }};
-        }
-        macro_rules! each {
-            ($a:ident => $value:expr) => {{
-                let (mut at_a, stride_a) = port!(a);
-                let (dst, vectors) = destination!(at_a stride_a 0);
                 for i in 0..vectors {
                     // SAFETY: the caller promises that the ports are valid for `lanes` rounded up to vectors.
                     unsafe {
-                        let $a = V::load(at_a.add(i * stride_a));
-                        $value.store(dst.add(i * V::WIDTH));
-                    }
-                }
-            }};
-            ($a:ident, $b:ident => $value:expr) => {{
-                let ((mut at_a, stride_a), (mut at_b, stride_b)) = (port!(a), port!(b));
-                let (dst, vectors) = destination!(at_a stride_a 0, at_b stride_b 1);
-                for i in 0..vectors {
-                    // SAFETY: as above.
-                    unsafe {
-                        let $a = V::load(at_a.add(i * stride_a));
-                        let $b = V::load(at_b.add(i * stride_b));
-                        $value.store(dst.add(i * V::WIDTH));
-                    }
-                }
-            }};
-            ($a:ident, $b:ident, $c:ident => $value:expr) => {{
-                let ((mut at_a, stride_a), (mut at_b, stride_b)) = (port!(a), port!(b));
-                let (mut at_c, stride_c) = port!(c);
-                let (dst, vectors) = destination!(at_a stride_a 0, at_b stride_b 1, at_c stride_c 2);
-                for i in 0..vectors {
-                    // SAFETY: as above.
-                    unsafe {
-                        let $a = V::load(at_a.add(i * stride_a));
-                        let $b = V::load(at_b.add(i * stride_b));
-                        let $c = V::load(at_c.add(i * stride_c));
-                        $value.store(dst.add(i * V::WIDTH));
-                    }
-                }
-            }};
-            ($a:ident, $b:ident, $c:ident, $d:ident => $value:expr) => {{
-                let ((mut at_a, stride_a), (mut at_b, stride_b)) = (port!(a), port!(b));
-                let ((mut at_c, stride_c), (mut at_d, stride_d)) = (port!(c), port!(d));
-                let (dst, vectors) = destination!(at_a stride_a 0, at_b stride_b 1, at_c stride_c 2, at_d stride_d 3);
-                for i in 0..vectors {
-                    // SAFETY: as above.
-                    unsafe {
-                        let $a = V::load(at_a.add(i * stride_a));
-                        let $b = V::load(at_b.add(i * stride_b));
-                        let $c = V::load(at_c.add(i * stride_c));
-                        let $d = V::load(at_d.add(i * stride_d));
-                        $value.store(dst.add(i * V::WIDTH));
-                    }
-                }
-            }};
-            ($a:ident, $b:ident, $c:ident, $d:ident, $e:ident => $value:expr) => {{
-                let ((mut at_a, stride_a), (mut at_b, stride_b)) = (port!(a), port!(b));
-                let ((mut at_c, stride_c), (mut at_d, stride_d)) = (port!(c), port!(d));
-                let (mut at_e, stride_e) = port!(e);
-                let (dst, vectors) =
-                    destination!(at_a stride_a 0, at_b stride_b 1, at_c stride_c 2, at_d stride_d 3, at_e stride_e 4);
-                for i in 0..vectors {
-                    // SAFETY: as above.
-                    unsafe {
-                        let $a = V::load(at_a.add(i * stride_a));
-                        let $b = V::load(at_b.add(i * stride_b));
-                        let $c = V::load(at_c.add(i * stride_c));
-                        let $d = V::load(at_d.add(i * stride_d));
-                        let $e = V::load(at_e.add(i * stride_e));
+                        $(let $x = V::load($x.0.add(i * $x.1));)*
                         $value.store(dst.add(i * V::WIDTH));
                     }
                 }

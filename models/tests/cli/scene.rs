@@ -30,7 +30,7 @@ impl Scene {
     }
 
     pub fn copy_clip(&self, name: &str, cameras: &[i64], frames: i64) {
-        let (from, to) = (bundled(), self.0.path().join(name));
+        let (from, to) = (bundled(), self.path(name));
         fs::create_dir_all(to.join("data")).unwrap();
         let list: Vec<Value> = serde_json::from_slice(&fs::read(from.join("all_data.json")).unwrap()).unwrap();
         let wanted: Vec<String> = cameras
