@@ -6,11 +6,13 @@
 //! product    as products of matrices whose patches are packed from the image
 //! gradient   the gradient in the weight, likewise
 //! winograd   3×3 kernels of stride 1, with fewer multiplications
+//! karatsuba  transposed ones of 3×3×3 kernels and stride 2, likewise
 //! layout     images with their channels last
 //! ```
 
 mod direct;
 mod gradient;
+mod karatsuba;
 mod layout;
 mod product;
 #[cfg(test)]
@@ -54,7 +56,10 @@ pub(crate) fn transposed<T: Real>(g: &Geometry, result: &[T], weight: &[T], bias
             }
             None => product::transposed(g, &walks, result, weight, bias),
         },
-        _ => product::transposed(g, &walks, result, weight, bias),
+        _ => match karatsuba::Plan::new(g) {
+            Some(plan) => plan.enlarge(result, weight, bias),
+            None => product::transposed(g, &walks, result, weight, bias),
+        },
     }
 }
 
@@ -64,6 +69,8 @@ pub(crate) fn weights<T: Real>(g: &Geometry, image: &[T], result: &[T]) -> Vec<T
     if g.outputs <= FEW {
         direct::weights(g, &walk, &walk.pad(image), result)
     } else if let Some(plan) = Plan::new(g, &walk, false) {
+        plan.weights(image, result)
+    } else if let Some(plan) = karatsuba::Plan::new(g) {
         plan.weights(image, result)
     } else {
         gradient::weights(g, &walk, image, result)

@@ -2,7 +2,7 @@
 
 use super::walk::Walk;
 use super::winograd::Plan;
-use super::{direct, gradient, product};
+use super::{direct, gradient, karatsuba, product};
 use crate::ops::Geometry;
 use crate::random::Key;
 
@@ -78,6 +78,11 @@ fn check(g: &Geometry) {
     {
         assert_close("winograd, transposed", g, &plan.run(&y, &w, at, true, Some(&x_bias)), &to_x);
     }
+
+    if let Some(plan) = karatsuba::Plan::new(g) {
+        assert_close("karatsuba, transposed", g, &plan.enlarge(&y, &w, Some(&x_bias)), &to_x);
+        assert_close("karatsuba, weights", g, &plan.weights(&x, &y), &to_w);
+    }
 }
 
 /// A geometry with as many places as fit, less `left_out` along the last axis.
@@ -129,6 +134,23 @@ fn squares_of_results() {
     ];
     for g in &cases {
         assert!(planned(g), "{g:?}");
+        check(g);
+    }
+}
+
+#[test]
+fn pairs_of_places() {
+    let two = [2; 3];
+    let cases = [
+        geometry([1, 1, 32, 33], [22, 20, 24], [3, 3, 3], [two, ONE, ONE], 0),
+        geometry([2, 1, 34, 32], [21, 19, 25], [3, 3, 3], [two, ONE, ONE], 0),
+        geometry([1, 1, 32, 32], [23, 21, 24], [3, 3, 3], [two, NONE, ONE], 0),
+        geometry([1, 1, 33, 36], [21, 20, 23], [3, 3, 3], [two, [0, 2, 1], ONE], 1),
+        // more than one slab
+        geometry([1, 1, 33, 32], [20, 36, 40], [3, 3, 3], [two, ONE, ONE], 0),
+    ];
+    for g in &cases {
+        assert!(karatsuba::Plan::new(g).is_some(), "{g:?}");
         check(g);
     }
 }
