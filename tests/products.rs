@@ -131,8 +131,9 @@ fn slopes(operands: &[Tensor], net: impl Fn(&[Var]) -> Var) -> Vec<Tensor> {
 
 #[test]
 fn a_perceptron_is_its_layers() {
-    // rows beyond one block and one span; widths that are no whole vectors
-    for (rows, widths) in [(5001, vec![3, 20, 17, 2]), (300, vec![39, 33]), (1, vec![2, 1, 3])] {
+    // rows beyond one block and one span; widths that are no whole vectors; layers that are kept
+    let kept = vec![5, 64, 80, 32, 3];
+    for (rows, widths) in [(5001, vec![3, 20, 17, 2]), (300, vec![39, 33]), (1, vec![2, 1, 3]), (700, kept)] {
         for hidden in [Activation::Relu, Activation::Tanh, Activation::Logistic, Activation::Softplus, Activation::Silu]
         {
             let operands = perceptron(rows, &widths);

@@ -3,7 +3,7 @@
 //! `h₀ = x`, `hᵢ = f(hᵢ₋₁ · wᵢᵀ + bᵢ)`, with one function `f` between the layers and none, or another, after the last.
 //!
 //! On the CPU blocks of a few hundred rows go through all layers while they are in the cache; what is between the layers
-//! never reaches memory, and the derivative computes it again. On a GPU, and where the derivative is to be
+//! reaches memory only where the derivative would take longer to compute it again. On a GPU, and where the derivative is to be
 //! differentiated again, the same is made of [`linear`](Var::linear) and the function's own op.
 
 use std::rc::Rc;
@@ -26,7 +26,7 @@ pub(super) const ENTRY: Entry = Entry {
                 inputs.push(uniform(seed, [pair[1], pair[0]], -1.0..1.0));
                 inputs.push(uniform(seed + 1, [pair[1]], -1.0..1.0));
             }
-            Case::new(Mlp { hidden, last }, inputs)
+            Case::new(Mlp { hidden, last, keep: rows % 2 == 1 }, inputs)
         };
         vec![
             case(4, &[3, 5, 2], Activation::Relu, Activation::Identity),
@@ -36,6 +36,8 @@ pub(super) const ENTRY: Entry = Entry {
             case(5, &[3, 4, 2], Activation::Silu, Activation::Silu),
             case(5, &[3, 4, 2], Activation::Identity, Activation::Tanh),
             case(0, &[3, 4, 2], Activation::Relu, Activation::Identity),
+            case(3, &[2, 64, 5, 3], Activation::Tanh, Activation::Identity),
+            case(3, &[64, 4, 2], Activation::Silu, Activation::Identity),
         ]
     },
 };
@@ -45,6 +47,8 @@ pub(super) const ENTRY: Entry = Entry {
 struct Mlp {
     hidden: Activation,
     last: Activation,
+    /// Whether a gradient will be wanted: what is between the layers may be kept for it.
+    keep: bool,
 }
 
 impl Mlp {
@@ -82,7 +86,8 @@ impl Mlp {
         let (x, g) = (&inputs[0], cx.gradient());
         let wanted = [cx.wants(0), (1..inputs.len()).any(|i| cx.wants(i))];
         let layers = self.layers::<T>(&inputs);
-        let found = mlp::gradients(x.slice::<T>(), &layers, g.tensor().slice::<T>(), x.dims()[0], wanted);
+        let (kept, g_values) = (cx.residual::<mlp::Kept<T>>(), g.tensor().slice::<T>());
+        let found = mlp::gradients(x.slice::<T>(), &layers, kept, g_values, x.dims()[0], wanted);
         let constant = |values: Vec<T>, i: usize| Some(g.tape().constant(Tensor::from_vec(values, inputs[i].shape())));
         let mut cotangents = vec![found.x.and_then(|values| constant(values, 0))];
         for (weight, bias) in found.layers {
@@ -145,7 +150,9 @@ impl Op for Mlp {
         let (x, rows) = (&inputs[0], inputs[0].dims()[0]);
         let width = inputs[inputs.len() - 1].len();
         for_real!(x.dtype(), T => {
-            Ok(Tensor::from_vec(mlp::forward(x.slice::<T>(), &self.layers(inputs), rows), [rows, width]).into())
+            let (result, kept) = mlp::forward(x.slice::<T>(), &self.layers(inputs), rows, self.keep);
+            let bytes = kept.bytes();
+            Ok(Forward::with_residual(Tensor::from_vec(result, [rows, width]), kept).holding(bytes))
         })
     }
 
@@ -230,7 +237,8 @@ impl Var {
         };
         let mut inputs = vec![&flat];
         inputs.extend(layers.iter().flat_map(|(weight, bias)| [*weight, *bias]));
-        let rows = Self::run(Rc::new(Mlp { hidden, last: Activation::Identity }), &inputs);
+        let keep = inputs.iter().any(|x| x.is_differentiable());
+        let rows = Self::run(Rc::new(Mlp { hidden, last: Activation::Identity, keep }), &inputs);
         let mut shape = batch.to_vec();
         shape.push(rows.dims()[1]);
         rows.reshape(shape)

@@ -15,7 +15,7 @@ use crate::scalar::{Path, Real};
 /// Bytes of one line of a factor within a block of the depth.
 const LINE: usize = 1536;
 /// Columns of a block of the right factor: 480 KiB.
-const COLUMNS: usize = 320;
+pub(super) const COLUMNS: usize = 320;
 /// Rows that go through the whole depth before the next ones begin, so that what is summed up stays near.
 const ROWS: usize = 2048;
 /// Strips of the right factor from which on packing a strip of the left one pays, where it could be read in place.
@@ -85,7 +85,10 @@ impl<T: Real> Part<'_, T> {
             for block in pieces(columns.len().div_ceil(tile_columns), COLUMNS / tile_columns) {
                 let end = columns.len().min(block.end * tile_columns);
                 let block = columns.start + block.start * tile_columns..columns.start + end;
-                self.pack_right(block.clone(), depth.clone());
+                let right = match self.task.right.packed(&block, &depth) {
+                    Some(strips) => strips.as_ptr(),
+                    None => self.pack_right(block.clone(), depth.clone()),
+                };
                 for strip in pieces(rows.len(), height) {
                     let lines = rows.start + strip.start..rows.start + strip.end;
                     let (left, left_row, left_depth) = match in_place {
@@ -107,7 +110,7 @@ impl<T: Real> Part<'_, T> {
                         left,
                         left_row,
                         left_depth,
-                        right: self.right.as_ptr(),
+                        right,
                         columns: block.len(),
                         first_column: block.start,
                         out: self.out.at(lines.start, block.start),
@@ -125,7 +128,7 @@ impl<T: Real> Part<'_, T> {
         }
     }
 
-    fn pack_right(&mut self, block: Range<usize>, depth: Range<usize>) {
+    fn pack_right(&mut self, block: Range<usize>, depth: Range<usize>) -> *const T {
         let Extent { columns: tile_columns, vector, .. } = self.task.tile;
         // the last strip is as wide as the vectors that its columns fill
         let last = block.len() / tile_columns * tile_columns;
@@ -135,5 +138,6 @@ impl<T: Real> Part<'_, T> {
         }
         let packed = &mut self.right[..(last + width) * depth.len()];
         self.task.right.pack_strips(block, depth, [tile_columns, vector], packed);
+        self.right.as_ptr()
     }
 }

@@ -3,6 +3,7 @@
 //! ```text
 //! mod        a product and its settings, and how it is divided among threads
 //! panel      where the factors come from: anything that can pack a few lines
+//! packed     a factor that was packed before
 //! block      the loops over blocks that fit the caches
 //! tile       the innermost loop in registers, generic over the vector
 //! epilogue   biases and activation, while the tile is in the first-level cache
@@ -15,6 +16,7 @@
 
 mod block;
 mod epilogue;
+mod packed;
 mod panel;
 pub(crate) mod scratch;
 mod split;
@@ -29,6 +31,7 @@ use rayon::prelude::*;
 
 pub use epilogue::Activation;
 use epilogue::Epilogue;
+pub(crate) use packed::Packed;
 pub(crate) use panel::{Panel, Strided};
 
 use crate::scalar::{Path, Real};

@@ -29,6 +29,11 @@ pub(crate) trait Panel<T>: Sync {
         each_strip(self, lines, depth, [width, vector], into);
     }
 
+    /// Strips that were packed before, as [`Panel::pack_strips`] would pack them now.
+    fn packed(&self, _lines: &Range<usize>, _depth: &Range<usize>) -> Option<&[T]> {
+        None
+    }
+
     /// The factor itself where it lies in memory at fixed distances, which may save packing it.
     fn strided(&self) -> Option<Strided<'_, T>> {
         None

@@ -141,10 +141,14 @@ impl<T: Real> Strip<'_, T> {
                 }
             }
             self.make(path, self.right.add(column * self.depth), tile, row, [1, row / vector], bias);
-            for r in 0..self.rows {
-                for c in 0..width {
-                    *out.wrapping_add(r * self.out_row + c * self.out_column) = *tile.add(r * row + c);
-                }
+            let put = |r: usize, c: usize| {
+                *out.wrapping_add(r * self.out_row + c * self.out_column) = *tile.add(r * row + c);
+            };
+            // neighbours in the output one after another
+            if self.out_row < self.out_column {
+                (0..width).for_each(|c| (0..self.rows).for_each(|r| put(r, c)));
+            } else {
+                (0..self.rows).for_each(|r| (0..width).for_each(|c| put(r, c)));
             }
         }
     }

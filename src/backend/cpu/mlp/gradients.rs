@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::{Activation, BLOCK, Gemm, Job, Lane, Layer, Out, Par, Real, Strided, buffer, scratch};
+use super::{Activation, BLOCK, Gemm, Job, Kept, Lane, Layer, Out, Packed, Panel, Par, Real, Strided, buffer, scratch};
 use crate::backend::cpu::vectorised;
 use rayon::prelude::*;
 
@@ -19,10 +19,11 @@ pub(crate) struct Gradients<T> {
     pub(crate) layers: Vec<(Vec<T>, Vec<T>)>,
 }
 
-/// The gradients of `Σ g · y` in the input and in the weights, each if wanted.
+/// The gradients of `Σ g · y` in the input and in the weights, each if wanted, with what the forward pass kept.
 pub(crate) fn gradients<T: Real>(
     x: &[T],
     layers: &[Layer<'_, T>],
+    kept: &Kept<T>,
     g: &[T],
     rows: usize,
     [x_wanted, layers_wanted]: [bool; 2],
@@ -44,10 +45,11 @@ pub(crate) fn gradients<T: Real>(
     sums.fill(T::ZERO);
     let slopes = slope.chunks_mut((length * width).max(1)).map(Some);
     let slopes: Vec<_> = if x_wanted { slopes.collect() } else { (0..spans).map(|_| None).collect() };
+    let weights: Vec<_> = layers.iter().map(|layer| Weights::of(layer, rows)).collect();
     let parts = sums.chunks_mut(count.max(1));
     let parts: Vec<_> = if count > 0 { parts.collect() } else { (0..spans).map(|_| &mut [][..]).collect() };
     parts.into_par_iter().zip(slopes).enumerate().for_each(|(i, (sums, mut slope))| {
-        let mut span = Span { layers, starts: &starts, sums, layers_wanted };
+        let mut span = Span { layers, weights: &weights, kept, starts: &starts, sums, layers_wanted };
         let last = layers[layers.len() - 1].width_out;
         let rows = i * length..rows.min((i + 1) * length);
         for start in rows.clone().step_by(BLOCK) {
@@ -55,7 +57,7 @@ pub(crate) fn gradients<T: Real>(
             let from = start - rows.start;
             let slope = slope.as_deref_mut().map(|slope| &mut slope[from * width..][..block.len() * width]);
             let (x, g) = (&x[start * width..][..block.len() * width], &g[start * last..][..block.len() * last]);
-            span.block(x, g, slope, block.len());
+            span.block(x, g, slope, block);
         }
     });
     let (first, rest) = sums.split_at_mut(count);
@@ -72,9 +74,26 @@ pub(crate) fn gradients<T: Real>(
     Gradients { x: x_wanted.then_some(slope), layers: found }
 }
 
+/// The weight of a layer packed for both directions, where many blocks meet it.
+struct Weights<T: Real> {
+    forward: Option<Packed<T>>,
+    backward: Option<Packed<T>>,
+}
+
+impl<T: Real> Weights<T> {
+    fn of(layer: &Layer<'_, T>, rows: usize) -> Self {
+        let Layer { weight, width_in: width, width_out: out, .. } = *layer;
+        let turned = Strided::side_by_side(weight, width);
+        let backward = if rows > BLOCK { Packed::new(&turned, width, out) } else { None };
+        Self { forward: layer.packed(rows), backward }
+    }
+}
+
 /// What the blocks of a span share.
-struct Span<'a, T> {
+struct Span<'a, T: Real> {
     layers: &'a [Layer<'a, T>],
+    weights: &'a [Weights<T>],
+    kept: &'a Kept<T>,
     /// Where the sums of each weight and each bias begin.
     starts: &'a [usize],
     sums: &'a mut [T],
@@ -83,44 +102,53 @@ struct Span<'a, T> {
 
 impl<T: Real> Span<'_, T> {
     /// Adds the gradients of one block of rows, and stores the gradient of its input.
-    fn block(&mut self, x: &[T], g: &[T], mut slope: Option<&mut [T]>, rows: usize) {
-        let layers = self.layers;
-        // what each layer made; for the last one, only where its activation is not the identity
+    fn block(&mut self, x: &[T], g: &[T], mut slope: Option<&mut [T]>, block: Range<usize>) {
+        let (layers, kept, rows) = (self.layers, self.kept, block.len());
+        let kept = |i: usize| {
+            let width = layers[i].width_out;
+            kept.0[i].as_ref().map(|values| &values[block.start * width..block.end * width])
+        };
+        // what is made again; of the last layer, only where its activation is not the identity
         let last = layers.len() - 1;
-        let kept = |i: usize| i < last || layers[i].activation != Activation::Identity;
+        let again = |i: usize| kept(i).is_none() && (i < last || layers[i].activation != Activation::Identity);
         let places: Vec<usize> = (0..layers.len())
             .scan(0, |sum, i| {
                 let start = *sum;
-                *sum += if kept(i) { rows * layers[i].width_out } else { 0 };
+                *sum += if again(i) { rows * layers[i].width_out } else { 0 };
                 Some(start)
             })
             .collect();
-        let total = places[last] + if kept(last) { rows * layers[last].width_out } else { 0 };
+        let total = places[last] + if again(last) { rows * layers[last].width_out } else { 0 };
         let widest = layers.iter().map(|layer| layer.width_out).max().unwrap_or(0);
         let before = if layers.iter().any(|layer| layer.activation == Activation::Silu) { total } else { 0 };
         scratch::with([total, before, rows * widest, rows * widest], |[made, before, mut to, mut from]| {
-            for (i, layer) in layers.iter().enumerate().filter(|(i, _)| kept(*i)) {
+            for (i, layer) in layers.iter().enumerate().filter(|(i, _)| again(*i)) {
                 let (done, rest) = made.split_at_mut(places[i]);
-                let input = if i == 0 { x } else { &done[places[i - 1]..] };
+                let input = match i.checked_sub(1) {
+                    None => x,
+                    Some(below) => kept(below).unwrap_or_else(|| &done[places[below]..]),
+                };
                 let output = &mut rest[..rows * layer.width_out];
+                let packed = self.weights[i].forward.as_ref();
                 if layer.activation == Activation::Silu {
                     let before = &mut before[places[i]..][..rows * layer.width_out];
-                    layer.run(input, before, rows, Activation::Identity);
+                    layer.run(input, before, rows, Activation::Identity, packed);
                     vectorised(Apply { activation: layer.activation, x: before, y: output });
                 } else {
-                    layer.run(input, output, rows, layer.activation);
+                    layer.run(input, output, rows, layer.activation, packed);
                 }
             }
+            let made = |i: usize| kept(i).unwrap_or_else(|| &made[places[i]..][..rows * layers[i].width_out]);
             from[..g.len()].copy_from_slice(g);
             for (i, layer) in layers.iter().enumerate().rev() {
                 let (width, out) = (layer.width_in, layer.width_out);
                 let g = &mut from[..rows * out];
                 if layer.activation != Activation::Identity {
-                    let range = places[i]..places[i] + rows * out;
-                    let of = if layer.activation == Activation::Silu { &before[range] } else { &made[range] };
+                    let silu = layer.activation == Activation::Silu;
+                    let of = if silu { &before[places[i]..][..rows * out] } else { made(i) };
                     vectorised(Slope { activation: layer.activation, of, g });
                 }
-                let input = if i == 0 { x } else { &made[places[i - 1]..][..rows * width] };
+                let input = if i == 0 { x } else { made(i - 1) };
                 if self.layers_wanted {
                     let (weight, bias) =
                         self.sums[self.starts[2 * i]..self.starts[2 * i + 2]].split_at_mut(width * out);
@@ -134,8 +162,10 @@ impl<T: Real> Span<'_, T> {
                 }
                 let result = if i > 0 { Some(&mut to[..rows * width]) } else { slope.as_deref_mut() };
                 if let Some(result) = result {
-                    let (left, right) = (Strided::lines(g, out), Strided::side_by_side(layer.weight, width));
-                    Gemm::new([rows, out, width]).run(&left, &right, Out::rows(result, width), Par::Sequential);
+                    let weight = Strided::side_by_side(layer.weight, width);
+                    let right: &dyn Panel<T> = self.weights[i].backward.as_ref().map_or(&weight, |packed| packed);
+                    let gemm = Gemm::new([rows, out, width]);
+                    gemm.run(&Strided::lines(g, out), right, Out::rows(result, width), Par::Sequential);
                 }
                 std::mem::swap(&mut from, &mut to);
             }
