@@ -88,8 +88,8 @@ impl Stages<'_> {
                 .at(scanned)
                 .fix("check world.ground, world.density and the size of the object with `gradreel check`"));
         }
-        if let ([only], true) = (&starts[..], config.estimate.starts > 1) {
-            // nothing to choose between: what follows goes on from here
+        if let ([only], true) = (&starts[..], prefix.is_empty() && config.estimate.starts > 1) {
+            // nothing to choose between: the stage that follows goes on from here; after the searches of a family none does
             *unknowns = only.clone();
             return Ok(());
         }
