@@ -157,8 +157,8 @@ pub fn law_of(name: &str) -> Option<Law> {
 /// pulled is next to nothing; any sign of either drowns in the shape's error.
 const SAND: [(&str, f64); 3] = [("young", 1e6), ("poisson", 0.3), ("cohesion", 0.0)];
 
-/// The published value of a parameter that the motion does not show.
-fn published(law: &Law, parameter: &crate::physics::Parameter) -> Option<f64> {
+/// The published value of a parameter that the motion does not show, at which it is held unless told otherwise.
+pub(super) fn published(law: &Law, parameter: &crate::physics::Parameter) -> Option<f64> {
     let known = SAND.iter().find(|(name, _)| law.name() == "drucker_prager" && *name == parameter.name);
     known.map(|(_, value)| *value)
 }

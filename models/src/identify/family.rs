@@ -1,15 +1,14 @@
 //! Which family of materials it is, when nobody said: each is fitted to the first frames and has to foretell the others.
 
-use std::collections::BTreeMap;
-
 use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
+use crate::identify::config::published;
 use crate::identify::reconstruct::{DTYPE, Stages};
 use crate::identify::run::Run;
 use crate::identify::stages::AUTO;
-use crate::identify::{FAMILIES, MaterialConfig, Problem, Unknowns};
-use crate::physics::materials;
+use crate::identify::{FAMILIES, MaterialConfig, Problem, Unknowns, law_of};
+use crate::physics::{Law, materials};
 
 /// What one family made of a clip.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -47,7 +46,6 @@ impl Stages<'_> {
             (contact + (3 * frames.saturating_sub(contact)).div_ceil(5)).clamp(1, frames.saturating_sub(1).max(1));
         let particles = self.particles(run)?;
         let mut candidates = Vec::new();
-        let mut sizes = BTreeMap::new();
         for (family, law) in FAMILIES {
             let law = materials::find(law).expect("families have laws");
             let stages = Stages { law: &law, ..*self };
@@ -55,7 +53,6 @@ impl Stages<'_> {
             own.material = MaterialConfig { name: family.to_owned(), ..MaterialConfig::default() };
             let mut unknowns = Unknowns { parameters: own.starting_values(&law)?, ..start.clone() };
             stages.explore(run, &own, &format!("{AUTO} {family}"), seen, &mut unknowns)?;
-            sizes.insert(family, law.parameters().len() - own.held(&law)?.len());
             let problem = Problem::new(&particles, self.observed, law.clone(), &own, DTYPE);
             let loss = |frames: usize| match problem.misfit(&unknowns, frames, &mut 0, &mut |_| ()) {
                 Err(error) if error.kind() == ErrorKind::Physics => Ok(f64::MAX),
@@ -66,7 +63,9 @@ impl Stages<'_> {
             let foretold = ((all * frames as f64 - first * seen as f64) / rest).min(f64::MAX);
             candidates.push(Candidate { family: family.to_owned(), unknowns, seen: first, foretold });
         }
-        let Some(winner) = choose(&candidates, |family| sizes.get(family).copied().unwrap_or(usize::MAX)) else {
+        let searched = |law: Law| law.parameters().iter().filter(|p| published(&law, p).is_none()).count();
+        let size = |family: &str| law_of(family).map_or(usize::MAX, searched);
+        let Some(winner) = choose(&candidates, size) else {
             return Err(Error::new(ErrorKind::Physics, "no family of materials can be simulated with this object")
                 .fix("check the size of the object and the ground with `gradreel check`"));
         };

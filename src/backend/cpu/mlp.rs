@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 pub(crate) use gradients::gradients;
 
-use super::gemm::{Activation, Gemm, Out, Packed, Panel, Par, Strided, scratch};
+use super::gemm::{Activation, Gemm, Out, Packed, Par, Strided, scratch};
 use super::{Places, Temporary, buffer};
 use crate::scalar::{Job, Lane, Real};
 
@@ -31,24 +31,26 @@ pub(crate) struct Layer<'a, T> {
 }
 
 impl<T: Real> Layer<'_, T> {
-    /// Rows `[rows, in]` to `[rows, out]`. The weight may have been packed before.
-    fn run(&self, x: &[T], y: &mut [T], rows: usize, activation: Activation, packed: Option<&Packed<T>>) {
+    /// Rows `[rows, in]` to `[rows, out]`, with the weight that [`Layer::weight`] made.
+    fn run(&self, x: &[T], y: &mut [T], rows: usize, activation: Activation, weight: &Packed<'_, T>) {
         let (width, out) = (self.width_in, self.width_out);
-        let weight = Strided::lines(self.weight, width);
-        let right: &dyn Panel<T> = packed.map_or(&weight, |packed| packed);
         Gemm::new([rows, width, out]).column_bias(Some(self.bias)).activation(activation).run(
             &Strided::lines(x, width),
-            right,
+            weight,
             Out::rows(y, out),
             Par::Sequential,
         );
     }
 
-    /// The weight packed for [`Layer::run`], where many blocks of rows meet it.
-    fn packed(&self, rows: usize) -> Option<Packed<T>> {
-        let weight = Strided::lines(self.weight, self.width_in);
-        if rows > BLOCK { Packed::new(&weight, self.width_out, self.width_in) } else { None }
+    /// The weight as the right factor of [`Layer::run`].
+    fn weight(&self, rows: usize) -> Packed<'_, T> {
+        packed(Strided::lines(self.weight, self.width_in), [self.width_out, self.width_in], rows)
     }
+}
+
+/// A weight, packed where many blocks of rows meet it.
+fn packed<T: Real>(weight: Strided<'_, T>, size: [usize; 2], rows: usize) -> Packed<'_, T> {
+    if rows > BLOCK { Packed::now(weight, size) } else { Packed::later(weight, size) }
 }
 
 /// Inputs of a layer from which on its result is rather kept than computed again.
@@ -60,13 +62,9 @@ const KEPT: usize = 64 << 20;
 pub(crate) struct Kept<T: Real>(Vec<Option<Temporary<T>>>);
 
 impl<T: Real> Kept<T> {
-    fn nothing(layers: usize) -> Self {
-        Self((0..layers).map(|_| None).collect())
-    }
-
-    /// Room for what is worth keeping.
-    fn room(layers: &[Layer<'_, T>], rows: usize) -> Self {
-        let mut left = KEPT / size_of::<T>();
+    /// Room for what is worth keeping, within so many bytes.
+    fn room(layers: &[Layer<'_, T>], rows: usize, bytes: usize) -> Self {
+        let mut left = bytes / size_of::<T>();
         let hidden = layers.len() - 1;
         let kept = layers.iter().enumerate().map(|(i, layer)| {
             let len = rows * layer.width_out;
@@ -91,13 +89,12 @@ pub(crate) fn forward<T: Real>(x: &[T], layers: &[Layer<'_, T>], rows: usize, ke
     let (first, last) = (layers[0].width_in, layers[layers.len() - 1].width_out);
     let widest = layers.iter().map(|layer| layer.width_out).max().unwrap_or(0);
     let mut result = buffer(rows * last);
+    let mut between = Kept::room(layers, rows, if keep && !result.is_empty() { KEPT } else { 0 });
     if result.is_empty() {
-        return (result, Kept::nothing(layers.len()));
+        return (result, between);
     }
-    let mut kept_layers = if keep { Kept::room(layers, rows) } else { Kept::nothing(layers.len()) };
-    let places: Vec<_> =
-        kept_layers.0.iter_mut().map(|values| values.as_mut().map(|values| Places::of(values))).collect();
-    let packed: Vec<_> = layers.iter().map(|layer| layer.packed(rows)).collect();
+    let places: Vec<_> = between.0.iter_mut().map(|values| values.as_mut().map(|values| Places::of(values))).collect();
+    let weights: Vec<_> = layers.iter().map(|layer| layer.weight(rows)).collect();
     result.par_chunks_mut(BLOCK * last).enumerate().for_each(|(i, y)| {
         let rows = y.len() / last;
         let x = &x[i * BLOCK * first..][..rows * first];
@@ -110,21 +107,19 @@ pub(crate) fn forward<T: Real>(x: &[T], layers: &[Layer<'_, T>], rows: usize, ke
         };
         scratch::with([rows * widest, rows * widest], |[mut from, mut to]| {
             for (number, layer) in layers.iter().enumerate() {
-                let before = if number == 0 { None } else { kept(number - 1) };
-                let input = match before {
-                    _ if number == 0 => x,
-                    Some(kept) => kept,
-                    None => &from[..rows * layer.width_in],
+                let input = match number.checked_sub(1) {
+                    None => x,
+                    Some(below) => kept(below).map_or(&from[..rows * layer.width_in], |kept| kept),
                 };
                 let output = match kept(number) {
                     _ if number + 1 == layers.len() => &mut *y,
                     Some(kept) => kept,
                     None => &mut to[..rows * layer.width_out],
                 };
-                layer.run(input, output, rows, layer.activation, packed[number].as_ref());
+                layer.run(input, output, rows, layer.activation, &weights[number]);
                 std::mem::swap(&mut from, &mut to);
             }
         });
     });
-    (result, kept_layers)
+    (result, between)
 }

@@ -47,19 +47,16 @@ pub(crate) fn transposed<T: Real>(g: &Geometry, result: &[T], weight: &[T], bias
     if g.inputs <= FEW {
         return direct::transposed(g, &walks, result, weight, bias);
     }
-    match &walks[..] {
-        [walk] => match Plan::new(g, walk, true) {
-            Some(plan) => {
-                let volume = g.volumes()[2];
-                let at = |output: usize, input: usize, tap: usize| (output * g.inputs + input) * volume + 9 * tap;
-                plan.run(result, weight, at, true, bias)
-            }
-            None => product::transposed(g, &walks, result, weight, bias),
-        },
-        _ => match karatsuba::Plan::new(g) {
-            Some(plan) => plan.enlarge(result, weight, bias),
-            None => product::transposed(g, &walks, result, weight, bias),
-        },
+    if let [walk] = &walks[..]
+        && let Some(plan) = Plan::new(g, walk, true)
+    {
+        let volume = g.volumes()[2];
+        let at = |output: usize, input: usize, tap: usize| (output * g.inputs + input) * volume + 9 * tap;
+        plan.run(result, weight, at, true, bias)
+    } else if let Some(plan) = karatsuba::Plan::new(g) {
+        plan.enlarge(result, weight, bias)
+    } else {
+        product::transposed(g, &walks, result, weight, bias)
     }
 }
 

@@ -78,7 +78,6 @@ fn check(g: &Geometry) {
     {
         assert_close("winograd, transposed", g, &plan.run(&y, &w, at, true, Some(&x_bias)), &to_x);
     }
-
     if let Some(plan) = karatsuba::Plan::new(g) {
         assert_close("karatsuba, transposed", g, &plan.enlarge(&y, &w, Some(&x_bias)), &to_x);
         assert_close("karatsuba, weights", g, &plan.weights(&x, &y), &to_w);

@@ -3,45 +3,52 @@
 use std::ops::Range;
 
 use super::block::{COLUMNS, depth_block};
-use super::panel::Panel;
+use super::panel::{Panel, Strided};
 use super::tile::{Extent, Measure};
 use crate::backend::cpu::{Temporary, vectorised};
 use crate::scalar::Real;
 
-/// All strips of a factor `lines × depth`, side by side.
-pub(crate) struct Packed<T: Real> {
-    strips: Temporary<T>,
+/// A factor `lines × depth`, and all its strips side by side, where they were packed before.
+pub(crate) struct Packed<'a, T: Real> {
+    factor: Strided<'a, T>,
     lines: usize,
     depth: usize,
-    /// Lines of a strip.
-    width: usize,
+    strips: Option<Temporary<T>>,
 }
 
-impl<T: Real> Packed<T> {
-    /// Packs a factor, if it is one block whose lines fill their vectors: others would be packed again anyway.
-    pub(crate) fn new(factor: &dyn Panel<T>, lines: usize, depth: usize) -> Option<Self> {
+impl<'a, T: Real> Packed<'a, T> {
+    /// A factor that is packed when it is asked for.
+    pub(crate) fn later(factor: Strided<'a, T>, [lines, depth]: [usize; 2]) -> Self {
+        Self { factor, lines, depth, strips: None }
+    }
+
+    /// Packs a factor now, if it is one block whose lines fill their vectors: others would be packed again anyway.
+    pub(crate) fn now(factor: Strided<'a, T>, [lines, depth]: [usize; 2]) -> Self {
         let Extent { columns: width, vector, .. } = vectorised::<T, _>(Measure);
-        if lines == 0 || depth == 0 || lines > COLUMNS || depth > depth_block::<T>() || !lines.is_multiple_of(vector) {
-            return None;
-        }
-        let mut strips = Temporary::new(lines * depth);
-        factor.pack_strips(0..lines, 0..depth, [width, vector], &mut strips);
-        Some(Self { strips, lines, depth, width })
+        let one_block = (1..=COLUMNS).contains(&lines) && (1..=depth_block::<T>()).contains(&depth);
+        let strips = (one_block && lines.is_multiple_of(vector)).then(|| {
+            let mut strips = Temporary::new(lines * depth);
+            factor.pack_strips(0..lines, 0..depth, [width, vector], &mut strips);
+            strips
+        });
+        Self { strips, ..Self::later(factor, [lines, depth]) }
     }
 }
 
-impl<T: Real> Panel<T> for Packed<T> {
+impl<T: Real> Panel<T> for Packed<'_, T> {
     fn pack(&self, lines: Range<usize>, depth: Range<usize>, width: usize, into: &mut [T]) {
-        for (i, line) in lines.enumerate() {
-            let first = line / self.width * self.width;
-            let (strip, reach) = (&self.strips[first * self.depth..], self.width.min(self.lines - first));
-            for (row, d) in into.chunks_exact_mut(width).zip(depth.clone()) {
-                row[i] = strip[d * reach + line - first];
-            }
-        }
+        self.factor.pack(lines, depth, width, into);
+    }
+
+    fn pack_strips(&self, lines: Range<usize>, depth: Range<usize>, size: [usize; 2], into: &mut [T]) {
+        self.factor.pack_strips(lines, depth, size, into);
     }
 
     fn packed(&self, lines: &Range<usize>, depth: &Range<usize>) -> Option<&[T]> {
-        (*lines == (0..self.lines) && *depth == (0..self.depth)).then_some(&self.strips)
+        self.strips.as_deref().filter(|_| *lines == (0..self.lines) && *depth == (0..self.depth))
+    }
+
+    fn strided(&self) -> Option<Strided<'_, T>> {
+        self.factor.strided()
     }
 }

@@ -2,7 +2,9 @@
 
 use std::ops::Range;
 
-use super::{Activation, BLOCK, Gemm, Job, Kept, Lane, Layer, Out, Packed, Panel, Par, Real, Strided, buffer, scratch};
+use super::{
+    Activation, BLOCK, Gemm, Job, Kept, Lane, Layer, Out, Packed, Par, Real, Strided, buffer, packed, scratch,
+};
 use crate::backend::cpu::vectorised;
 use rayon::prelude::*;
 
@@ -74,25 +76,23 @@ pub(crate) fn gradients<T: Real>(
     Gradients { x: x_wanted.then_some(slope), layers: found }
 }
 
-/// The weight of a layer packed for both directions, where many blocks meet it.
-struct Weights<T: Real> {
-    forward: Option<Packed<T>>,
-    backward: Option<Packed<T>>,
+/// The weight of a layer as the right factor of both directions.
+struct Weights<'a, T: Real> {
+    forward: Packed<'a, T>,
+    backward: Packed<'a, T>,
 }
 
-impl<T: Real> Weights<T> {
-    fn of(layer: &Layer<'_, T>, rows: usize) -> Self {
+impl<'a, T: Real> Weights<'a, T> {
+    fn of(layer: &'a Layer<'_, T>, rows: usize) -> Self {
         let Layer { weight, width_in: width, width_out: out, .. } = *layer;
-        let turned = Strided::side_by_side(weight, width);
-        let backward = if rows > BLOCK { Packed::new(&turned, width, out) } else { None };
-        Self { forward: layer.packed(rows), backward }
+        Self { forward: layer.weight(rows), backward: packed(Strided::side_by_side(weight, width), [width, out], rows) }
     }
 }
 
 /// What the blocks of a span share.
 struct Span<'a, T: Real> {
     layers: &'a [Layer<'a, T>],
-    weights: &'a [Weights<T>],
+    weights: &'a [Weights<'a, T>],
     kept: &'a Kept<T>,
     /// Where the sums of each weight and each bias begin.
     starts: &'a [usize],
@@ -129,13 +129,13 @@ impl<T: Real> Span<'_, T> {
                     Some(below) => kept(below).unwrap_or_else(|| &done[places[below]..]),
                 };
                 let output = &mut rest[..rows * layer.width_out];
-                let packed = self.weights[i].forward.as_ref();
+                let weight = &self.weights[i].forward;
                 if layer.activation == Activation::Silu {
                     let before = &mut before[places[i]..][..rows * layer.width_out];
-                    layer.run(input, before, rows, Activation::Identity, packed);
+                    layer.run(input, before, rows, Activation::Identity, weight);
                     vectorised(Apply { activation: layer.activation, x: before, y: output });
                 } else {
-                    layer.run(input, output, rows, layer.activation, packed);
+                    layer.run(input, output, rows, layer.activation, weight);
                 }
             }
             let made = |i: usize| kept(i).unwrap_or_else(|| &made[places[i]..][..rows * layers[i].width_out]);
@@ -162,10 +162,8 @@ impl<T: Real> Span<'_, T> {
                 }
                 let result = if i > 0 { Some(&mut to[..rows * width]) } else { slope.as_deref_mut() };
                 if let Some(result) = result {
-                    let weight = Strided::side_by_side(layer.weight, width);
-                    let right: &dyn Panel<T> = self.weights[i].backward.as_ref().map_or(&weight, |packed| packed);
-                    let gemm = Gemm::new([rows, out, width]);
-                    gemm.run(&Strided::lines(g, out), right, Out::rows(result, width), Par::Sequential);
+                    let (left, right) = (Strided::lines(g, out), &self.weights[i].backward);
+                    Gemm::new([rows, out, width]).run(&left, right, Out::rows(result, width), Par::Sequential);
                 }
                 std::mem::swap(&mut from, &mut to);
             }

@@ -1,4 +1,4 @@
-//! Pairs of places along one axis, and what their three products need and give.
+//! Pairs of places along one axis, and what their five products need and give.
 //!
 //! With stride 2, a kernel `w₀ w₁ w₂` links places `y` of the small image to places `x = 2y, 2y + 1, 2y + 2` of the padded large
 //! one. Two neighbours `y₀ y₁` reach five places:

@@ -209,7 +209,7 @@ struct Sum<T> {
     signs: [f64; 3],
     count: usize,
     start: T,
-    /// Values by which rows that are not exact are asked for ahead of their use.
+    /// Values by which rows are asked for ahead of their use, if at all.
     ahead: usize,
 }
 
@@ -252,27 +252,19 @@ impl<T: Real> Sum<T> {
             for t in 0..N {
                 signs[t] = V::splat(T::from_f64(self.signs[t]));
             }
-            let whole = if EXACT { len / V::WIDTH * V::WIDTH } else { len.next_multiple_of(V::WIDTH) };
             let mut x = 0;
-            while x < whole {
+            while x < len {
+                let left = if EXACT { len - x } else { V::WIDTH };
                 let mut sum = start;
                 for t in 0..N {
                     let row = self.rows[t].add(x);
-                    if !EXACT {
+                    if self.ahead > 0 {
                         prefetch::to_read::<true, T>(row.wrapping_add(self.ahead));
                     }
-                    sum = signs[t].mul_add(V::load(row), sum);
+                    sum = signs[t].mul_add(V::load_part(row, left), sum);
                 }
-                sum.store(to.add(x));
+                sum.store_part(to.add(x), left);
                 x += V::WIDTH;
-            }
-            while x < len {
-                let mut sum = self.start;
-                for t in 0..N {
-                    sum += T::from_f64(self.signs[t]) * *self.rows[t].add(x);
-                }
-                *to.add(x) = sum;
-                x += 1;
             }
         }
     }
