@@ -1,12 +1,9 @@
-//! Fitting the voxels to the first frame by differentiable volume rendering.
-
-use std::sync::Arc;
+//! Fitting the voxels to what was filmed.
 
 use gradreel::optim::{Adam, Params};
-use gradreel::{Result, Tape, Tensor};
+use gradreel::{Result, Tape, Var};
 
 use crate::field::Field;
-use crate::render::{Rays, Splat, Surface, Target, render};
 
 /// How the voxels are fitted.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -40,44 +37,26 @@ pub struct FitState<'a> {
     pub adam: &'a Adam,
 }
 
-/// One picture of the voxels: where they are in it, and what was filmed.
-pub struct Pose<'a> {
-    /// Positions of the voxels \[m\], `[voxels, 3]`.
-    pub positions: Tensor,
-    /// The pixels.
-    pub target: &'a Target,
-    /// Their rays.
-    pub rays: &'a Arc<Rays>,
-}
-
-/// Fits raw density and colour to the mean loss of some poses, from `start` (a store and an optimiser, both of which a
-/// checkpoint can hold) on.
+/// Fits raw density and colour to a loss of opacity `[voxels, 1]` and colour `[voxels, 3]`, from a store and an optimiser (both of
+/// which a checkpoint can hold) on. What lies behind the surface stays filled ([`Field::fill_inside`]).
 ///
 /// # Errors
-/// What rendering returns, and what `each` returns (an interruption, say), which is called after every iteration.
-#[expect(clippy::too_many_arguments, reason = "the stage's whole input, named")]
+/// What the loss returns, and what `each` returns (an interruption, say), which is called after every iteration.
 pub fn fit(
     field: &Field,
     mut params: Params,
     mut adam: Adam,
     iterations: std::ops::Range<usize>,
-    poses: &[Pose<'_>],
-    surface: &Surface,
-    splat: &Splat,
+    loss: &dyn Fn(&Var, &Var) -> Result<Var>,
     mut each: impl FnMut(FitState<'_>) -> Result<()>,
 ) -> Result<Params> {
     for iteration in iterations {
         let tape = Tape::new();
         let bound = params.bind(&tape);
-        let (opacity, colour) = (field.opacity(&bound)?, field.colour(&bound)?);
-        let mut total = tape.constant(Tensor::scalar(0.0, opacity.dtype()));
-        for pose in poses {
-            let pixels = render(&tape.constant(pose.positions.clone()), &opacity, &colour, pose.rays, splat, surface)?;
-            total = &total + &pose.target.loss(&pixels);
-        }
-        let loss = &total / poses.len() as f64;
+        let loss = loss(&field.opacity(&bound)?, &field.colour(&bound)?)?;
         let gradients = bound.gradients(&loss.backward()?)?;
         adam.step(&mut params, &gradients)?;
+        field.fill_inside(&mut params)?;
         each(FitState { iteration: iteration + 1, loss: loss.item()?, params: &params, adam: &adam })?;
     }
     Ok(params)

@@ -15,6 +15,7 @@ mod hull;
 mod inflate;
 mod occupancy;
 mod radiance;
+mod solid;
 mod static_fit;
 mod static_step;
 pub mod temporal;
@@ -23,7 +24,7 @@ mod voxels;
 
 pub(crate) use dense::channel;
 pub use dense::{DenseGrid, opacity_shift};
-pub use fit::{FitSettings, FitState, Pose, fit};
+pub use fit::{FitSettings, FitState, fit};
 pub use hull::{Hull, Sphere, bounding_sphere, hull};
 pub(crate) use hull::{fill_gaps, meeting_point, middle, place};
 pub(crate) use inflate::Inflated;

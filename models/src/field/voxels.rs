@@ -21,7 +21,7 @@ pub struct Field {
 }
 
 /// Raw density of a voxel that the hull holds: opacity 0.98.
-const FILLED: f64 = 4.0;
+pub(super) const FILLED: f64 = 4.0;
 
 impl Field {
     /// A field that fills a hull, with the mean colour of the object everywhere; returns the raw values too.

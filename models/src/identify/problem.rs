@@ -145,11 +145,19 @@ impl<'a> Problem<'a> {
     /// # Errors
     /// What the rollout returns.
     pub fn motion(&self, tape: &Tape, bound: &Bound, schedule: Schedule) -> Result<Var> {
+        self.motion_of(&tape.constant(self.particles.opacity(self.dtype)?), bound, schedule)
+    }
+
+    /// The same of particles of another opacity `[particles, 1]`, on whose tape it is.
+    ///
+    /// # Errors
+    /// What the rollout returns.
+    pub fn motion_of(&self, opacity: &Var, bound: &Bound, schedule: Schedule) -> Result<Var> {
+        let tape = opacity.tape();
         if self.flying {
             return self.flight(tape, bound, schedule);
         }
-        let count = self.particles.len();
-        let opacity = tape.constant(self.particles.opacity(self.dtype)?).reshape([count]);
+        let opacity = opacity.reshape([self.particles.len()]);
         let parameters = self.law.parameters();
         let body = Body {
             positions: tape.constant(self.lowered(bound.contact)?),
@@ -221,7 +229,7 @@ impl<'a> Problem<'a> {
         let colour = tape.constant(self.particles.colour(self.dtype)?);
         let mut total: Option<Var> = None;
         for frame in 0..frames {
-            let pixels = self.render(&motion.select(0, frame), &opacity, &colour)?;
+            let pixels = self.render(&motion.select(0, frame), &opacity, &colour, &self.observed.rays)?;
             let loss = self.observed.targets[frame].loss(&pixels);
             total = Some(total.map_or(loss.clone(), |sum| &sum + &loss));
         }
@@ -229,13 +237,13 @@ impl<'a> Problem<'a> {
         Ok(&total / frames.max(1) as f64)
     }
 
-    /// The pixels of particles at these positions.
+    /// The pixels of particles at these positions along some rays.
     ///
     /// # Errors
     /// What the renderer returns.
-    pub fn render(&self, positions: &Var, opacity: &Var, colour: &Var) -> Result<Var> {
+    pub fn render(&self, positions: &Var, opacity: &Var, colour: &Var, rays: &Arc<Rays>) -> Result<Var> {
         let splat = Splat { spacing: 2.0 * self.particles.spacing, particle_spacing: self.particles.spacing };
-        render(positions, opacity, colour, &self.observed.rays, &splat, &self.surface)
+        render(positions, opacity, colour, rays, &splat, &self.surface)
     }
 
     /// Loss and gradient in the coordinates of the free unknowns, on the tape; with what implausible parameters cost.

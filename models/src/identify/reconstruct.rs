@@ -4,16 +4,14 @@ use std::collections::BTreeSet;
 use std::time::Instant;
 
 use gradreel::optim::{Adam, Params};
-use gradreel::{DType, Error, ErrorKind, Result, Tensor};
+use gradreel::{DType, Error, ErrorKind, Result, Tensor, Var};
 
-use crate::field::{Field, Pose, Sphere, bounding_sphere, fill_gaps, fit, hull};
-use crate::identify::flight::displacement;
+use crate::field::{Field, Sphere, bounding_sphere, fill_gaps, fit, hull};
 use crate::identify::run::Run;
 use crate::identify::stages::{Effort, MOVING};
 use crate::identify::{Observed, Problem, Reached, Unknowns, first_contact, velocity_of_silhouettes};
 use crate::particles::Particles;
 use crate::physics::Law;
-use crate::render::Splat;
 use crate::report::interrupt;
 use crate::report::progress::Progress;
 use crate::video::Clip;
@@ -133,22 +131,32 @@ impl Stages<'_> {
             let shape = format!("shape in motion, round {round}");
             let material = format!("{MATERIAL}, round {round}");
             let (before, loss_before) = run.best_of(&fitted).unwrap_or((unknowns.clone(), f64::INFINITY));
-            // once the new shape is written there is nothing to keep
-            if !run.has_finished(&shape) && !run.reached(&shape)?.ended {
+            // once some of the new shape is written there is nothing to keep
+            let reached = run.reached(&shape)?;
+            if !run.has_finished(&shape) && !reached.ended && reached.iterations == 0 {
                 run.keep_field()?;
             }
-            self.shape(run, &shape, run.config.geometry.fit.in_motion, Moved::Simulated(&before))?;
-            // the new shape changes little
-            let effort = Effort { stage: &material, budget: run.config.estimate.fine.div_ceil(2) };
-            self.finer(run, &effort, frames, unknowns)?;
-            let (_, loss_after) = run.best_of(&material).unwrap_or((before.clone(), f64::INFINITY));
-            if loss_after >= loss_before {
+            let in_motion = run.config.geometry.fit.in_motion;
+            let no_help = match self.shape(run, &shape, in_motion, Moved::Simulated(&before)) {
+                Err(error) if matches!(error.kind(), ErrorKind::Physics | ErrorKind::NonFinite) => {
+                    Some(format!("the simulation breaks down: {error}"))
+                }
+                Err(error) => return Err(error),
+                Ok(()) => {
+                    // the new shape changes little
+                    let effort = Effort { stage: &material, budget: run.config.estimate.fine.div_ceil(2) };
+                    self.finer(run, &effort, frames, unknowns)?;
+                    let (_, loss_after) = run.best_of(&material).unwrap_or((before.clone(), f64::INFINITY));
+                    let numbers = || format!("loss {loss_after:.5} after, {loss_before:.5} before");
+                    (loss_after >= loss_before).then(numbers)
+                }
+            };
+            if let Some(why) = no_help {
                 run.restore_field()?;
                 *unknowns = before;
                 run.state.unknowns = Some(unknowns.clone());
                 run.note(format!(
-                    "round {round} of fitting shape and material did not help (loss {loss_after:.5} after, \
-                     {loss_before:.5} before): what was there before was kept"
+                    "round {round} of fitting shape and material did not help ({why}): what was there before was kept"
                 ));
                 return run.save();
             }
@@ -173,26 +181,32 @@ impl Stages<'_> {
             (true, 0) => self.hull(run)?,
             _ => run.load_field(&mut adam)?,
         };
-        let poses = match moved {
-            Moved::Flying { frames, velocity } => self.flying(&field, frames, velocity, run.config.world.gravity),
-            Moved::Simulated(unknowns) => {
-                (field, params) = field.pruned(&params, run.config.geometry.least_opacity)?;
-                self.simulated(run, &field, &params, unknowns)?
+        if matches!(moved, Moved::Simulated(_)) && reached.iterations == 0 {
+            (field, params) = field.pruned(&params, run.config.geometry.least_opacity)?;
+        }
+        let particles = Particles::of_field(&field, &params, 0.0)?;
+        let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
+        let (problem, unknowns, frames) = match moved {
+            Moved::Simulated(unknowns) => (problem, unknowns.clone(), self.observed.targets.len()),
+            Moved::Flying { frames, velocity } => {
+                let parameters = run.config.starting_values(self.law)?;
+                (problem.flying(), Unknowns { velocity, parameters, ..Unknowns::default() }, frames)
             }
         };
-        let splat = Splat { spacing: 2.0 * self.spacing, particle_spacing: self.spacing };
+        let schedule = problem.schedule(&unknowns, frames);
+        let loss = |opacity: &Var, colour: &Var| {
+            let motion = problem.motion_of(opacity, &unknowns.constants(opacity.tape(), DTYPE)?, schedule)?;
+            self.mean_loss(&problem, &motion, opacity, colour)
+        };
         let bar = self.progress.stage(stage, iterations as u64);
         let mut last = f64::NAN;
-        let surface = run.config.surface.clone();
         let left = reached.iterations..iterations;
         let reached = |iterations: usize, ended: bool| Reached { stage: stage.to_owned(), iterations, ended };
-        let fitted = fit(&field, params, adam, left, &poses, &surface, &splat, |s| {
+        let fitted = fit(&field, params, adam, left, &loss, |s| {
             last = s.loss;
             bar.set(s.iteration as u64, &format!("loss {:.5}, {} voxels", s.loss, field.len()));
             let stop = interrupt::check();
-            // a simulated motion belongs to the voxels it started from: such a stage is repeated as a whole
-            let resumable = matches!(moved, Moved::Flying { .. });
-            if resumable && (stop.is_err() || s.iteration % SAVE_EVERY == 0) {
+            if stop.is_err() || s.iteration % SAVE_EVERY == 0 {
                 run.save_field(&field, s.params, Some(s.adam), &reached(s.iteration, false))?;
             }
             stop
@@ -202,35 +216,17 @@ impl Stages<'_> {
         run.finish(stage, since)
     }
 
-    /// The voxels in free flight.
-    fn flying(&self, field: &Field, frames: usize, velocity: [f64; 3], gravity: [f64; 3]) -> Vec<Pose<'_>> {
-        let centres = field.centres();
-        let pose = |frame: usize| {
-            let t = frame as f64 * self.observed.frame_dt;
-            let shift = displacement(velocity, gravity, t);
-            let moved = centres.rows().into_iter().flat_map(|x| [0, 1, 2].map(|a| (x[a] + shift[a]) as f32));
-            self.pose(frame, Tensor::from_vec(moved.collect(), [field.len(), 3]))
+    /// The mean loss of the frames of a motion; the first is seen from all around if views of it were imagined.
+    fn mean_loss(&self, problem: &Problem<'_>, motion: &Var, opacity: &Var, colour: &Var) -> Result<Var> {
+        let frames = motion.shape().dims()[0];
+        let of = |frame: usize| {
+            let observed = self.around.filter(|_| frame == 0).map_or(self.observed, |(_, around)| around);
+            let pixels = problem.render(&motion.select(0, frame), opacity, colour, &observed.rays)?;
+            Ok(observed.targets[frame].loss(&pixels))
         };
-        (0..frames).map(pose).collect()
-    }
-
-    /// The voxels as the simulation moves them, in every frame.
-    fn simulated(&self, run: &Run, field: &Field, params: &Params, unknowns: &Unknowns) -> Result<Vec<Pose<'_>>> {
-        let particles = Particles::of_field(field, params, 0.0)?;
-        let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
-        let motion = problem.positions(unknowns)?;
-        let row = field.len() * 3;
-        let pose = |frame: usize| {
-            let positions = motion.slice::<f32>()[frame * row..(frame + 1) * row].to_vec();
-            self.pose(frame, Tensor::from_vec(positions, [field.len(), 3]))
-        };
-        Ok((0..self.observed.targets.len()).map(pose).collect())
-    }
-
-    /// The voxels in a frame; in the first, seen from all around if views of it were imagined.
-    fn pose(&self, frame: usize, positions: Tensor) -> Pose<'_> {
-        let observed = self.around.filter(|_| frame == 0).map_or(self.observed, |(_, around)| around);
-        Pose { positions, target: &observed.targets[frame], rays: &observed.rays }
+        let losses = (0..frames).map(of).collect::<Result<Vec<_>>>()?;
+        let total = losses.into_iter().reduce(|sum, loss| &sum + &loss).expect("a clip has frames");
+        Ok(&total / frames as f64)
     }
 
     fn hull(&self, run: &mut Run) -> Result<(Field, Params)> {
@@ -326,7 +322,7 @@ pub(super) const MATERIAL: &str = "material";
 const DEEPER: f64 = 1.5;
 
 /// Iterations of a fit between two savings.
-const SAVE_EVERY: usize = 20;
+const SAVE_EVERY: usize = 5;
 
 /// Where there are several cameras, half of the imagined ones may be wrong.
 pub(crate) fn half_of_imagined(clip: &Clip) -> usize {

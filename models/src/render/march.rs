@@ -16,8 +16,9 @@ use crate::render::Rays;
 ///
 /// The optical depth of one step is `depth · s(o)`, where `s` rises smoothly (a cubic) from 0 at occupancy `low` to 1 at
 /// `low + width`: the surface is sharp to a fraction of a cell. A silhouette appears where a grazing ray, which passes
-/// several samples of nearly the same occupancy, has lost half of its light; with the default values that is at an
-/// occupancy of ½, where the surface of a filled body is.
+/// several samples of nearly the same occupancy, has lost half of its light. A filled body has an occupancy of ½ at a flat
+/// surface and less at a round one, a ball of ten grid spacings across 0.45: with the default values a silhouette is between,
+/// and those of films by another renderer were met to a millimetre at a spacing of 2 cm, whose particles were known.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Surface {
@@ -33,7 +34,7 @@ pub struct Surface {
 
 impl Default for Surface {
     fn default() -> Self {
-        Self { step: 0.5, depth: 3.0, low: 0.42, width: 0.4 }
+        Self { step: 0.5, depth: 3.0, low: 0.40, width: 0.4 }
     }
 }
 

@@ -1,6 +1,6 @@
 //! The gradient of the image loss against central differences in `f64`, through contact.
 
-use gradreel::DType;
+use gradreel::{DType, Tape, Tensor};
 use gradreel_models::identify::{Free, Unknowns};
 
 use crate::scene::{block, film, problem, quick};
@@ -40,6 +40,49 @@ fn image_loss_gradient_through_contact_agrees_with_central_differences() {
         let relative = (gradient[i] - difference).abs() / difference.abs().max(1e-3);
         println!("{name:>8}: tape {:+.9e}  difference {difference:+.9e}  relative {relative:.1e}", gradient[i]);
         assert!(relative < 1e-5, "{name}: tape {} difference {difference}", gradient[i]);
+    }
+}
+
+/// What a voxel's opacity does to the pictures: as mass and stiffness, through the motion, and to what is seen of it.
+#[test]
+fn the_gradient_in_opacities_agrees_with_central_differences() {
+    const FRAMES: usize = 5;
+    let config = quick();
+    let particles = block(5, 0.04);
+    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], contact: 0.0 };
+    let observed = film(&particles, &truth, &config, FRAMES, 20, DType::F64);
+    let problem = problem(&particles, &observed, &config, DType::F64);
+    let count = particles.len();
+    let loss = |opacity: Tensor, moved: bool| {
+        let tape = Tape::new();
+        let opacity = tape.leaf(opacity);
+        let at = truth.constants(&tape, DType::F64).unwrap();
+        let massive = if moved { opacity.clone() } else { opacity.detach() };
+        let motion = problem.motion_of(&massive, &at, problem.schedule(&truth, FRAMES)).unwrap();
+        let colour = tape.constant(particles.colour(DType::F64).unwrap());
+        let of = |frame: usize| {
+            let pixels = problem.render(&motion.select(0, frame), &opacity, &colour, &observed.rays).unwrap();
+            observed.targets[frame].loss(&pixels)
+        };
+        let loss = (0..FRAMES).map(of).reduce(|sum, loss| &sum + &loss).unwrap();
+        let gradient = loss.backward().unwrap().wrt(&opacity).unwrap().to_vec().unwrap();
+        (loss.item().unwrap(), gradient)
+    };
+    // away from what was filmed, where the loss is least
+    let at: Vec<f64> = particles.opacity.iter().enumerate().map(|(i, a)| a - 0.02 * (i % 7) as f64).collect();
+    let at = |step: f64, along: &[f64]| {
+        let moved = at.iter().zip(along).map(|(a, d)| a + step * d).collect();
+        Tensor::from_vec(moved, [count, 1])
+    };
+    for seed in 1..4 {
+        let along: Vec<f64> = (0..count).map(|i| ((i * seed + seed) as f64 * 12.9898).sin()).collect();
+        let of = |gradient: &[f64]| gradient.iter().zip(&along).map(|(g, d)| g * d).sum::<f64>();
+        let taped = of(&loss(at(0.0, &along), true).1);
+        let step = 1e-5;
+        let difference = (loss(at(step, &along), true).0 - loss(at(-step, &along), true).0) / (2.0 * step);
+        assert!((taped - difference).abs() < 1e-5 * difference.abs(), "tape {taped}, difference {difference}");
+        let seen = of(&loss(at(0.0, &along), false).1);
+        assert!((taped - seen).abs() > 0.05 * taped.abs(), "the motion counts: {taped} with it, {seen} without");
     }
 }
 

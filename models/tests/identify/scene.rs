@@ -87,7 +87,8 @@ pub fn film_of(
         let positions = tape.constant(motion.clone()).select(0, frame);
         let opacity = tape.constant(particles.opacity(dtype).unwrap());
         let colour = tape.constant(particles.colour(dtype).unwrap());
-        let rgba = problem.render(&positions, &opacity, &colour).unwrap().value().unwrap().clone();
+        let rgba =
+            problem.render(&positions, &opacity, &colour, &problem.observed.rays).unwrap().value().unwrap().clone();
         let weight = Tensor::full(1.0 / 100.0, rgba.shape(), dtype);
         Target { rgba, weight, robust: None, trajectory: None }
     });

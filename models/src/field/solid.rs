@@ -1,0 +1,109 @@
+//! What no picture can see into is filled.
+
+use std::collections::VecDeque;
+
+use gradreel::optim::Params;
+use gradreel::{DType, Result, Tensor};
+
+use crate::field::Field;
+use crate::field::voxels::FILLED;
+
+impl Field {
+    /// Fills every voxel that lies behind others: all but those that one reaches from outside through voxels of an opacity
+    /// below ½, and the first opaque ones behind these.
+    ///
+    /// Pictures show a surface. Of what is behind it they say next to nothing, of which an optimiser that counts in shares of a
+    /// gradient (Adam) makes steps as large as any: without this, bodies came out with voids of a sixth of their mass.
+    /// A body can still be carved, one layer at a time, and a hollow that is open stays open.
+    ///
+    /// # Errors
+    /// [`gradreel::ErrorKind::Input`] when the store holds no field.
+    pub fn fill_inside(&self, params: &mut Params) -> Result<()> {
+        let raw = params.get("field.density")?.to_vec()?;
+        let depths = self.depths(|voxel| raw[voxel] > 0.0);
+        let filled = raw.iter().zip(depths).map(|(&raw, depth)| if depth > 1 { raw.max(FILLED) } else { raw });
+        params.set("field.density", Tensor::from_vec(filled.collect(), [self.len(), 1]).cast(DType::F32)?);
+        Ok(())
+    }
+
+    /// How many steps from voxel to voxel, along the axes, lie between each voxel and the outside, those through what is not opaque
+    /// from the outside on not counted.
+    fn depths(&self, opaque: impl Fn(usize) -> bool) -> Vec<u32> {
+        // the lattice with a margin of one, so that all of the outside hangs together
+        let dims = self.lattice.dims.map(|n| n + 2);
+        let strides = [dims[1] * dims[2], dims[2], 1];
+        let [_, ny, nz] = self.lattice.dims;
+        let place = |voxel: u32| {
+            let voxel = voxel as usize;
+            let node = [voxel / (ny * nz), voxel / nz % ny, voxel % nz];
+            (0..3).map(|axis| (node[axis] + 1) * strides[axis]).sum::<usize>()
+        };
+        let mut filled = vec![false; dims.iter().product()];
+        self.voxels.iter().enumerate().for_each(|(i, &voxel)| filled[place(voxel)] = opaque(i));
+        let mut depths = vec![u32::MAX; filled.len()];
+        depths[0] = 0;
+        let mut next = VecDeque::from([0usize]);
+        while let Some(node) = next.pop_front() {
+            for axis in 0..3 {
+                let along = node / strides[axis] % dims[axis];
+                let beside =
+                    [(along > 0, node.wrapping_sub(strides[axis])), (along + 1 < dims[axis], node + strides[axis])];
+                for (_, other) in beside.into_iter().filter(|(inside, _)| *inside) {
+                    let step = u32::from(filled[other] || depths[node] > 0);
+                    if depths[node] + step < depths[other] {
+                        depths[other] = depths[node] + step;
+                        if step == 0 { next.push_front(other) } else { next.push_back(other) }
+                    }
+                }
+            }
+        }
+        self.voxels.iter().map(|&voxel| depths[place(voxel)]).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use gradreel::ops::Lattice;
+    use gradreel::optim::Params;
+    use gradreel::{DType, Tensor};
+
+    use super::{FILLED, Field};
+
+    /// A cube of 7³ voxels with these raw densities.
+    fn cube(raw: impl Fn([usize; 3]) -> f64) -> (Field, Params) {
+        let nodes = (0..343usize).map(|i| [i / 49, i / 7 % 7, i % 7]);
+        let mut params = Params::new();
+        let raw = Tensor::from_vec(nodes.map(raw).collect(), [343, 1]).cast(DType::F32).unwrap();
+        params.set("field.density", raw);
+        let lattice = Lattice { origin: [0.0; 3], spacing: 0.1, dims: [7; 3] };
+        (Field { lattice, voxels: (0..343).collect() }, params)
+    }
+
+    fn after_filling(raw: impl Fn([usize; 3]) -> f64) -> impl Fn([usize; 3]) -> f64 {
+        let (field, mut params) = cube(raw);
+        field.fill_inside(&mut params).unwrap();
+        let filled = params.get("field.density").unwrap().to_vec().unwrap();
+        move |[x, y, z]| filled[(x * 7 + y) * 7 + z]
+    }
+
+    #[test]
+    fn a_void_is_filled_and_the_surface_is_left() {
+        let is_void = |node: [usize; 3]| node.iter().all(|n| (2..5).contains(n));
+        let raw = after_filling(|node| if is_void(node) { -3.0 } else { 0.5 });
+        assert_eq!(raw([3, 3, 3]), FILLED, "the middle of the void");
+        assert_eq!(raw([2, 3, 4]), FILLED, "its edge");
+        assert_eq!(raw([1, 1, 1]), FILLED, "the second layer");
+        assert_eq!(raw([0, 3, 3]), 0.5, "the outermost voxels are seen");
+    }
+
+    #[test]
+    fn a_hollow_that_is_open_stays_open() {
+        // a shaft from the top to the middle
+        let in_shaft = |[x, y, z]: [usize; 3]| x == 3 && z == 3 && y >= 3;
+        let raw = after_filling(|node| if in_shaft(node) { -3.0 } else { 0.5 });
+        assert_eq!(raw([3, 3, 3]), -3.0, "the bottom of the shaft");
+        assert_eq!(raw([3, 2, 3]), 0.5, "what is seen below it");
+        assert_eq!(raw([2, 4, 3]), 0.5, "its walls");
+        assert_eq!(raw([1, 4, 3]), FILLED, "behind them");
+    }
+}
