@@ -278,7 +278,7 @@ impl Stages<'_> {
     }
 
     /// What all pictures have in common, as a deviation of each free unknown's coordinate: the grid's error, estimated from
-    /// that of one of twice the spacing; the shape's, estimated from what it was before the whole motion was known and from a thinner
+    /// that of one of twice the spacing (of a modulus or viscosity at least the root mean square of those of all); the shape's, estimated from what it was before the whole motion was known and from a thinner
     /// body; the motion's, from the material with the velocity of the fall; that of a simulation which is not nature's; and those of
     /// lengths and outlines.
     fn bias(&self, run: &Run, free: Free, fitted: &Unknowns) -> Vec<f64> {
@@ -291,6 +291,11 @@ impl Stages<'_> {
         let flight = self.clip.flight.as_ref();
         let (grid, depth, first) = (from(COARSE), from(THIN), from(MATERIAL));
         let shape = from(self.fitted());
+        let list = free.list(self.law);
+        // of several moduli, one may stay by chance where the others move
+        let magnitudes =
+            || list.iter().zip(&grid).filter(|(unknown, _)| self.is_magnitude(**unknown)).map(|(_, x)| x * x);
+        let typical = (magnitudes().sum::<f64>() / magnitudes().count().max(1) as f64).sqrt();
         let length = flight.map_or(0.0, |flight| flight.deviation);
         let lasts = run.state.contact.unwrap_or(1).max(1) as f64 * self.observed.frame_dt;
         let filmed = self.observed.targets.len().saturating_sub(1).max(1) as f64 * self.observed.frame_dt;
@@ -298,7 +303,8 @@ impl Stages<'_> {
         let of_depth = DEPTH_ERROR * 2.0 * self.spacing / filmed;
         let of = |(k, unknown): (usize, Unknown)| {
             let share = if matches!(unknown, Unknown::Velocity(_)) { SPEED_GRID_ERROR } else { GRID_ERROR };
-            let other = (share * grid[k]).hypot(SHAPE_ERROR * shape[k]).hypot(depth[k]);
+            let least = if self.is_magnitude(unknown) { typical } else { 0.0 };
+            let other = (share * grid[k].max(least)).hypot(SHAPE_ERROR * shape[k]).hypot(depth[k]);
             match unknown {
                 Unknown::Contact => 0.0,
                 Unknown::Velocity(axis) => {
@@ -309,15 +315,21 @@ impl Stages<'_> {
                 Unknown::Parameter(p) => {
                     let parameter = &self.law.parameters()[p];
                     // stress and viscosity, for a given density and time, are as the square of a length
-                    let scaled = parameter.map == Map::Log10 && parameter.unit.starts_with("Pa");
+                    let magnitude = self.is_magnitude(unknown);
+                    let scaled = magnitude && parameter.unit.starts_with("Pa");
                     let length = if scaled { 2.0 * length / std::f64::consts::LN_10 } else { 0.0 };
-                    let model = if parameter.map == Map::Log10 { MODEL_ERROR } else { 0.0 };
+                    let model = if magnitude { MODEL_ERROR } else { 0.0 };
                     let motion = if flight.is_some() { first[k] } else { 0.0 };
                     other.hypot(length).hypot(model).hypot(motion)
                 }
             }
         };
-        free.list(self.law).into_iter().enumerate().map(of).collect()
+        list.iter().copied().enumerate().map(of).collect()
+    }
+
+    /// Whether an unknown is told in decades: a modulus, a yield stress, a viscosity.
+    fn is_magnitude(&self, unknown: Unknown) -> bool {
+        matches!(unknown, Unknown::Parameter(p) if self.law.parameters()[p].map == Map::Log10)
     }
 
     /// How sure the estimates are. The height at which the ground is felt was held; that it may be another counts here.
