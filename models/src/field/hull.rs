@@ -188,10 +188,15 @@ pub fn hull(clip: &Clip, frame: usize, sphere: &Sphere, spacing: f64, threshold:
     Ok(Hull { lattice, voxels })
 }
 
+/// The numbers along the axes of the voxel of this flat number.
+pub(super) fn node(lattice: &Lattice, flat: usize) -> [usize; 3] {
+    let [_, ny, nz] = lattice.dims;
+    [flat / (ny * nz), flat / nz % ny, flat % nz]
+}
+
 /// Where the voxel of this flat number is.
 pub(crate) fn place(lattice: &Lattice, flat: usize) -> [f64; 3] {
-    let [_, ny, nz] = lattice.dims;
-    let node = [flat / (ny * nz), flat / nz % ny, flat % nz];
+    let node = node(lattice, flat);
     std::array::from_fn(|axis| lattice.origin[axis] + node[axis] as f64 * lattice.spacing)
 }
 

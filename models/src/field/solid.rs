@@ -1,11 +1,10 @@
 //! What no picture can see into is filled.
 
-use std::collections::VecDeque;
-
 use gradreel::optim::Params;
 use gradreel::{DType, Result, Tensor};
 
 use crate::field::Field;
+use crate::field::hull::node;
 use crate::field::voxels::FILLED;
 
 impl Field {
@@ -20,44 +19,40 @@ impl Field {
     /// [`gradreel::ErrorKind::Input`] when the store holds no field.
     pub fn fill_inside(&self, params: &mut Params) -> Result<()> {
         let raw = params.get("field.density")?.to_vec()?;
-        let depths = self.depths(|voxel| raw[voxel] > 0.0);
-        let filled = raw.iter().zip(depths).map(|(&raw, depth)| if depth > 1 { raw.max(FILLED) } else { raw });
+        let hidden = self.hidden(|voxel| raw[voxel] > 0.0);
+        let filled = raw.iter().zip(hidden).map(|(&raw, hidden)| if hidden { raw.max(FILLED) } else { raw });
         params.set("field.density", Tensor::from_vec(filled.collect(), [self.len(), 1]).cast(DType::F32)?);
         Ok(())
     }
 
-    /// How many steps from voxel to voxel, along the axes, lie between each voxel and the outside, those through what is not opaque
-    /// from the outside on not counted.
-    fn depths(&self, opaque: impl Fn(usize) -> bool) -> Vec<u32> {
+    /// Which voxels are neither reached from outside, along the axes through what is not opaque, nor beside one that is.
+    fn hidden(&self, opaque: impl Fn(usize) -> bool) -> Vec<bool> {
         // the lattice with a margin of one, so that all of the outside hangs together
         let dims = self.lattice.dims.map(|n| n + 2);
         let strides = [dims[1] * dims[2], dims[2], 1];
-        let [_, ny, nz] = self.lattice.dims;
-        let place = |voxel: u32| {
-            let voxel = voxel as usize;
-            let node = [voxel / (ny * nz), voxel / nz % ny, voxel % nz];
+        let places = self.voxels.iter().map(|&voxel| {
+            let node = node(&self.lattice, voxel as usize);
             (0..3).map(|axis| (node[axis] + 1) * strides[axis]).sum::<usize>()
-        };
-        let mut filled = vec![false; dims.iter().product()];
-        self.voxels.iter().enumerate().for_each(|(i, &voxel)| filled[place(voxel)] = opaque(i));
-        let mut depths = vec![u32::MAX; filled.len()];
-        depths[0] = 0;
-        let mut next = VecDeque::from([0usize]);
-        while let Some(node) = next.pop_front() {
+        });
+        let mut full = vec![false; dims.iter().product()];
+        places.clone().enumerate().for_each(|(voxel, place)| full[place] = opaque(voxel));
+        let (mut outside, mut shown) = (vec![false; full.len()], vec![false; full.len()]);
+        let mut next = vec![0];
+        outside[0] = true;
+        while let Some(place) = next.pop() {
             for axis in 0..3 {
-                let along = node / strides[axis] % dims[axis];
-                let beside =
-                    [(along > 0, node.wrapping_sub(strides[axis])), (along + 1 < dims[axis], node + strides[axis])];
-                for (_, other) in beside.into_iter().filter(|(inside, _)| *inside) {
-                    let step = u32::from(filled[other] || depths[node] > 0);
-                    if depths[node] + step < depths[other] {
-                        depths[other] = depths[node] + step;
-                        if step == 0 { next.push_front(other) } else { next.push_back(other) }
+                let along = place / strides[axis] % dims[axis];
+                let before = (along > 0).then(|| place - strides[axis]);
+                let after = (along + 1 < dims[axis]).then(|| place + strides[axis]);
+                for beside in before.into_iter().chain(after) {
+                    shown[beside] = true;
+                    if !full[beside] && !std::mem::replace(&mut outside[beside], true) {
+                        next.push(beside);
                     }
                 }
             }
         }
-        self.voxels.iter().map(|&voxel| depths[place(voxel)]).collect()
+        places.map(|place| !shown[place]).collect()
     }
 }
 

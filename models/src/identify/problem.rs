@@ -227,13 +227,25 @@ impl<'a> Problem<'a> {
         let tape = motion.tape();
         let opacity = tape.constant(self.particles.opacity(self.dtype)?);
         let colour = tape.constant(self.particles.colour(self.dtype)?);
+        self.loss_of(motion, [&opacity, &colour], &|_| self.observed, frames)
+    }
+
+    /// The same of particles of another opacity and colour, and of what `observed` says was seen of a frame.
+    pub(super) fn loss_of<'o>(
+        &self,
+        motion: &Var,
+        [opacity, colour]: [&Var; 2],
+        observed: &dyn Fn(usize) -> &'o Observed,
+        frames: usize,
+    ) -> Result<Var> {
         let mut total: Option<Var> = None;
         for frame in 0..frames {
-            let pixels = self.render(&motion.select(0, frame), &opacity, &colour, &self.observed.rays)?;
-            let loss = self.observed.targets[frame].loss(&pixels);
+            let seen = observed(frame);
+            let pixels = self.render(&motion.select(0, frame), opacity, colour, &seen.rays)?;
+            let loss = seen.targets[frame].loss(&pixels);
             total = Some(total.map_or(loss.clone(), |sum| &sum + &loss));
         }
-        let total = total.unwrap_or_else(|| tape.constant(Tensor::scalar(0.0, self.dtype)));
+        let total = total.unwrap_or_else(|| motion.tape().constant(Tensor::scalar(0.0, self.dtype)));
         Ok(&total / frames.max(1) as f64)
     }
 

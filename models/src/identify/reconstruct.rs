@@ -196,7 +196,7 @@ impl Stages<'_> {
         let schedule = problem.schedule(&unknowns, frames);
         let loss = |opacity: &Var, colour: &Var| {
             let motion = problem.motion_of(opacity, &unknowns.constants(opacity.tape(), DTYPE)?, schedule)?;
-            self.mean_loss(&problem, &motion, opacity, colour)
+            problem.loss_of(&motion, [opacity, colour], &|frame| self.seen(frame), frames)
         };
         let bar = self.progress.stage(stage, iterations as u64);
         let mut last = f64::NAN;
@@ -216,17 +216,9 @@ impl Stages<'_> {
         run.finish(stage, since)
     }
 
-    /// The mean loss of the frames of a motion; the first is seen from all around if views of it were imagined.
-    fn mean_loss(&self, problem: &Problem<'_>, motion: &Var, opacity: &Var, colour: &Var) -> Result<Var> {
-        let frames = motion.shape().dims()[0];
-        let of = |frame: usize| {
-            let observed = self.around.filter(|_| frame == 0).map_or(self.observed, |(_, around)| around);
-            let pixels = problem.render(&motion.select(0, frame), opacity, colour, &observed.rays)?;
-            Ok(observed.targets[frame].loss(&pixels))
-        };
-        let losses = (0..frames).map(of).collect::<Result<Vec<_>>>()?;
-        let total = losses.into_iter().reduce(|sum, loss| &sum + &loss).expect("a clip has frames");
-        Ok(&total / frames as f64)
+    /// What was filmed; in the first frame from all around, if views of it were imagined.
+    fn seen(&self, frame: usize) -> &Observed {
+        self.around.filter(|_| frame == 0).map_or(self.observed, |(_, around)| around)
     }
 
     fn hull(&self, run: &mut Run) -> Result<(Field, Params)> {

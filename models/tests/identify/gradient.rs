@@ -1,16 +1,21 @@
 //! The gradient of the image loss against central differences in `f64`, through contact.
 
 use gradreel::{DType, Tape, Tensor};
-use gradreel_models::identify::{Free, Unknowns};
+use gradreel_models::identify::{Config, Free, Unknowns};
+use gradreel_models::particles::Particles;
 
 use crate::scene::{block, film, problem, quick};
+
+/// A block, and how it is thrown.
+fn thrown(edge: usize, spacing: f64) -> (Config, Particles, Unknowns) {
+    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], contact: 0.0 };
+    (quick(), block(edge, spacing), truth)
+}
 
 #[test]
 fn image_loss_gradient_through_contact_agrees_with_central_differences() {
     const FRAMES: usize = 5;
-    let config = quick();
-    let particles = block(5, 0.04);
-    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], contact: 0.0 };
+    let (config, particles, truth) = thrown(5, 0.04);
     let observed = film(&particles, &truth, &config, FRAMES, 20, DType::F64);
     let problem = problem(&particles, &observed, &config, DType::F64);
     let unknowns = Unknowns { velocity: [0.25, -1.1, 0.15], parameters: vec![4e4, 0.22], contact: 0.0 };
@@ -47,9 +52,7 @@ fn image_loss_gradient_through_contact_agrees_with_central_differences() {
 #[test]
 fn the_gradient_in_opacities_agrees_with_central_differences() {
     const FRAMES: usize = 5;
-    let config = quick();
-    let particles = block(5, 0.04);
-    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], contact: 0.0 };
+    let (config, particles, truth) = thrown(5, 0.04);
     let observed = film(&particles, &truth, &config, FRAMES, 20, DType::F64);
     let problem = problem(&particles, &observed, &config, DType::F64);
     let count = particles.len();
@@ -89,9 +92,7 @@ fn the_gradient_in_opacities_agrees_with_central_differences() {
 #[test]
 fn single_precision_gives_the_same_gradient() {
     const FRAMES: usize = 4;
-    let config = quick();
-    let particles = block(4, 0.05);
-    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], contact: 0.0 };
+    let (config, particles, truth) = thrown(4, 0.05);
     let unknowns = Unknowns { velocity: [0.25, -1.1, 0.15], parameters: vec![4e4, 0.22], contact: 0.0 };
     let gradient = |dtype| {
         let observed = film(&particles, &truth, &config, FRAMES, 20, dtype);
