@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use gradreel::ops::{Lattice, uniform};
 use gradreel::{DType, ErrorKind, GradCheck, Tape, Tensor};
-use gradreel_models::render::{Rays, Splat, Surface, march, render, render_jvp, splat};
+use gradreel_models::render::{Rays, Splat, Surface, march, render, render_jvp, sharpen, splat};
 
 fn rays(list: &[([f64; 3], [f64; 3])]) -> Arc<Rays> {
     let unit = |d: [f64; 3]| d.map(|x| x / d.iter().map(|x| x * x).sum::<f64>().sqrt());
@@ -87,8 +87,44 @@ fn derivatives_of_the_march_agree_with_central_differences() {
 }
 
 #[test]
+fn sharpening_takes_away_what_both_trilinear_weights_blur() {
+    let tape = Tape::new();
+    let lattice = Lattice { origin: [-0.5; 3], spacing: 0.1, dims: [11, 12, 10] };
+    let one = |values: &[f64; 3]| tape.constant(Tensor::from_vec(values.to_vec(), [1, 3]));
+    let mass = tape.constant(Tensor::full(1.0, [1, 1], DType::F64));
+    let blurred = mass.grid_scatter_3d(&one(&[0.043, -0.021, 0.012]), lattice);
+    let sharp = sharpen(&blurred, lattice, 1.0).unwrap().value().unwrap().to_vec().unwrap();
+    // moments of the particle as it is looked up with a trilinear weight again: h²/6 wider than on the nodes along each axis
+    let moment = |values: &[f64], of: &dyn Fn([f64; 3]) -> f64| -> f64 {
+        let node = |i: usize| [i / 120, i / 10 % 12, i % 10].map(|n| n as f64 * 0.1 - 0.5);
+        values.iter().enumerate().map(|(i, value)| value * of(node(i))).sum()
+    };
+    let before = blurred.value().unwrap().to_vec().unwrap();
+    for values in [&before, &sharp] {
+        assert!((moment(values, &|_| 1.0) - 1.0).abs() < 1e-12, "the mass stays");
+        assert!((moment(values, &|x| x[0]) - 0.043).abs() < 1e-12, "and where it is");
+    }
+    for axis in 0..3 {
+        let narrower = moment(&before, &|x| x[axis] * x[axis]) - moment(&sharp, &|x| x[axis] * x[axis]);
+        assert!((narrower - 2.0 * 0.01 / 6.0).abs() < 1e-12, "axis {axis}: {narrower}");
+    }
+    let check = GradCheck { tolerance: 1e-8, ..GradCheck::default() };
+    let grid = uniform(7, [3, 4, 2, 5], -1.0..1.0);
+    let small = Lattice { dims: [3, 4, 2], ..lattice };
+    let report = check.function("sharpen", &[("grid", grid.clone())], |_, v| sharpen(&v[0], small, 0.7)).unwrap();
+    assert!(report.passed(), "{report}");
+    let error = sharpen(&tape.constant(grid), lattice, 0.7).err().unwrap();
+    assert_eq!(error.kind(), ErrorKind::Shape);
+}
+
+#[test]
 fn derivatives_of_a_picture_agree_with_central_differences() {
-    let surface = Surface { depth: 0.6, ..Surface::default() };
+    for sharpening in [0.0, 0.4] {
+        derivatives_of_a_picture(&Surface { depth: 0.6, sharpening, ..Surface::default() });
+    }
+}
+
+fn derivatives_of_a_picture(surface: &Surface) {
     let settings = Splat { spacing: 0.2, particle_spacing: 0.17 };
     let inputs = [
         ("positions", uniform(1, [60, 3], 0.25..0.75)),
@@ -97,7 +133,7 @@ fn derivatives_of_a_picture_agree_with_central_differences() {
     ];
     // the smallest gradients that count are 1e-3 of the largest, where rounding of the loss is a few parts per million
     let report = GradCheck { tolerance: 1e-5, ..GradCheck::default() }
-        .function("render", &inputs, |_, v| render(&v[0], &v[1], &v[2], &some_rays(), &settings, &surface))
+        .function("render", &inputs, |_, v| render(&v[0], &v[1], &v[2], &some_rays(), &settings, surface))
         .unwrap();
     assert!(report.passed(), "{report}");
 }
@@ -135,22 +171,27 @@ fn particles_without_a_place_are_errors() {
 
 #[test]
 fn forward_mode_agrees_with_central_differences_and_with_the_tape() {
-    let particles = 40;
-    let settings = Splat { spacing: 0.2, particle_spacing: 0.15 };
     // translucent, so that no ray ends early and every sample counts
     let surface = Surface { depth: 0.3, low: 0.05, ..Surface::default() };
+    forward_mode(&surface);
+    forward_mode(&Surface { sharpening: 0.3, ..surface });
+}
+
+fn forward_mode(surface: &Surface) {
+    let particles = 40;
+    let settings = Splat { spacing: 0.2, particle_spacing: 0.15 };
     let at = uniform(1, [particles, 3], 0.1..0.9);
     let (opacity, colour) = (uniform(2, [particles, 1], 0.5..1.0), uniform(3, [particles, 3], 0.1..0.9));
     let directions = [uniform(4, [particles, 3], -1.0..1.0), uniform(5, [particles, 3], -1.0..1.0)];
     let jvp = |at: &Tensor, directions: &[Tensor]| {
         let (pixels, changes) =
-            render_jvp(at, directions, &opacity, &colour, &some_rays(), &settings, &surface).unwrap();
+            render_jvp(at, directions, &opacity, &colour, &some_rays(), &settings, surface).unwrap();
         (pixels.to_vec().unwrap(), changes.to_vec().unwrap())
     };
     let (pixels, changes) = jvp(&at, &directions);
     let tape = Tape::new();
     let [x, o, c] = [&at, &opacity, &colour].map(|tensor| tape.constant(tensor.clone()));
-    let rendered = render(&x, &o, &c, &some_rays(), &settings, &surface).unwrap();
+    let rendered = render(&x, &o, &c, &some_rays(), &settings, surface).unwrap();
     assert_eq!(pixels, rendered.value().unwrap().to_vec().unwrap(), "the same picture");
     let mut largest = 0.0f64;
     for (k, direction) in directions.iter().enumerate() {
@@ -168,6 +209,6 @@ fn forward_mode_agrees_with_central_differences_and_with_the_tape() {
     }
     assert!(largest > 0.1, "the pixels do change: {largest}");
     let odd = uniform(4, [particles - 1, 3], -1.0..1.0);
-    let error = render_jvp(&at, &[odd], &opacity, &colour, &some_rays(), &settings, &surface).unwrap_err();
+    let error = render_jvp(&at, &[odd], &opacity, &colour, &some_rays(), &settings, surface).unwrap_err();
     assert_eq!(error.kind(), ErrorKind::Shape);
 }

@@ -13,6 +13,8 @@ pub struct FitSettings {
     pub iterations: usize,
     /// Adam iterations once the motion through all frames is known.
     pub in_motion: usize,
+    /// What the area of the surface counts, in units of that of a cube of as many voxels ([`Faces::area`](crate::field::Faces::area)).
+    pub smoothness: f64,
     /// Rate of the raw density.
     pub density_rate: f64,
     /// Rate of the raw colour.
@@ -21,7 +23,7 @@ pub struct FitSettings {
 
 impl Default for FitSettings {
     fn default() -> Self {
-        Self { iterations: 80, in_motion: 25, density_rate: 0.2, colour_rate: 0.05 }
+        Self { iterations: 80, in_motion: 25, smoothness: 0.0, density_rate: 0.2, colour_rate: 0.05 }
     }
 }
 
@@ -37,7 +39,7 @@ pub struct FitState<'a> {
     pub adam: &'a Adam,
 }
 
-/// Fits raw density and colour to a loss of opacity `[voxels, 1]` and colour `[voxels, 3]`, from a store and an optimiser (both of
+/// Fits raw density and colour to a loss of opacity `[voxels, 1]` and colour `[voxels, 3]`, and to a smooth surface, from a store and an optimiser (both of
 /// which a checkpoint can hold) on. What lies behind the surface stays filled ([`Field::fill_inside`]).
 ///
 /// # Errors
@@ -47,14 +49,18 @@ pub fn fit(
     mut params: Params,
     mut adam: Adam,
     iterations: std::ops::Range<usize>,
+    smoothness: f64,
     loss: &dyn Fn(&Var, &Var) -> Result<Var>,
     mut each: impl FnMut(FitState<'_>) -> Result<()>,
 ) -> Result<Params> {
+    let faces = field.faces();
     for iteration in iterations {
         let tape = Tape::new();
         let bound = params.bind(&tape);
-        let loss = loss(&field.opacity(&bound)?, &field.colour(&bound)?)?;
-        let gradients = bound.gradients(&loss.backward()?)?;
+        let opacity = field.opacity(&bound)?;
+        let loss = loss(&opacity, &field.colour(&bound)?)?;
+        let whole = if smoothness > 0.0 { &loss + &(faces.area(&opacity)? * smoothness) } else { loss.clone() };
+        let gradients = bound.gradients(&whole.backward()?)?;
         adam.step(&mut params, &gradients)?;
         field.fill_inside(&mut params)?;
         each(FitState { iteration: iteration + 1, loss: loss.item()?, params: &params, adam: &adam })?;

@@ -15,6 +15,7 @@ mod hull;
 mod inflate;
 mod occupancy;
 mod radiance;
+mod faces;
 mod solid;
 mod static_fit;
 mod static_step;
@@ -24,6 +25,7 @@ mod voxels;
 
 pub(crate) use dense::channel;
 pub use dense::{DenseGrid, opacity_shift};
+pub use faces::Faces;
 pub use fit::{FitSettings, FitState, fit};
 pub use hull::{Hull, Sphere, bounding_sphere, hull};
 pub(crate) use hull::{fill_gaps, meeting_point, middle, place};

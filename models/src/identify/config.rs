@@ -6,7 +6,7 @@ use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
 use crate::field::FitSettings;
-use crate::identify::{LossConfig, TemporalConfig};
+use crate::identify::{FlowingConfig, LossConfig, TemporalConfig};
 use crate::physics::{Law, Map, materials};
 use crate::render::{Surface, Weights};
 use crate::video::FilmSettings;
@@ -29,6 +29,8 @@ pub struct Config {
     pub loss: LossConfig,
     /// How occupancy becomes opacity.
     pub surface: Surface,
+    /// What is done otherwise for bodies that flow.
+    pub flowing: FlowingConfig,
     /// The temporal field, if the velocity is to start from it.
     pub temporal: TemporalConfig,
     /// The views of what a single camera did not see.
@@ -220,6 +222,23 @@ pub(super) fn outside_range(name: &str, wanted: &str) -> Error {
     Error::new(ErrorKind::Input, format!("the setting {name} is outside its range")).at(name).wanted(wanted)
 }
 
+/// Whether the values of a surface make sense; `table` names their settings.
+pub(super) fn check_surface(surface: &Surface, table: &str) -> Result<()> {
+    let positive = |x: f64| x > 0.0 && x.is_finite();
+    let fraction = |x: f64| (0.0..=1.0).contains(&x);
+    let rules = [
+        (positive(surface.step) && surface.step <= 2.0, "step", "above 0, at most 2 cells"),
+        (positive(surface.depth), "depth", "a positive optical depth"),
+        (positive(surface.width) && fraction(surface.low), "low/width", "within 0 to 1"),
+        (fraction(surface.sharpening), "sharpening", "0 to 1"),
+    ];
+    match rules.iter().find(|(holds, ..)| !holds) {
+        Some((_, name, wanted)) => Err(outside_range(&format!("{table}.{name}"), wanted)
+            .fix("correct it in the file of --config, or leave it out")),
+        None => Ok(()),
+    }
+}
+
 impl Config {
     /// Reads a configuration; what it does not name keeps its default.
     ///
@@ -256,6 +275,7 @@ impl Config {
         let rules = [
             (dx == 0.0 || (1e-5..=10.0).contains(&dx), "geometry.dx", "0, or 0.00001 to 10 m"),
             (positive(fit.density_rate), "geometry.fit.density_rate", "a positive number"),
+            (fit.smoothness >= 0.0 && fit.smoothness.is_finite(), "geometry.fit.smoothness", "0 or a positive number"),
             (positive(fit.colour_rate), "geometry.fit.colour_rate", "a positive number"),
             (fraction(f64::from(self.geometry.hull_coverage)), "geometry.hull_coverage", "0 to 1"),
             ((0.0..1.0).contains(&self.geometry.least_opacity), "geometry.least_opacity", "at least 0, below 1"),
@@ -265,9 +285,6 @@ impl Config {
             ((0.01..=1.0).contains(&self.world.cfl), "world.cfl", "0.01 to 1"),
             ((0.0..=1e4).contains(&self.world.least_speed), "world.least_speed", "0 to 10000 m/s"),
             (self.world.memory_mib >= 16, "world.memory_mib", "at least 16 MiB"),
-            (positive(self.surface.step) && self.surface.step <= 2.0, "surface.step", "above 0, at most 2 cells"),
-            (positive(self.surface.depth), "surface.depth", "a positive optical depth"),
-            (positive(self.surface.width) && fraction(self.surface.low), "surface.low/width", "within 0 to 1"),
             (self.imagine.steps.is_none_or(|n| (1..=1000).contains(&n)), "imagine.steps", "1 to 1000"),
             (self.imagine.guidance.is_none_or(f64::is_finite), "imagine.guidance", "a number"),
             (self.weights.colour >= 0.0 && positive(self.weights.coverage), "weights", "not negative"),
@@ -279,6 +296,8 @@ impl Config {
                     .fix("correct it in the file of --config or on the command line, or leave it out"));
             }
         }
+        check_surface(&self.surface, "surface")?;
+        self.flowing.check()?;
         self.clip.film.check()?;
         self.loss.check()?;
         self.temporal.check()?;

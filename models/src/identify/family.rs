@@ -53,7 +53,7 @@ impl Stages<'_> {
             own.material = MaterialConfig { name: family.to_owned(), ..MaterialConfig::default() };
             let mut unknowns = Unknowns { parameters: own.starting_values(&law)?, ..start.clone() };
             stages.explore(run, &own, &format!("{AUTO} {family}"), seen, &mut unknowns)?;
-            let problem = Problem::new(&particles, self.observed, law.clone(), &own, DTYPE);
+            let problem = Problem::new(&particles, self.observed, law.clone(), &run.config, DTYPE);
             let loss = |frames: usize| match problem.misfit(&unknowns, frames, &mut 0, &mut |_| ()) {
                 Err(error) if error.kind() == ErrorKind::Physics => Ok(f64::MAX),
                 loss => loss,

@@ -1,10 +1,11 @@
 //! The image loss as least squares: residuals of all pixels, and how they change with the unknowns.
 
-use gradreel::{DType, Result, Tensor};
+use gradreel::{DType, Result, Tape, Tensor};
 use rayon::prelude::*;
 
 use crate::identify::flight::displacement;
 use crate::identify::penalty::add_penalty;
+use crate::identify::plausible::Plausible;
 use crate::identify::problem::is_stress;
 use crate::identify::unknowns::{Ground, Unknown};
 use crate::identify::{Free, Problem, Unknowns};
@@ -142,26 +143,29 @@ impl Problem<'_> {
         notes: &mut dyn FnMut(String),
     ) -> Result<Linearised> {
         let frames = frames.min(self.observed.targets.len());
-        let (motion, tangents) =
-            self.with_step(unknowns, frames, substeps, notes, &mut |schedule| self.tangents(unknowns, free, schedule))?;
-        let (opacity, colour) = (self.particles.opacity(self.dtype)?, self.particles.colour(self.dtype)?);
-        let settings = Splat { spacing: 2.0 * self.particles.spacing, particle_spacing: self.particles.spacing };
-        let mut total = Linearised::zero(tangents.len());
+        let reach = if self.flying { 0.0 } else { self.secant };
+        let moved = self.with_step(unknowns, frames, substeps, notes, &mut |schedule| match reach > 0.0 {
+            true => self.beside(unknowns, free, schedule, reach),
+            false => {
+                let (motion, tangents) = self.tangents(unknowns, free, schedule)?;
+                Ok(Moved { motion, along: Along::Tangents(tangents) })
+            }
+        })?;
+        let count = free.list(&self.law).len();
+        let mut total = Linearised::zero(count);
         let share = 1.0 / frames.max(1) as f64;
         for frame in 0..frames {
-            let directions: Vec<Tensor> = tangents.iter().map(|tangent| row(tangent, frame)).collect();
-            let (rays, surface) = (&self.observed.rays, &self.surface);
-            let drawn = render_jvp(&row(&motion, frame), &directions, &opacity, &colour, rays, &settings, surface)?;
+            let drawn = self.drawn(&moved, frame)?;
             let parts = match self.dtype {
-                DType::F64 => self.pictures::<f64>(frame, &drawn, tangents.len(), share),
-                _ => self.pictures::<f32>(frame, &drawn, tangents.len(), share),
+                DType::F64 => self.pictures::<f64>(frame, &drawn, count, share),
+                _ => self.pictures::<f32>(frame, &drawn, count, share),
             };
             for (camera, part) in parts.into_iter().enumerate() {
                 total.add(&part);
                 total.scores.push(Score { frame, camera, gradient: part.gradient });
             }
         }
-        for k in 0..tangents.len() {
+        for k in 0..count {
             for l in 0..k {
                 total.curvature[l][k] = total.curvature[k][l];
             }
@@ -261,6 +265,64 @@ impl Problem<'_> {
         Ok((motion, tangents))
     }
 
+    /// Positions at every frame, and what they are with each free unknown's coordinate moved by a share of the longest step that
+    /// a search makes, to both sides.
+    fn beside(&self, unknowns: &Unknowns, free: Free, schedule: Schedule, share: f64) -> Result<Moved> {
+        let at = |unknowns: &Unknowns| {
+            let tape = Tape::new();
+            Ok(self.motion(&tape, &unknowns.constants(&tape, self.dtype)?, schedule)?.value()?.clone())
+        };
+        let here = unknowns.coordinates(&self.law, free);
+        let longest = Plausible::new(&self.law, free).longest_step(unknowns);
+        let both = |k: usize| {
+            let far = share * longest[k];
+            let moved = |sign: f64| {
+                let mut there = here.clone();
+                there[k] += sign * far;
+                at(&unknowns.moved(&self.law, free, &there))
+            };
+            Ok(([moved(-1.0)?, moved(1.0)?], far))
+        };
+        let along = Along::Secants((0..here.len()).map(both).collect::<Result<_>>()?);
+        Ok(Moved { motion: at(unknowns)?, along })
+    }
+
+    /// The pixels of a frame, `[rays, 4]`, and how they change along each unknown, `[rays, unknowns, 4]`.
+    fn drawn(&self, moved: &Moved, frame: usize) -> Result<(Tensor, Tensor)> {
+        let (opacity, colour) = (self.particles.opacity(self.dtype)?, self.particles.colour(self.dtype)?);
+        let settings = Splat { spacing: 2.0 * self.particles.spacing, particle_spacing: self.particles.spacing };
+        let draw = |motion: &Tensor, directions: &[Tensor]| {
+            render_jvp(
+                &row(motion, frame),
+                directions,
+                &opacity,
+                &colour,
+                &self.observed.rays,
+                &settings,
+                &self.surface,
+            )
+        };
+        match &moved.along {
+            Along::Tangents(tangents) => {
+                let directions: Vec<Tensor> = tangents.iter().map(|tangent| row(tangent, frame)).collect();
+                draw(&moved.motion, &directions)
+            }
+            Along::Secants(secants) => {
+                let (pixels, none) = draw(&moved.motion, &[])?;
+                let tape = Tape::new();
+                let changes = secants.iter().map(|(both, far)| {
+                    let [low, high] =
+                        [draw(&both[0], &[])?.0, draw(&both[1], &[])?.0].map(|pixels| tape.constant(pixels));
+                    Ok(&(&high - &low) * (0.5 / far))
+                });
+                let changes: Vec<_> = changes.collect::<Result<_>>()?;
+                let [first, others @ ..] = &changes[..] else { return Ok((pixels, none)) };
+                let all = first.stack(&others.iter().collect::<Vec<_>>(), 1);
+                Ok((pixels, all.value()?.clone()))
+            }
+        }
+    }
+
     /// The same in free flight, where only the velocity tells: `x₀ + v t + g t²/2`.
     fn flight_tangents(&self, unknowns: &Unknowns, free: Free, schedule: Schedule) -> Result<(Tensor, Vec<Tensor>)> {
         let shape = [schedule.frames, self.particles.len(), 3];
@@ -283,6 +345,20 @@ impl Problem<'_> {
         let tangents = free.list(&self.law).into_iter().map(tangent).collect::<Result<_>>()?;
         Ok((motion, tangents))
     }
+}
+
+/// A motion, and those beside it.
+struct Moved {
+    motion: Tensor,
+    along: Along,
+}
+
+/// How a motion changes.
+enum Along {
+    /// With an infinitesimal step of each unknown.
+    Tangents(Vec<Tensor>),
+    /// With a finite one: the motions on both sides, and how far each is.
+    Secants(Vec<([Tensor; 2], f64)>),
 }
 
 /// Positions with `height` added to every y.

@@ -84,6 +84,8 @@ pub struct Problem<'a> {
     pub flying: bool,
     /// Memory for states.
     pub remat: Remat,
+    /// How far derivatives reach, in shares of the longest step of a search; 0 for those of an infinitesimal step.
+    pub secant: f64,
     /// Precision of everything on the tape.
     pub dtype: DType,
 }
@@ -102,8 +104,9 @@ impl<'a> Problem<'a> {
             observed,
             world,
             ground: config.world.ground,
+            surface: config.surface_of(&law).clone(),
+            secant: config.secant_of(&law),
             law,
-            surface: config.surface.clone(),
             density: config.world.density,
             cfl: config.world.cfl,
             least_speed: config.world.least_speed,

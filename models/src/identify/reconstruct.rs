@@ -75,6 +75,10 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     }
     let law = run.config.law()?;
     let stages = Stages { law: &law, ..stages };
+    if !run.state.candidates.is_empty() && run.config.flows(&law) {
+        // until now it was pictured as any other
+        stages.shape(run, "shape of what flows", iterations.div_ceil(2), flying)?;
+    }
     match run.state.candidates.iter().find(|candidate| candidate.family == run.config.material.name) {
         Some(candidate) => unknowns = candidate.unknowns.clone(),
         None => {
@@ -176,6 +180,7 @@ impl Stages<'_> {
             return run.finish(stage, since);
         }
         let settings = run.config.geometry.fit.clone();
+        let smoothness = run.config.smoothness_of(self.law);
         let mut adam = Adam::new(settings.colour_rate).with_rate("field.density", settings.density_rate);
         let (mut field, mut params) = match (run.state.finished.is_empty(), reached.iterations) {
             (true, 0) => self.hull(run)?,
@@ -202,7 +207,7 @@ impl Stages<'_> {
         let mut last = f64::NAN;
         let left = reached.iterations..iterations;
         let reached = |iterations: usize, ended: bool| Reached { stage: stage.to_owned(), iterations, ended };
-        let fitted = fit(&field, params, adam, left, &loss, |s| {
+        let fitted = fit(&field, params, adam, left, smoothness, &loss, |s| {
             last = s.loss;
             bar.set(s.iteration as u64, &format!("loss {:.5}, {} voxels", s.loss, field.len()));
             let stop = interrupt::check();

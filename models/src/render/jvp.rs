@@ -8,6 +8,7 @@ use gradreel::{DType, Error, ErrorKind, Result, Tape, Tensor};
 use rayon::prelude::*;
 
 use super::march::Scene;
+use super::sharpen::{sharpen, sharpened};
 use crate::render::{Rays, Splat, Surface, splat};
 
 /// Renders as [`render`](super::render()), and differentiates along several directions of the positions at once.
@@ -54,6 +55,7 @@ pub fn render_jvp(
     let tape = Tape::new();
     let [x, opacity, colour] = [positions, opacity, colour].map(|tensor| tape.constant(tensor.clone()));
     let (grid, lattice) = splat(&x, &opacity, &colour, settings)?;
+    let grid = if surface.sharpening > 0.0 { sharpen(&grid, lattice, surface.sharpening)? } else { grid };
     let weight = &opacity * (settings.particle_spacing / settings.spacing).powi(3);
     let values = weight.concat(&[&(&weight * &colour)], 1);
     let (grid, values) = (grid.value()?, values.value()?);
@@ -70,7 +72,10 @@ fn tangents_of<T: Real>(
     directions: &[Tensor],
     rays: &Rays,
 ) -> (Tensor, Tensor) {
-    let tangents = spread::<T>(lattice, positions, directions, values);
+    let mut tangents = spread::<T>(lattice, positions, directions, values);
+    if surface.sharpening > 0.0 && !directions.is_empty() {
+        tangents = sharpened(&tangents, lattice.dims, 4 * directions.len(), surface.sharpening);
+    }
     let scene = Scene::<T>::new(lattice, surface, grid.slice());
     let [pixels, changes] = along(&scene, &tangents, directions.len(), rays);
     (Tensor::from_vec(pixels, [rays.len(), 4]), Tensor::from_vec(changes, [rays.len(), directions.len(), 4]))

@@ -30,11 +30,13 @@ pub struct Surface {
     pub low: f64,
     /// Width of the rise in units of occupancy.
     pub width: f64,
+    /// The share of the grid's blur that is taken from the occupancy first ([`sharpen`](crate::render::sharpen())).
+    pub sharpening: f64,
 }
 
 impl Default for Surface {
     fn default() -> Self {
-        Self { step: 0.5, depth: 3.0, low: 0.40, width: 0.4 }
+        Self { step: 0.5, depth: 3.0, low: 0.40, width: 0.4, sharpening: 0.0 }
     }
 }
 

@@ -18,6 +18,7 @@ mod radiance;
 mod rays;
 mod robust;
 mod samples;
+mod sharpen;
 mod splat;
 pub(crate) mod trajectory;
 mod view_weights;
@@ -35,6 +36,7 @@ pub use radiance::{RadianceSettings, render_radiance};
 pub use rays::Rays;
 pub use robust::{PixelLoss, huber};
 pub use samples::{Absorption, Samples, Sampling, Visible};
+pub use sharpen::sharpen;
 pub use splat::{Splat, splat};
 pub use trajectory::Trajectory;
 pub use view_weights::{ViewWeights, camera_angles, view_angles};
@@ -54,5 +56,6 @@ pub fn render(
     surface: &Surface,
 ) -> Result<Var> {
     let (grid, lattice) = splat(positions, opacity, colour, settings)?;
+    let grid = if surface.sharpening > 0.0 { sharpen(&grid, lattice, surface.sharpening)? } else { grid };
     march(&grid, lattice, rays, surface)
 }

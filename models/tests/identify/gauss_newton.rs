@@ -13,7 +13,7 @@ fn forward_mode_agrees_with_the_tape_and_with_differences_of_pictures() {
     let particles = block(5, 0.04);
     let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], contact: 0.0 };
     let observed = film(&particles, &truth, &config, FRAMES, 20, DType::F64);
-    let problem = problem(&particles, &observed, &config, DType::F64);
+    let mut problem = problem(&particles, &observed, &config, DType::F64);
     contact_height(&problem, &truth, FRAMES);
     let unknowns = Unknowns { velocity: [0.25, -1.1, 0.15], parameters: vec![4e4, 0.22], contact: 0.0 };
     let mut substeps = 128;
@@ -26,6 +26,17 @@ fn forward_mode_agrees_with_the_tape_and_with_differences_of_pictures() {
         assert!(relative < 1e-7, "unknown {k}: {} by forward mode, {} on the tape", at.gradient[k], gradient[k]);
         let sum: f64 = at.scores.iter().map(|score| score.gradient[k]).sum();
         assert!((sum - at.gradient[k]).abs() < 1e-12, "scores sum to the gradient");
+    }
+    // Derivatives over a finite step become those of an infinitesimal one as it becomes small.
+    problem.secant = 1e-4;
+    let near = problem.linearise(&unknowns, Free::Both, FRAMES, &mut substeps, &mut |_| ()).unwrap();
+    problem.secant = 0.0;
+    assert_eq!(near.loss, at.loss, "the same picture");
+    for k in 0..5 {
+        let relative = (near.gradient[k] - at.gradient[k]).abs() / at.gradient[k].abs().max(1e-3);
+        assert!(relative < 1e-5, "unknown {k}: {} over a finite step, {}", near.gradient[k], at.gradient[k]);
+        let relative = (near.curvature[k][k] / at.curvature[k][k] - 1.0).abs();
+        assert!(0.0 < relative && relative < 1e-4, "unknown {k}: curvature off by {relative}");
     }
     // At the truth residuals vanish, and the curvature is that of the loss itself.
     let best = problem.linearise(&truth, Free::Both, FRAMES, &mut 0, &mut |_| ()).unwrap();

@@ -1,0 +1,87 @@
+//! What is done otherwise for bodies that flow: compact where they begin, they end in sheets and rims thinner than a grid cell.
+
+use gradreel::Result;
+use serde::{Deserialize, Serialize};
+
+use crate::identify::Config;
+use crate::identify::config::{check_surface, outside_range};
+use crate::physics::Law;
+use crate::render::Surface;
+
+/// How bodies are pictured, fitted and searched that flow.
+///
+/// ```
+/// use gradreel_models::identify::Config;
+/// use gradreel_models::physics::materials;
+///
+/// let (sand, rubber) = (materials::find("drucker_prager").unwrap(), materials::find("neo_hookean").unwrap());
+/// let config = Config::default();
+/// assert!(config.surface_of(&sand).sharpening > config.surface_of(&rubber).sharpening);
+/// // one's own material, too
+/// let config = Config::parse("[flowing]\nlaws = [\"neo_hookean\"]")?;
+/// assert_eq!(config.surface_of(&rubber).sharpening, 1.0);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FlowingConfig {
+    /// Names of the laws whose bodies flow; none while the family is still to be chosen, so that pictures are alike.
+    pub laws: Vec<String>,
+    /// How occupancy becomes opacity. The grid's blur loses thin rims: with the true particles of a pile of sand, the angle of
+    /// friction that fits best was 3 degrees too small.
+    pub surface: Surface,
+    /// [`FitSettings::smoothness`](crate::field::FitSettings::smoothness). Sharpened pictures drive pits into what is smooth, and a
+    /// body that would flow has no thin parts to lose.
+    pub smoothness: f64,
+    /// How far the derivatives of Gauss–Newton reach, in shares of its longest step, to both sides; 0 for those of an infinitesimal
+    /// step. Rims jump by pixels, and pictures then change only in bands narrower than the jump.
+    pub secant: f64,
+}
+
+impl Default for FlowingConfig {
+    fn default() -> Self {
+        Self {
+            laws: ["newtonian", "viscoplastic", "drucker_prager"].map(str::to_owned).to_vec(),
+            surface: Surface { low: 0.42, sharpening: 1.0, ..Surface::default() },
+            smoothness: 0.03,
+            secant: 0.2,
+        }
+    }
+}
+
+impl FlowingConfig {
+    /// Whether the values make sense.
+    pub(super) fn check(&self) -> Result<()> {
+        check_surface(&self.surface, "flowing.surface")?;
+        let least = [("flowing.smoothness", self.smoothness, 1e3), ("flowing.secant", self.secant, 1.0)];
+        match least.iter().find(|(_, value, most)| !(0.0..=*most).contains(value)) {
+            Some((name, _, most)) => {
+                Err(outside_range(name, &format!("0 to {most}"))
+                    .fix("correct it in the file of --config, or leave it out"))
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+impl Config {
+    /// Whether a body of this law flows.
+    pub fn flows(&self, law: &Law) -> bool {
+        !self.chooses_family() && self.flowing.laws.iter().any(|name| name == law.name())
+    }
+
+    /// How occupancy becomes opacity in a body of this law.
+    pub fn surface_of(&self, law: &Law) -> &Surface {
+        if self.flows(law) { &self.flowing.surface } else { &self.surface }
+    }
+
+    /// What the area of its surface counts while a body of this law is fitted.
+    pub fn smoothness_of(&self, law: &Law) -> f64 {
+        if self.flows(law) { self.flowing.smoothness } else { self.geometry.fit.smoothness }
+    }
+
+    /// How far the derivatives of Gauss–Newton reach for this law, in shares of its longest step.
+    pub fn secant_of(&self, law: &Law) -> f64 {
+        if self.flows(law) { self.flowing.secant } else { 0.0 }
+    }
+}
