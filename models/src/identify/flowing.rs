@@ -36,6 +36,9 @@ pub struct FlowingConfig {
     /// How far the derivatives of Gauss–Newton reach, in shares of its longest step, to both sides; 0 for those of an infinitesimal
     /// step. Rims jump by pixels, and pictures then change only in bands narrower than the jump.
     pub secant: f64,
+    /// In place of `estimate.fine`: the valleys of four unknowns are long, and what a shape is fitted to before the end of one is reached
+    /// keeps the search there.
+    pub fine: usize,
 }
 
 impl Default for FlowingConfig {
@@ -45,6 +48,7 @@ impl Default for FlowingConfig {
             surface: Surface { low: 0.42, sharpening: 1.0, ..Surface::default() },
             smoothness: 0.03,
             secant: 0.2,
+            fine: 14,
         }
     }
 }
@@ -83,5 +87,10 @@ impl Config {
     /// How far the derivatives of Gauss–Newton reach for this law, in shares of its longest step.
     pub fn secant_of(&self, law: &Law) -> f64 {
         if self.flows(law) { self.flowing.secant } else { 0.0 }
+    }
+
+    /// Gauss–Newton steps at most of the search for the material of this law; half as many in each round.
+    pub fn fine_of(&self, law: &Law) -> usize {
+        if self.flows(law) { self.flowing.fine } else { self.estimate.fine }
     }
 }

@@ -87,7 +87,7 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
             stages.explore(run, &config, "", frames, &mut unknowns)?;
         }
     }
-    let effort = Effort { stage: MATERIAL, budget: run.config.estimate.fine };
+    let effort = Effort { stage: MATERIAL, budget: run.config.fine_of(&law) };
     stages.fine(run, &effort, frames, &mut unknowns)?;
     if clip.flight.is_some() {
         let effort = Effort { stage: MOVING, ..effort };
@@ -148,7 +148,7 @@ impl Stages<'_> {
                 Err(error) => return Err(error),
                 Ok(()) => {
                     // the new shape changes little
-                    let effort = Effort { stage: &material, budget: run.config.estimate.fine.div_ceil(2) };
+                    let effort = Effort { stage: &material, budget: run.config.fine_of(self.law).div_ceil(2) };
                     self.finer(run, &effort, frames, unknowns)?;
                     let (_, loss_after) = run.best_of(&material).unwrap_or((before.clone(), f64::INFINITY));
                     let numbers = || format!("loss {loss_after:.5} after, {loss_before:.5} before");
