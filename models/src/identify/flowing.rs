@@ -48,7 +48,7 @@ impl Default for FlowingConfig {
             surface: Surface { low: 0.42, sharpening: 1.0, ..Surface::default() },
             smoothness: 0.03,
             secant: 0.2,
-            fine: 14,
+            fine: 10,
         }
     }
 }

@@ -205,15 +205,18 @@ impl<'a> Problem<'a> {
         Tensor::from_vec(lower.collect(), [self.particles.len(), 3]).cast(self.dtype)
     }
 
-    /// Positions of the particles at every filmed frame, `[frames, particles, 3]` \[m\], without a tape to differentiate.
+    /// Positions of the particles at every filmed frame, `[frames, particles, 3]` \[m\], without a tape to differentiate; with
+    /// smaller steps where the simulation breaks down otherwise ([`Problem::with_step`]).
     ///
     /// # Errors
     /// What the rollout returns.
     pub fn positions(&self, unknowns: &Unknowns) -> Result<Tensor> {
-        let tape = Tape::new();
-        let frozen = unknowns.constants(&tape, self.dtype)?;
-        let schedule = self.schedule(unknowns, self.observed.targets.len());
-        Ok(self.motion(&tape, &frozen, schedule)?.value()?.clone())
+        let frames = self.observed.targets.len();
+        self.with_step(unknowns, frames, &mut 0, &mut |_| (), &mut |schedule| {
+            let tape = Tape::new();
+            let frozen = unknowns.constants(&tape, self.dtype)?;
+            Ok(self.motion(&tape, &frozen, schedule)?.value()?.clone())
+        })
     }
 
     /// What gravity adds to a velocity in half a substep, `[3]` \[m/s\].
