@@ -49,10 +49,12 @@ pub fn check() -> Result<()> {
 }
 
 fn on_signal() {
-    if REQUESTED.swap(true, Ordering::Relaxed) {
+    // signals are handled one after another
+    if requested() {
         std::process::exit(STOPPED);
     }
-    // A closed stderr must not turn a clean stop into a panic.
+    // said before the run can end; a closed stderr must not turn a clean stop into a panic.
     let message = "\nstopping: finishing the current step and saving; press Ctrl-C again to stop at once";
     let _ = writeln!(std::io::stderr(), "{message}");
+    REQUESTED.store(true, Ordering::Relaxed);
 }
