@@ -69,12 +69,12 @@ impl Faces {
     /// # Errors
     /// What the ops return.
     pub fn area(&self, opacity: &Var) -> Result<Var> {
-        let size = |difference: &Var| ((difference.square() + ALIKE * ALIKE).sqrt() - ALIKE).sum_all();
+        let size = |difference: &Var| (difference.square() + ALIKE * ALIKE).sqrt() - ALIKE;
         let [low, high] = [0, 1].map(|side| constant::indices(opacity, self.between[side].clone()));
         let inside = size(&(&opacity.index_select(&low?)? - &opacity.index_select(&high?)?));
         let count = self.open.len();
         let open = opacity.tape().constant(Tensor::from_vec(self.open.clone(), [count, 1]).cast(opacity.dtype())?);
-        let outside = (&open * &((opacity.square() + ALIKE * ALIKE).sqrt() - ALIKE)).sum_all();
-        Ok((&inside + &outside) * (1.0 / (6.0 * (count.max(1) as f64).powf(2.0 / 3.0))))
+        let outside = (&open * &size(opacity)).sum_all();
+        Ok((&inside.sum_all() + &outside) * (1.0 / (6.0 * (count.max(1) as f64).powf(2.0 / 3.0))))
     }
 }

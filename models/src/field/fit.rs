@@ -39,8 +39,8 @@ pub struct FitState<'a> {
     pub adam: &'a Adam,
 }
 
-/// Fits raw density and colour to a loss of opacity `[voxels, 1]` and colour `[voxels, 3]`, and to a smooth surface, from a store and an optimiser (both of
-/// which a checkpoint can hold) on. What lies behind the surface stays filled ([`Field::fill_inside`]).
+/// Fits raw density and colour to a loss of opacity `[voxels, 1]` and colour `[voxels, 3]`, to which `smoothness` adds the area of
+/// the surface ([`FitSettings::smoothness`]), from a store and an optimiser (both of which a checkpoint can hold) on. What lies behind the surface stays filled ([`Field::fill_inside`]).
 ///
 /// # Errors
 /// What the loss returns, and what `each` returns (an interruption, say), which is called after every iteration.
@@ -53,13 +53,16 @@ pub fn fit(
     loss: &dyn Fn(&Var, &Var) -> Result<Var>,
     mut each: impl FnMut(FitState<'_>) -> Result<()>,
 ) -> Result<Params> {
-    let faces = field.faces();
+    let faces = (smoothness > 0.0).then(|| field.faces());
     for iteration in iterations {
         let tape = Tape::new();
         let bound = params.bind(&tape);
         let opacity = field.opacity(&bound)?;
         let loss = loss(&opacity, &field.colour(&bound)?)?;
-        let whole = if smoothness > 0.0 { &loss + &(faces.area(&opacity)? * smoothness) } else { loss.clone() };
+        let whole = match &faces {
+            Some(faces) => &loss + &(faces.area(&opacity)? * smoothness),
+            None => loss.clone(),
+        };
         let gradients = bound.gradients(&whole.backward()?)?;
         adam.step(&mut params, &gradients)?;
         field.fill_inside(&mut params)?;

@@ -10,12 +10,12 @@
 //! [`temporal`] is the field that moves: one network bends the coordinates of every frame into those of the first.
 
 mod dense;
+mod faces;
 mod fit;
 mod hull;
 mod inflate;
 mod occupancy;
 mod radiance;
-mod faces;
 mod solid;
 mod static_fit;
 mod static_step;

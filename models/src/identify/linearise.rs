@@ -154,8 +154,9 @@ impl Problem<'_> {
         let count = free.list(&self.law).len();
         let mut total = Linearised::zero(count);
         let share = 1.0 / frames.max(1) as f64;
+        let looks = [self.particles.opacity(self.dtype)?, self.particles.colour(self.dtype)?];
         for frame in 0..frames {
-            let drawn = self.drawn(&moved, frame)?;
+            let drawn = self.drawn(&moved, &looks, frame)?;
             let parts = match self.dtype {
                 DType::F64 => self.pictures::<f64>(frame, &drawn, count, share),
                 _ => self.pictures::<f32>(frame, &drawn, count, share),
@@ -268,10 +269,6 @@ impl Problem<'_> {
     /// Positions at every frame, and what they are with each free unknown's coordinate moved by a share of the longest step that
     /// a search makes, to both sides.
     fn beside(&self, unknowns: &Unknowns, free: Free, schedule: Schedule, share: f64) -> Result<Moved> {
-        let at = |unknowns: &Unknowns| {
-            let tape = Tape::new();
-            Ok(self.motion(&tape, &unknowns.constants(&tape, self.dtype)?, schedule)?.value()?.clone())
-        };
         let here = unknowns.coordinates(&self.law, free);
         let longest = Plausible::new(&self.law, free).longest_step(unknowns);
         let both = |k: usize| {
@@ -279,28 +276,19 @@ impl Problem<'_> {
             let moved = |sign: f64| {
                 let mut there = here.clone();
                 there[k] += sign * far;
-                at(&unknowns.moved(&self.law, free, &there))
+                self.positions_at(&unknowns.moved(&self.law, free, &there), schedule)
             };
             Ok(([moved(-1.0)?, moved(1.0)?], far))
         };
         let along = Along::Secants((0..here.len()).map(both).collect::<Result<_>>()?);
-        Ok(Moved { motion: at(unknowns)?, along })
+        Ok(Moved { motion: self.positions_at(unknowns, schedule)?, along })
     }
 
-    /// The pixels of a frame, `[rays, 4]`, and how they change along each unknown, `[rays, unknowns, 4]`.
-    fn drawn(&self, moved: &Moved, frame: usize) -> Result<(Tensor, Tensor)> {
-        let (opacity, colour) = (self.particles.opacity(self.dtype)?, self.particles.colour(self.dtype)?);
-        let settings = Splat { spacing: 2.0 * self.particles.spacing, particle_spacing: self.particles.spacing };
+    /// The pixels of a frame of particles of this opacity and colour, `[rays, 4]`, and how they change along each unknown, `[rays, unknowns, 4]`.
+    fn drawn(&self, moved: &Moved, [opacity, colour]: &[Tensor; 2], frame: usize) -> Result<(Tensor, Tensor)> {
+        let (rays, settings) = (&self.observed.rays, Splat::of(self.particles));
         let draw = |motion: &Tensor, directions: &[Tensor]| {
-            render_jvp(
-                &row(motion, frame),
-                directions,
-                &opacity,
-                &colour,
-                &self.observed.rays,
-                &settings,
-                &self.surface,
-            )
+            render_jvp(&row(motion, frame), directions, opacity, colour, rays, &settings, &self.surface)
         };
         match &moved.along {
             Along::Tangents(tangents) => {

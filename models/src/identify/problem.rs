@@ -212,11 +212,14 @@ impl<'a> Problem<'a> {
     /// What the rollout returns.
     pub fn positions(&self, unknowns: &Unknowns) -> Result<Tensor> {
         let frames = self.observed.targets.len();
-        self.with_step(unknowns, frames, &mut 0, &mut |_| (), &mut |schedule| {
-            let tape = Tape::new();
-            let frozen = unknowns.constants(&tape, self.dtype)?;
-            Ok(self.motion(&tape, &frozen, schedule)?.value()?.clone())
-        })
+        self.with_step(unknowns, frames, &mut 0, &mut |_| (), &mut |schedule| self.positions_at(unknowns, schedule))
+    }
+
+    /// The same with this schedule.
+    pub(super) fn positions_at(&self, unknowns: &Unknowns, schedule: Schedule) -> Result<Tensor> {
+        let tape = Tape::new();
+        let frozen = unknowns.constants(&tape, self.dtype)?;
+        Ok(self.motion(&tape, &frozen, schedule)?.value()?.clone())
     }
 
     /// What gravity adds to a velocity in half a substep, `[3]` \[m/s\].
@@ -260,8 +263,7 @@ impl<'a> Problem<'a> {
     /// # Errors
     /// What the renderer returns.
     pub fn render(&self, positions: &Var, opacity: &Var, colour: &Var, rays: &Arc<Rays>) -> Result<Var> {
-        let splat = Splat { spacing: 2.0 * self.particles.spacing, particle_spacing: self.particles.spacing };
-        render(positions, opacity, colour, rays, &splat, &self.surface)
+        render(positions, opacity, colour, rays, &Splat::of(self.particles), &self.surface)
     }
 
     /// Loss and gradient in the coordinates of the free unknowns, on the tape; with what implausible parameters cost.

@@ -55,7 +55,7 @@ pub fn render_jvp(
     let tape = Tape::new();
     let [x, opacity, colour] = [positions, opacity, colour].map(|tensor| tape.constant(tensor.clone()));
     let (grid, lattice) = splat(&x, &opacity, &colour, settings)?;
-    let grid = if surface.sharpening > 0.0 { sharpen(&grid, lattice, surface.sharpening)? } else { grid };
+    let grid = sharpen(&grid, lattice, surface.sharpening)?;
     let weight = &opacity * (settings.particle_spacing / settings.spacing).powi(3);
     let values = weight.concat(&[&(&weight * &colour)], 1);
     let (grid, values) = (grid.value()?, values.value()?);

@@ -56,6 +56,6 @@ pub fn render(
     surface: &Surface,
 ) -> Result<Var> {
     let (grid, lattice) = splat(positions, opacity, colour, settings)?;
-    let grid = if surface.sharpening > 0.0 { sharpen(&grid, lattice, surface.sharpening)? } else { grid };
+    let grid = sharpen(&grid, lattice, surface.sharpening)?;
     march(&grid, lattice, rays, surface)
 }

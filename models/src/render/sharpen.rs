@@ -14,7 +14,8 @@ use rayon::prelude::*;
 /// # Errors
 /// [`ErrorKind::Shape`] when the grid is not one of the lattice.
 pub fn sharpen(grid: &Var, lattice: Lattice, share: f64) -> Result<Var> {
-    grid.apply(Sharpen { lattice, share }, &[])
+    // nothing to do is no node
+    if share == 0.0 { Ok(grid.clone()) } else { grid.apply(Sharpen { lattice, share }, &[]) }
 }
 
 #[derive(Debug)]

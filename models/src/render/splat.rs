@@ -3,6 +3,8 @@
 use gradreel::ops::Lattice;
 use gradreel::{Error, ErrorKind, Result, Var};
 
+use crate::particles::Particles;
+
 /// How particles are spread.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Splat {
@@ -10,6 +12,13 @@ pub struct Splat {
     pub spacing: f64,
     /// Distance between neighbouring particles at rest \[m\]; decides how many share a cell.
     pub particle_spacing: f64,
+}
+
+impl Splat {
+    /// To the grid of the simulation, of twice the spacing of the particles.
+    pub fn of(particles: &Particles) -> Self {
+        Self { spacing: 2.0 * particles.spacing, particle_spacing: particles.spacing }
+    }
 }
 
 /// Spreads particles to a grid that covers them with a margin of one cell.
