@@ -8,7 +8,7 @@ use crate::cli::film::FilmArguments;
 use crate::cli::imagine::{self, ImagineArguments};
 use crate::cli::output::say;
 use crate::field::{bounding_sphere, hull};
-use crate::identify::{Config, Reconstruction, Run, half_of_imagined, reconstruct};
+use crate::identify::{Candidate, Config, Reconstruction, Run, half_of_imagined, reconstruct};
 use crate::monocular;
 use crate::report::interrupt;
 use crate::report::progress::Progress;
@@ -232,9 +232,10 @@ pub(super) fn open(path: &Path, config: &Config) -> Result<Clip> {
 fn summarise(found: &Reconstruction, run: &Run) {
     say!();
     if !run.state.candidates.is_empty() {
-        say!("  family            loss of frames fitted   of frames foretold");
+        say!("  family            loss of frames fitted   of frames foretold   of all");
         for candidate in &run.state.candidates {
-            say!("  {:<16} {:>22.5} {:>20.5}", candidate.family, candidate.seen, candidate.foretold);
+            let Candidate { family, seen, foretold, all, .. } = candidate;
+            say!("  {family:<16} {seen:>22.5} {foretold:>20.5} {all:>8.5}");
         }
         say!("  chosen: {}\n", run.config.material.name);
     }

@@ -192,8 +192,12 @@ pub struct EstimateConfig {
     pub first: usize,
     /// Gauss–Newton steps at most from there, and half as many in each round; half the evaluations of a descent.
     pub fine: usize,
-    /// Rounds at most of fitting the shape to the whole motion and the material to the new shape.
+    /// Rounds at most of fitting the shape to the whole motion and the material to the new shape; one more, if there are any, is of
+    /// the early frames.
     pub rounds: usize,
+    /// The share of the frames in contact that the first searches see of a body that keeps its shape; 1 for all of them. How it
+    /// lands tells its stiffness; how it bounces and rolls on hangs on the smallest errors, and misleads a search from afar.
+    pub early: f64,
     /// Gauss–Newton steps at most on a grid of twice the spacing, which shows how much the grid matters.
     pub coarse: usize,
     /// Gauss–Newton steps at most to the most probable material, where what the clip hardly shows is pulled to the middle of
@@ -211,6 +215,7 @@ impl Default for EstimateConfig {
             first: 3,
             fine: 5,
             rounds: 1,
+            early: 0.4,
             coarse: 4,
             weigh: 3,
         }
@@ -285,6 +290,7 @@ impl Config {
             ((0.01..=1.0).contains(&self.world.cfl), "world.cfl", "0.01 to 1"),
             ((0.0..=1e4).contains(&self.world.least_speed), "world.least_speed", "0 to 10000 m/s"),
             (self.world.memory_mib >= 16, "world.memory_mib", "at least 16 MiB"),
+            (fraction(self.estimate.early), "estimate.early", "0 to 1"),
             (self.imagine.steps.is_none_or(|n| (1..=1000).contains(&n)), "imagine.steps", "1 to 1000"),
             (self.imagine.guidance.is_none_or(f64::is_finite), "imagine.guidance", "a number"),
             (self.weights.colour >= 0.0 && positive(self.weights.coverage), "weights", "not negative"),

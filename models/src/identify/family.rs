@@ -1,4 +1,4 @@
-//! Which family of materials it is, when nobody said: each is fitted to the first frames and has to foretell the others.
+//! Which family of materials it is, when nobody said: each is fitted to the first frames, and has to agree with all of them.
 
 use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
@@ -21,21 +21,20 @@ pub struct Candidate {
     pub seen: f64,
     /// The mean loss of the frames after those.
     pub foretold: f64,
+    /// The mean loss of all frames.
+    #[serde(default)]
+    pub all: f64,
 }
 
-/// A family with fewer parameters is preferred as long as its loss is at most this much larger: those that contain it (a
-/// plasticine that hardly yields is a rubber) can imitate it.
-const PARSIMONY: f64 = 1.1;
+/// What a parameter must be worth: a family with one more is chosen if its loss is smaller by this factor. Those that contain
+/// another (a plasticine that hardly yields is a rubber) can imitate it.
+const PARSIMONY: f64 = 1.05;
 
-/// The candidate to go on with: the one that foretells best, or a simpler one that does nearly as well. `parameters` tells how
-/// many of a family's are searched.
+/// The candidate to go on with: the one of least loss over all frames for the number of its parameters, which `parameters` tells. Frames
+/// that it was fitted to count as well as those that it foretold: a law that cannot even fit them is not that of the object.
 pub fn choose(candidates: &[Candidate], parameters: impl Fn(&str) -> usize) -> Option<&Candidate> {
-    let sound = || candidates.iter().filter(|candidate| candidate.foretold.is_finite());
-    let best = sound().map(|candidate| candidate.foretold).fold(f64::INFINITY, f64::min);
-    sound().filter(|candidate| candidate.foretold <= PARSIMONY * best).min_by(|a, b| {
-        let size = |candidate: &Candidate| parameters(&candidate.family);
-        size(a).cmp(&size(b)).then(a.foretold.total_cmp(&b.foretold))
-    })
+    let price = |candidate: &Candidate| candidate.all * PARSIMONY.powi(parameters(&candidate.family) as i32);
+    candidates.iter().filter(|candidate| candidate.all.is_finite()).min_by(|a, b| price(a).total_cmp(&price(b)))
 }
 
 impl Stages<'_> {
@@ -61,7 +60,7 @@ impl Stages<'_> {
             let (first, all) = (loss(seen)?, loss(frames)?);
             let rest = (frames - seen).max(1) as f64;
             let foretold = ((all * frames as f64 - first * seen as f64) / rest).min(f64::MAX);
-            candidates.push(Candidate { family: family.to_owned(), unknowns, seen: first, foretold });
+            candidates.push(Candidate { family: family.to_owned(), unknowns, seen: first, foretold, all });
         }
         let searched = |law: Law| law.parameters().iter().filter(|p| published(&law, p).is_none()).count();
         let size = |family: &str| law_of(family).map_or(usize::MAX, searched);
@@ -70,7 +69,9 @@ impl Stages<'_> {
                 .fix("check the size of the object and the ground with `gradreel check`"));
         };
         let family = winner.family.clone();
-        run.note(format!("the family was chosen by how well each foretold frames {seen} to {}: {family}", frames - 1));
+        run.note(format!(
+            "the family was chosen by how well each, fitted to the frames before {seen}, agrees with all: {family}"
+        ));
         // what the run has found so far is of the material that its file names
         run.state.unknowns = Some(winner.unknowns.clone());
         run.config.material = MaterialConfig { name: family, ..MaterialConfig::default() };
@@ -86,16 +87,20 @@ mod tests {
 
     #[test]
     fn the_best_wins_unless_a_simpler_one_does_nearly_as_well() {
-        let candidate = |family: &str, foretold| Candidate {
+        let candidate = |family: &str, all| Candidate {
             family: family.into(),
             unknowns: Unknowns::default(),
-            seen: 0.1,
-            foretold,
+            seen: all,
+            foretold: all,
+            all,
         };
         let size = |family: &str| family.len();
-        let three = [candidate("longest", 0.100), candidate("long", 0.105), candidate("s", 0.2)];
+        let three = [candidate("longer", 0.100), candidate("long", 0.109), candidate("s", 0.2)];
+        // two parameters more are worth a tenth, five more not a half
         assert_eq!(choose(&three, size).unwrap().family, "long");
-        assert_eq!(choose(&three[..1], size).unwrap().family, "longest");
+        assert_eq!(choose(&three[..1], size).unwrap().family, "longer");
+        let two = [candidate("longer", 0.100), candidate("long", 0.112)];
+        assert_eq!(choose(&two, size).unwrap().family, "longer");
         assert!(choose(&[candidate("s", f64::NAN)], size).is_none());
     }
 }

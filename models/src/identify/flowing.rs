@@ -25,7 +25,7 @@ use crate::render::Surface;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FlowingConfig {
-    /// Names of the laws whose bodies flow; none while the family is still to be chosen, so that pictures are alike.
+    /// Names of the laws whose bodies flow.
     pub laws: Vec<String>,
     /// How occupancy becomes opacity. The grid's blur loses thin rims: with the true particles of a pile of sand, the angle of
     /// friction that fits best was 3 degrees too small.
@@ -69,9 +69,10 @@ impl FlowingConfig {
 }
 
 impl Config {
-    /// Whether a body of this law flows.
+    /// Whether a body of this law flows, or is treated alike because the family is still to be chosen: pictures that differ cannot be
+    /// compared.
     pub fn flows(&self, law: &Law) -> bool {
-        !self.chooses_family() && self.flowing.laws.iter().any(|name| name == law.name())
+        self.chooses_family() || self.flowing.laws.iter().any(|name| name == law.name())
     }
 
     /// How occupancy becomes opacity in a body of this law.
@@ -92,5 +93,11 @@ impl Config {
     /// Gauss–Newton steps at most of the search for the material of this law; half as many in each round.
     pub fn fine_of(&self, law: &Law) -> usize {
         if self.flows(law) { self.flowing.fine } else { self.estimate.fine }
+    }
+
+    /// The frames that the first searches for the material of this law see, of so many in all, which touch the ground from `contact` on.
+    pub fn early_of(&self, law: &Law, contact: usize, frames: usize) -> usize {
+        let early = contact as f64 + self.estimate.early * frames.saturating_sub(contact) as f64;
+        if self.flows(law) { frames } else { (early.ceil() as usize).clamp(1, frames) }
     }
 }

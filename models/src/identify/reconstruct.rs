@@ -75,25 +75,26 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     }
     let law = run.config.law()?;
     let stages = Stages { law: &law, ..stages };
-    if !run.state.candidates.is_empty() && run.config.flows(&law) {
-        // until now it was pictured as any other
-        stages.shape(run, "shape of what flows", iterations.div_ceil(2), flying)?;
+    if !run.state.candidates.is_empty() && !run.config.flows(&law) {
+        // until now it was treated as if it flowed
+        stages.shape(run, "shape of what stays", iterations, flying)?;
     }
+    let early = run.config.early_of(&law, flight, frames);
     match run.state.candidates.iter().find(|candidate| candidate.family == run.config.material.name) {
         Some(candidate) => unknowns = candidate.unknowns.clone(),
         None => {
             unknowns.parameters = run.config.starting_values(&law)?;
             let config = run.config.clone();
-            stages.explore(run, &config, "", frames, &mut unknowns)?;
+            stages.explore(run, &config, "", early, &mut unknowns)?;
         }
     }
     let effort = Effort { stage: MATERIAL, budget: run.config.fine_of(&law) };
-    stages.fine(run, &effort, frames, &mut unknowns)?;
+    stages.fine(run, &effort, early, &mut unknowns)?;
     if clip.flight.is_some() {
         let effort = Effort { stage: MOVING, ..effort };
-        stages.finer(run, &effort, frames, &mut unknowns)?;
+        stages.finer(run, &effort, early, &mut unknowns)?;
     }
-    stages.refine(run, frames, &mut unknowns)?;
+    stages.refine(run, [early, frames], &mut unknowns)?;
     stages.otherwise(run, frames, &unknowns)?;
     stages.weigh(run, frames, &mut unknowns)?;
     stages.intervals(run, frames, &unknowns)?;
@@ -110,8 +111,8 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
 enum Moved<'a> {
     /// In free flight, for the first frames.
     Flying { frames: usize, velocity: [f64; 3] },
-    /// As simulated, through all frames.
-    Simulated(&'a Unknowns),
+    /// As simulated, through the first frames.
+    Simulated { frames: usize, unknowns: &'a Unknowns },
 }
 
 /// What all stages share.
@@ -127,46 +128,74 @@ pub(super) struct Stages<'a> {
 }
 
 impl Stages<'_> {
-    /// In rounds, fits the voxels to all frames as the simulation moves them, and then the material once more. Ends after a
-    /// round that does not agree better with the clip than what was there before, and goes back to that.
-    fn refine(&self, run: &mut Run, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
-        let mut fitted = self.fitted().to_owned();
-        for round in 1..=run.config.estimate.rounds {
-            let shape = format!("shape in motion, round {round}");
-            let material = format!("{MATERIAL}, round {round}");
-            let (before, loss_before) = run.best_of(&fitted).unwrap_or((unknowns.clone(), f64::INFINITY));
-            // once some of the new shape is written there is nothing to keep
-            let reached = run.reached(&shape)?;
-            if !run.has_finished(&shape) && !reached.ended && reached.iterations == 0 {
-                run.keep_field()?;
+    /// In rounds, fits the voxels to the frames as the simulation moves them, and then the material once more: first to the early ones,
+    /// then to all. Ends after a round that does not agree better with the clip than what was there before, and goes back to that.
+    fn refine(&self, run: &mut Run, [early, all]: [usize; 2], unknowns: &mut Unknowns) -> Result<()> {
+        let (rounds, mut fitted) = (run.config.estimate.rounds, self.fitted().to_owned());
+        if early < all {
+            if rounds > 0 {
+                self.round(run, "early frames", early, &fitted, unknowns)?;
             }
-            let in_motion = run.config.geometry.fit.in_motion;
-            let no_help = match self.shape(run, &shape, in_motion, Moved::Simulated(&before)) {
-                Err(error) if matches!(error.kind(), ErrorKind::Physics | ErrorKind::NonFinite) => {
-                    Some(format!("the simulation breaks down: {error}"))
-                }
-                Err(error) => return Err(error),
-                Ok(()) => {
-                    // the new shape changes little
-                    let effort = Effort { stage: &material, budget: run.config.fine_of(self.law).div_ceil(2) };
-                    self.finer(run, &effort, frames, unknowns)?;
-                    let (_, loss_after) = run.best_of(&material).unwrap_or((before.clone(), f64::INFINITY));
-                    let numbers = || format!("loss {loss_after:.5} after, {loss_before:.5} before");
-                    (loss_after >= loss_before).then(numbers)
-                }
-            };
-            if let Some(why) = no_help {
-                run.restore_field()?;
-                *unknowns = before;
-                run.state.unknowns = Some(unknowns.clone());
-                run.note(format!(
-                    "round {round} of fitting shape and material did not help ({why}): what was there before was kept"
-                ));
-                return run.save();
+            let effort = Effort { stage: LATER, budget: run.config.fine_of(self.law) };
+            self.finer(run, &effort, all, unknowns)?;
+            fitted = LATER.to_owned();
+        }
+        for round in 1..=rounds {
+            match self.round(run, &format!("round {round}"), all, &fitted, unknowns)? {
+                Some(material) => fitted = material,
+                None => break,
             }
-            fitted = material;
         }
         Ok(())
+    }
+
+    /// One round after the stage `fitted`, and the stage that ended it; nothing if it did not help.
+    fn round(
+        &self,
+        run: &mut Run,
+        round: &str,
+        frames: usize,
+        fitted: &str,
+        unknowns: &mut Unknowns,
+    ) -> Result<Option<String>> {
+        let shape = format!("shape in motion, {round}");
+        let material = format!("{MATERIAL}, {round}");
+        let (before, loss_before) = run.best_of(fitted).unwrap_or((unknowns.clone(), f64::INFINITY));
+        self.keep_before(run, &shape)?;
+        let in_motion = run.config.geometry.fit.in_motion;
+        let no_help = match self.shape(run, &shape, in_motion, Moved::Simulated { frames, unknowns: &before }) {
+            Err(error) if matches!(error.kind(), ErrorKind::Physics | ErrorKind::NonFinite) => {
+                format!("the simulation breaks down: {error}")
+            }
+            Err(error) => return Err(error),
+            Ok(()) => {
+                // the new shape changes little
+                let effort = Effort { stage: &material, budget: run.config.fine_of(self.law).div_ceil(2) };
+                self.finer(run, &effort, frames, unknowns)?;
+                let (_, loss_after) = run.best_of(&material).unwrap_or((before.clone(), f64::INFINITY));
+                if loss_after < loss_before {
+                    return Ok(Some(material));
+                }
+                format!("loss {loss_after:.5} after, {loss_before:.5} before")
+            }
+        };
+        run.restore_field()?;
+        *unknowns = before;
+        run.state.unknowns = Some(unknowns.clone());
+        run.note(format!(
+            "fitting shape and material to their motion did not help ({round}; {no_help}): what was there before was kept"
+        ));
+        run.save()?;
+        Ok(None)
+    }
+
+    /// Keeps the voxels as they are before a stage changes them; once some of the new shape is written there is nothing to keep.
+    fn keep_before(&self, run: &Run, stage: &str) -> Result<()> {
+        let reached = run.reached(stage)?;
+        if run.has_finished(stage) || reached.ended || reached.iterations > 0 {
+            return Ok(());
+        }
+        run.keep_field()
     }
 
     /// Fits the voxels to some frames, moved as the stage says; starts from the hull if there is no field yet.
@@ -186,13 +215,13 @@ impl Stages<'_> {
             (true, 0) => self.hull(run)?,
             _ => run.load_field(&mut adam)?,
         };
-        if matches!(moved, Moved::Simulated(_)) && reached.iterations == 0 {
+        if matches!(moved, Moved::Simulated { .. }) && reached.iterations == 0 {
             (field, params) = field.pruned(&params, run.config.geometry.least_opacity)?;
         }
         let particles = Particles::of_field(&field, &params, 0.0)?;
         let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
         let (problem, unknowns, frames) = match moved {
-            Moved::Simulated(unknowns) => (problem, unknowns.clone(), self.observed.targets.len()),
+            Moved::Simulated { frames, unknowns } => (problem, unknowns.clone(), frames),
             Moved::Flying { frames, velocity } => {
                 let parameters = run.config.starting_values(self.law)?;
                 (problem.flying(), Unknowns { velocity, parameters, ..Unknowns::default() }, frames)
@@ -314,6 +343,9 @@ pub(crate) fn describe(law: &Law, unknowns: &Unknowns) -> String {
 
 /// The stage that first estimates the whole material.
 pub(super) const MATERIAL: &str = "material";
+
+/// The stage that first estimates it from all frames, where the one before saw fewer.
+const LATER: &str = "material, all frames";
 
 /// How much deeper than wide an object may be of which views were imagined.
 const DEEPER: f64 = 1.5;
