@@ -28,7 +28,7 @@ pub struct Candidate {
 
 /// What a parameter must be worth: a family with one more is chosen if its loss is smaller by this factor. Those that contain
 /// another (a plasticine that hardly yields is a rubber) can imitate it.
-const PARSIMONY: f64 = 1.05;
+const PARSIMONY: f64 = 1.075;
 
 /// The candidate to go on with: the one of least loss over all frames for the number of its parameters, which `parameters` tells. Frames
 /// that it was fitted to count as well as those that it foretold: a law that cannot even fit them is not that of the object.
@@ -96,10 +96,10 @@ mod tests {
         };
         let size = |family: &str| family.len();
         let three = [candidate("longer", 0.100), candidate("long", 0.109), candidate("s", 0.2)];
-        // two parameters more are worth a tenth, five more not a half
+        // two parameters more are worth a seventh, five more not a half
         assert_eq!(choose(&three, size).unwrap().family, "long");
         assert_eq!(choose(&three[..1], size).unwrap().family, "longer");
-        let two = [candidate("longer", 0.100), candidate("long", 0.112)];
+        let two = [candidate("longer", 0.100), candidate("long", 0.117)];
         assert_eq!(choose(&two, size).unwrap().family, "longer");
         assert!(choose(&[candidate("s", f64::NAN)], size).is_none());
     }
