@@ -79,7 +79,8 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
         // until now it was treated as if it flowed
         stages.shape(run, "shape of what stays", iterations, flying)?;
     }
-    let early = run.config.early_of(&law, flight, frames);
+    // a single camera tells the velocity by all frames, and by the early ones little
+    let early = if clip.cameras.len() > 1 { run.config.early_of(&law, flight, frames) } else { frames };
     match run.state.candidates.iter().find(|candidate| candidate.family == run.config.material.name) {
         Some(candidate) => unknowns = candidate.unknowns.clone(),
         None => {
