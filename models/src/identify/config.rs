@@ -195,9 +195,8 @@ pub struct EstimateConfig {
     /// Rounds at most of fitting the shape to the whole motion and the material to the new shape; one more, if there are any, is of
     /// the early frames.
     pub rounds: usize,
-    /// The share of the frames in contact that the first searches see of a body that keeps its shape and that several cameras
-    /// filmed; 1 for all of them. How it
-    /// lands tells its stiffness; how it bounces and rolls on hangs on the smallest errors, and misleads a search from afar.
+    /// The share of the frames in contact that the first searches see of an elastic body that several cameras filmed; 1 for all of
+    /// them. How it lands tells its stiffness; how it bounces and rolls on hangs on the smallest errors, and misleads a search from afar.
     pub early: f64,
     /// Gauss–Newton steps at most on a grid of twice the spacing, which shows how much the grid matters.
     pub coarse: usize,

@@ -98,6 +98,6 @@ impl Config {
     /// The frames that the first searches for the material of this law see, of so many in all, which touch the ground from `contact` on.
     pub fn early_of(&self, law: &Law, contact: usize, frames: usize) -> usize {
         let early = contact as f64 + self.estimate.early * frames.saturating_sub(contact) as f64;
-        if self.flows(law) { frames } else { (early.ceil() as usize).clamp(1, frames) }
+        if self.flows(law) || !law.is_elastic() { frames } else { (early.ceil() as usize).clamp(1, frames) }
     }
 }

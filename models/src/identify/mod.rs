@@ -9,7 +9,7 @@
 //!    move, then by Gauss–Newton;
 //! 3. **family**: if it was not said, which of them foretells the frames that it was not fitted to;
 //! 4. **material**: a scan of what is plausible, Gauss–Newton from the best of it, and on from the best of these, all on the frames
-//!    around the contact where the body keeps its shape; then, in rounds, the voxels are fitted to the motion and the material to the
+//!    around the contact where the body is elastic; then, in rounds, the voxels are fitted to the motion and the material to the
 //!    new shape, of these frames first, then of all; of what a single camera saw fall the velocity is fitted again with
 //!    the material, from the pixels after the contact;
 //! 5. **otherwise**: what the material would be on a grid of twice the spacing and, where a single camera made the shape, of a

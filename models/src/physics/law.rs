@@ -1,5 +1,6 @@
 //! A material, traced: the programs that a substep runs over blocks of particles.
 
+use std::cell::Cell;
 use std::sync::{Arc, OnceLock};
 
 use gradreel::scalar::{Lanes, Mat3, Program, Scalar};
@@ -36,6 +37,7 @@ pub struct Law {
     material: Arc<dyn Material>,
     parameters: Vec<Parameter>,
     history: Vec<History>,
+    elastic: bool,
     law: Program,
     forward: Program,
     reverse: Program,
@@ -78,20 +80,23 @@ impl Law {
             let mut named = names.iter().chain(&remembered).copied().zip(values.iter().copied());
             Given { values: named.by_ref().take(names.len()).collect(), history: named.collect(), dt }
         };
+        let elastic = Cell::new(false);
         let law = trace("law", &["dt"], "tau", &|x| {
             let (f, c) = (Mat3::from_slice(&x[..9]), Mat3::from_slice(&x[9..18]));
-            let Response { f, tau, history } = respond(&material, f, c, given(x[18], &x[19..]));
+            let Response { f, tau, history, returned } = respond(&material, f, c, given(x[18], &x[19..]));
+            elastic.set(!returned);
             [f.to_vec(), tau.to_vec(), history].concat()
         });
         let forward = trace("forward", &["dt", "scale", "mass"], "a", &|x| {
             let (f, c) = (Mat3::from_slice(&x[..9]), Mat3::from_slice(&x[9..18]));
-            let Response { f, tau, history } = respond(&material, f, c, given(x[18], &x[FIXED..]));
+            let Response { f, tau, history, .. } = respond(&material, f, c, given(x[18], &x[FIXED..]));
             [f.to_vec(), (c * x[20] - tau * x[19]).to_vec(), history].concat()
         });
         let wanted: Vec<usize> = (0..18).chain(20..FIXED + parameters.len() + history.len()).collect();
         let reverse = forward.vjp_wrt(&wanted);
-        let material = Arc::new(material);
-        Self { material, parameters, history, law, forward, reverse, tangent: Arc::default(), kernels: Arc::default() }
+        let (material, elastic) = (Arc::new(material), elastic.get());
+        let (tangent, kernels) = (Arc::default(), Arc::default());
+        Self { material, parameters, history, elastic, law, forward, reverse, tangent, kernels }
     }
 
     /// The material's name.
@@ -107,6 +112,18 @@ impl Law {
     /// What each particle remembers besides its deformation gradient, in order.
     pub fn history(&self) -> &[History] {
         &self.history
+    }
+
+    /// Whether its bodies remember their shape: there is no return map ([`Material::return_map`]).
+    ///
+    /// ```
+    /// use gradreel_models::physics::materials;
+    ///
+    /// assert!(materials::find("neo_hookean").unwrap().is_elastic());
+    /// assert!(!materials::find("von_mises").unwrap().is_elastic());
+    /// ```
+    pub fn is_elastic(&self) -> bool {
+        self.elastic
     }
 
     /// Whether inverted material has a finite stress; see [`Material::survives_inversion`].
@@ -253,20 +270,23 @@ struct Response {
     f: Mat3,
     tau: Mat3,
     history: Vec<Scalar>,
+    /// Whether the law has a return map.
+    returned: bool,
 }
 
 /// Trial deformation, return map, history, stress.
 #[track_caller]
 fn respond(material: &impl Material, previous: Mat3, c: Mat3, mut given: Given) -> Response {
     let trial = Point { f: (Mat3::eye() + c * given.dt) * previous, previous, c };
-    let f = material.return_map(&trial, &given).unwrap_or(trial.f);
+    let projected = material.return_map(&trial, &given);
+    let f = projected.unwrap_or(trial.f);
     let history = material.evolve(&trial, &given);
     let (found, wanted) = (history.len(), given.history.len());
     assert!(found == wanted, "{}: {found} history variables evolve, {wanted} are declared", material.name());
     for ((_, old), new) in given.history.iter_mut().zip(&history) {
         *old = *new;
     }
-    Response { f, tau: material.stress(&Point { f, ..trial }, &given), history }
+    Response { f, tau: material.stress(&Point { f, ..trial }, &given), history, returned: projected.is_some() }
 }
 
 /// The first `count` arrays of a buffer.
