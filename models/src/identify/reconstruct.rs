@@ -162,6 +162,13 @@ impl Stages<'_> {
         let shape = format!("shape in motion, {round}");
         let material = format!("{MATERIAL}, {round}");
         let (before, loss_before) = run.best_of(fitted).unwrap_or((unknowns.clone(), f64::INFINITY));
+        let undone = format!("{shape}: undone");
+        if run.has_finished(&undone) {
+            // later stages may have changed the voxels since
+            *unknowns = before;
+            return Ok(None);
+        }
+        let since = Instant::now();
         self.keep_before(run, &shape)?;
         let in_motion = run.config.geometry.fit.in_motion;
         let no_help = match self.shape(run, &shape, in_motion, Moved::Simulated { frames, unknowns: &before }) {
@@ -186,7 +193,7 @@ impl Stages<'_> {
         run.note(format!(
             "fitting shape and material to their motion did not help ({round}; {no_help}): what was there before was kept"
         ));
-        run.save()?;
+        run.finish(&undone, since)?;
         Ok(None)
     }
 
