@@ -21,6 +21,8 @@ pub enum Cell {
     Single,
     /// Reconstruction from the views as they were filmed
     Real,
+    /// The same, and the family of materials is not told
+    Auto,
     /// From one real view and imagined others, with the view-adaptive loss
     WithLva,
     /// The same, but all views count alike
@@ -37,9 +39,10 @@ pub enum Cell {
 
 impl Cell {
     /// All of them, in the order of the table.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Single,
         Self::Real,
+        Self::Auto,
         Self::WithLva,
         Self::WithoutLva,
         Self::Plain,
@@ -53,6 +56,7 @@ impl Cell {
         match self {
             Self::Single => "single",
             Self::Real => "real",
+            Self::Auto => "auto",
             Self::WithLva => "with_lva",
             Self::WithoutLva => "without_lva",
             Self::Plain => "plain",
@@ -67,6 +71,7 @@ impl Cell {
         match self {
             Self::Single => "one real view",
             Self::Real => "real views",
+            Self::Auto => "real views, family not told",
             Self::WithLva => "imagined views, with L_va",
             Self::WithoutLva => "imagined views, without L_va",
             Self::Plain => "imagined views, squared residuals alone",
@@ -78,7 +83,7 @@ impl Cell {
 
     /// Whether it reconstructs; it fits a temporal field otherwise.
     pub fn reconstructs(self) -> bool {
-        matches!(self, Self::Single | Self::Real | Self::WithLva | Self::WithoutLva | Self::Plain)
+        !matches!(self, Self::Time | Self::Bending | Self::Still)
     }
 }
 
@@ -99,6 +104,12 @@ pub struct AblationSettings {
 pub struct CellResult {
     /// Parameters and components of the velocity by name, in SI units.
     pub estimates: BTreeMap<String, f64>,
+    /// The ends of the 90 % intervals of those that have one.
+    #[serde(default)]
+    pub intervals: BTreeMap<String, [f64; 2]>,
+    /// The family of materials, or name of a law, where it was found.
+    #[serde(default)]
+    pub family: String,
     /// Their errors, where the truth is known: decades for magnitudes, a share of the true one for the velocity.
     pub errors: BTreeMap<String, f64>,
     /// How well pictures agree with those that were filmed.

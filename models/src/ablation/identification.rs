@@ -5,7 +5,7 @@ use std::path::Path;
 use gradreel::Result;
 
 use super::{AblationSettings, Cell, CellResult};
-use crate::identify::{Config, Run, reconstruct};
+use crate::identify::{Config, MaterialConfig, Run, reconstruct};
 use crate::monocular;
 use crate::report::progress::Progress;
 use crate::report::reconstruction::{publish, quantities};
@@ -22,6 +22,9 @@ impl AblationSettings {
         if matches!(cell, Cell::WithoutLva | Cell::Plain) {
             config.loss.views.alpha = 0.0;
         }
+        if cell == Cell::Auto {
+            config.material = MaterialConfig { name: "auto".into(), ..MaterialConfig::default() };
+        }
         if cell == Cell::Plain {
             config.loss.pixels.robust = false;
             config.loss.ranges.enabled = false;
@@ -37,7 +40,7 @@ impl AblationSettings {
                 monocular::sight(&mut seen, self.config.world.gravity)?;
                 seen
             }
-            Cell::Real => Clip { imagined: vec![false; clip.cameras.len()], ..clip.clone() },
+            Cell::Real | Cell::Auto => Clip { imagined: vec![false; clip.cameras.len()], ..clip.clone() },
             _ => self.perturbation.of(clip, self.primary_of(clip)),
         };
         let mut run = match folder.join("config.toml").is_file() {
@@ -47,7 +50,14 @@ impl AblationSettings {
         run.go_on(&seen)?;
         let found = reconstruct(&seen, &mut run, progress)?;
         let quality = publish(&found, &run, clip, progress)?;
-        let estimates = quantities(&found, &run).into_iter().map(|quantity| (quantity.name, quantity.value)).collect();
-        Ok(CellResult { estimates, quality, ..CellResult::default() })
+        let quantities = quantities(&found, &run);
+        let intervals = quantities.iter().filter_map(|quantity| Some((quantity.name.clone(), quantity.interval_90?)));
+        Ok(CellResult {
+            intervals: intervals.collect(),
+            family: run.config.material.name.clone(),
+            estimates: quantities.into_iter().map(|quantity| (quantity.name, quantity.value)).collect(),
+            quality,
+            ..CellResult::default()
+        })
     }
 }

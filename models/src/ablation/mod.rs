@@ -10,6 +10,7 @@ mod encoding;
 mod identification;
 mod perturbation;
 mod published;
+mod summary;
 mod table;
 mod truth;
 

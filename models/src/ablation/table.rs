@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 
 use serde::{Deserialize, Serialize};
 
+use super::summary::{held_by, summary};
 use super::{Cell, CellResult, Truth};
 use crate::identify::VELOCITY;
 use crate::physics::{Map, Parameter};
@@ -40,9 +41,10 @@ pub fn markdown(results: &[ClipResults]) -> String {
             text.push_str(&aligned(&encoded(&fits)));
         }
     }
+    text.push_str(&summary(results));
     text.push_str(
         "\nIn brackets: the error, in decades for what is known to an order of magnitude only, as a share of the true speed for \
-         the velocity.\nPSNR and IoU compare with all views as they were filmed.\n",
+         the velocity; ! where the 90 % interval does not hold the truth.\nPSNR and IoU compare with all views as they were filmed.\n",
     );
     text
 }
@@ -74,18 +76,23 @@ fn reconstructed(truth: Option<&Truth>, cells: &[(Cell, &CellResult)]) -> Vec<Ve
         rows.push(row);
     }
     for (cell, result) in cells {
-        let mut row = vec![cell.label().to_owned()];
+        let family = if *cell == Cell::Auto { format!(": {}", result.family.replace('_', "-")) } else { String::new() };
+        let mut row = vec![cell.label().to_owned() + &family];
         if let Some(why) = &result.failed {
             row.push(failure(why));
             rows.push(row);
             continue;
         }
+        let held = truth.map_or(Vec::new(), |truth| held_by(truth, result));
+        let missed = |name: &str| held.iter().any(|(other, holds)| other == name && !holds);
         for p in &parameters {
-            let error = |e: &f64| if p.map == Map::Log10 { format!(" ({e:+.2})") } else { format!(" ({e:+.3})") };
+            let mark = if missed(p.name) { " !" } else { "" };
+            let places = if p.map == Map::Log10 { 2 } else { 3 };
+            let error = |e: &f64| format!(" ({e:+.places$}{mark})");
             let value = result.estimates.get(p.name).map_or(String::new(), |value| readable(p, *value));
             row.push(value + &result.errors.get(p.name).map_or(String::new(), error));
         }
-        row.push(velocity(result));
+        row.push(velocity(result, if VELOCITY.iter().any(|name| missed(name)) { " !" } else { "" }));
         row.push(result.quality.get("psnr_on_object_db").map_or(String::new(), |x| format!("{x:.1} dB")));
         row.push(result.quality.get("silhouette_iou").map_or(String::new(), |x| format!("{x:.3}")));
         row.push(format!("{:.0} s", result.seconds));
@@ -102,7 +109,7 @@ fn encoded(cells: &[(Cell, &CellResult)]) -> Vec<Vec<String>> {
             Some(why) => row.push(failure(why)),
             None => {
                 row.push(result.quality.get("psnr_held_out_db").map_or(String::new(), |x| format!("{x:.1} dB")));
-                row.push(velocity(result));
+                row.push(velocity(result, ""));
                 row.push(format!("{:.0} s", result.seconds));
             }
         }
@@ -126,10 +133,10 @@ fn readable(parameter: &Parameter, value: f64) -> String {
     quantity.readable()
 }
 
-fn velocity(result: &CellResult) -> String {
+fn velocity(result: &CellResult, mark: &str) -> String {
     let found = VELOCITY.map(|name| result.estimates.get(name).copied());
     let [Some(x), Some(y), Some(z)] = found else { return String::new() };
-    let error = result.errors.get("velocity").map_or(String::new(), |e| format!(" ({:.1} %)", 100.0 * e));
+    let error = result.errors.get("velocity").map_or(String::new(), |e| format!(" ({:.1} %{mark})", 100.0 * e));
     vector([x, y, z]) + &error
 }
 
@@ -186,6 +193,9 @@ mod tests {
                 ("velocity_z", 0.0),
             ]),
             quality: numbers(&[("psnr_on_object_db", 21.26), ("silhouette_iou", 0.9)]),
+            intervals: [("young", [1e6, 1e7]), ("poisson", [0.1, 0.4]), ("velocity_y", [-1.1, -0.9])]
+                .map(|(name, ends)| (name.to_owned(), ends))
+                .into(),
             seconds: 3.4,
             ..CellResult::default()
         };
@@ -198,8 +208,9 @@ mod tests {
         for line in [
             "## bird (elastic)",
             "|                              | E               | ν              | velocity                   | PSNR    | IoU   | time |",
-            "| imagined views, with L_va    | 3.00 MPa (+1.00) | 0.250 (-0.050) | 0.00, -0.98, 0.00 m/s (2.0 %) | 21.3 dB | 0.900 | 3 s  |",
+            "| imagined views, with L_va    | 3.00 MPa (+1.00 !) | 0.250 (-0.050) | 0.00, -0.98, 0.00 m/s (2.0 %) | 21.3 dB | 0.900 | 3 s  |",
             "fails: it / broke",
+            "with L_va: the 90 % intervals of 2 of 3 numbers hold the truth, those of all numbers of a clip in 0 of 1 clips.",
             "17.0 dB",
         ] {
             let squeeze = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::identify::{FAMILIES, VELOCITY, law_of};
-use crate::physics::{Law, Map};
+use crate::physics::{Law, Map, Parameter};
 use crate::scenes::SceneFile;
 
 /// The truth about a clip.
@@ -85,6 +85,29 @@ impl Truth {
         law_of(&self.family)
     }
 
+    /// Where a search starts that is to find the truth from afar: magnitudes so many times below and above it in turn, the rest at
+    /// the end of what is plausible that is farther off; without those that `held` names.
+    pub fn off(&self, factor: f64, held: &[&str]) -> BTreeMap<String, f64> {
+        let law = self.law();
+        let searched = law.iter().flat_map(|law| law.parameters()).filter(|p| !held.contains(&p.name));
+        let known = searched.filter_map(|p| Some((p, *self.parameters.get(p.name)?)));
+        let mut far = 1.0 / factor;
+        let start = |(p, truth): (&Parameter, f64)| {
+            let [low, high] = p.prior;
+            let start = match p.map {
+                Map::Log10 => {
+                    let start = truth * far;
+                    far = 1.0 / far;
+                    start
+                }
+                _ if truth - low > high - truth => low,
+                _ => high,
+            };
+            (p.name.to_owned(), start)
+        };
+        known.map(start).collect()
+    }
+
     /// The errors of estimates by their names: decades for magnitudes, the parameter's unit for others; `velocity` is the
     /// length of the difference over that of the true velocity.
     pub fn errors(&self, estimates: &BTreeMap<String, f64>) -> BTreeMap<String, f64> {
@@ -122,6 +145,8 @@ mod tests {
         let symbols = serde_json::json!({"parameters": {"mu": 1e4, "kappa": 1e6, "tau_Y": 3e3, "eta": 10.0}});
         let truth = Truth::of_json(&symbols).unwrap();
         assert_eq!((truth.family.as_str(), truth.parameters["shear"], truth.velocity), ("non_newtonian", 1e4, None));
+        let off = truth.off(10.0, &["shear"]);
+        assert_eq!((off["bulk"], off["yield_stress"], off.get("shear")), (1e5, 3e4, None));
         let scene = "[time]\nduration_s = 0.5\n[grid]\nspacing_m = 0.04\n[ground]\n[materials.m]\nlaw = 'newtonian'\n\
                      density_kg_m3 = 1e3\nviscosity = 50.0\nbulk = 1e5\n[[objects]]\nmaterial = 'm'\nvelocity_m_s = [0.0, -2.0, 0.0]\n\
                      shape.sphere = { centre_m = [0.0, 0.3, 0.0], radius_m = 0.1 }\n";

@@ -74,6 +74,26 @@ fn the_tables_of_the_paper() {
 }
 
 #[test]
+fn clips_searched_from_afar() {
+    let scene = Scene::with_clip(&[0, 2, 5], 6);
+    scene.refuses("bench families clip --quick --out out", &["clip", "truth.json"]);
+    fs::copy(crate::scene::bundled().join("truth.json"), scene.path("clip/truth.json")).unwrap();
+    let printed = scene.succeeds("bench families clip --quick --off 100 --out out");
+    for part in ["real views", "numbers hold the truth", "of 1 clips"] {
+        assert!(printed.contains(part), "no {part:?} in\n{printed}");
+    }
+    let all: Value = serde_json::from_slice(&fs::read(scene.path("out/ablation.json")).unwrap()).unwrap();
+    let real = &all[0]["cells"]["real"];
+    assert_eq!(real["family"], "elastic");
+    assert!(real["intervals"]["young"][0].as_f64() < real["intervals"]["young"][1].as_f64(), "{real}");
+    let name = all[0]["clip"].as_str().unwrap();
+    let config = fs::read_to_string(scene.path(&format!("out/{name}/real/config.toml"))).unwrap();
+    assert!(config.contains("young = 3000.0"), "{config}");
+    let output = scene.run("bench families clip --quick --off 0.5");
+    assert!(text(&output.stderr).contains("a factor from 1 to 1000"), "{}", text(&output.stderr));
+}
+
+#[test]
 fn what_cannot_be_compared() {
     let scene = Scene::with_clip(&[0, 3], 2);
     scene.refuses("bench ablation clip --out out --quick", &["three cameras", "cameras 0, 3"]);

@@ -10,37 +10,65 @@ use crate::report::progress::Progress;
 use crate::report::run_folder::RunFolder;
 use crate::scenes::SceneFile;
 
-/// The scenes, in the order of the published table's materials.
-const SCENES: [(&str, &str); 5] = [
+/// The scenes, in the order of the published table's materials; a second one of each family after these.
+const SCENES: [(&str, &str); 10] = [
     ("newtonian", include_str!("../../../../examples/scenes/families/newtonian.toml")),
     ("non_newtonian", include_str!("../../../../examples/scenes/families/non_newtonian.toml")),
     ("elastic", include_str!("../../../../examples/scenes/families/elastic.toml")),
     ("plasticine", include_str!("../../../../examples/scenes/families/plasticine.toml")),
     ("sand", include_str!("../../../../examples/scenes/families/sand.toml")),
+    ("newtonian_2", include_str!("../../../../examples/scenes/families/newtonian_2.toml")),
+    ("non_newtonian_2", include_str!("../../../../examples/scenes/families/non_newtonian_2.toml")),
+    ("elastic_2", include_str!("../../../../examples/scenes/families/elastic_2.toml")),
+    ("plasticine_2", include_str!("../../../../examples/scenes/families/plasticine_2.toml")),
+    ("sand_2", include_str!("../../../../examples/scenes/families/sand_2.toml")),
 ];
 
-/// Grid spacing of the films \[m\], and substeps of each of their frames.
+/// Which films, and how fine.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Fineness {
-    spacing_m: f64,
-    substeps_per_frame: usize,
+pub(super) struct Films {
+    /// How many of the scenes.
+    count: usize,
+    /// Grid spacing \[m\]; that of the scenes' files, with their own step, if not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    spacing_m: Option<f64>,
 }
 
-/// The grid and step that reconstructions use.
-pub(super) const WHOLE: Fineness = Fineness { spacing_m: 0.02, substeps_per_frame: 200 };
-/// For a tiny budget.
-pub(super) const QUICK: Fineness = Fineness { spacing_m: 0.05, substeps_per_frame: 200 };
+/// Substeps of a frame where the spacing is not the scenes' own.
+const SUBSTEPS: usize = 200;
 
-/// Where the clips are.
-pub(super) fn places(folder: &RunFolder) -> Vec<PathBuf> {
-    SCENES.iter().map(|(name, _)| folder.path(&format!("films/{name}/clip"))).collect()
+impl Films {
+    /// A film of each family, with the grid and step that reconstructions use.
+    pub(super) const ONE_EACH: Self = Self { count: 5, spacing_m: Some(0.02) };
+    /// Two films of each family, alike.
+    pub(super) const TWO_EACH: Self = Self { count: 10, ..Self::ONE_EACH };
+
+    /// The same on a grid for a tiny budget.
+    pub(super) fn quick(self) -> Self {
+        Self { spacing_m: Some(0.05), ..self }
+    }
+
+    /// The same on the grid and with the step of the scenes' files, finer than those of reconstructions.
+    pub(super) fn fine(self) -> Self {
+        Self { spacing_m: None, ..self }
+    }
+
+    fn scenes(self) -> &'static [(&'static str, &'static str)] {
+        &SCENES[..self.count.min(SCENES.len())]
+    }
+
+    /// Where the clips are.
+    pub(super) fn places(self, folder: &RunFolder) -> Vec<PathBuf> {
+        self.scenes().iter().map(|(name, _)| folder.path(&format!("films/{name}/clip"))).collect()
+    }
 }
 
 /// Makes those that are not there yet.
-pub(super) fn make(folder: &RunFolder, fineness: Fineness, progress: &Progress) -> Result<()> {
-    let bar = progress.stage("films", SCENES.len() as u64);
-    for (number, (name, text)) in SCENES.iter().enumerate() {
+pub(super) fn make(folder: &RunFolder, films: Films, progress: &Progress) -> Result<()> {
+    let scenes = films.scenes();
+    let bar = progress.stage("films", scenes.len() as u64);
+    for (number, (name, text)) in scenes.iter().enumerate() {
         bar.set(number as u64, name);
         let [done, begun] = ["", ".partial"].map(|ending| folder.path(&format!("films/{name}{ending}")));
         if done.is_dir() {
@@ -51,8 +79,10 @@ pub(super) fn make(folder: &RunFolder, fineness: Fineness, progress: &Progress) 
             fs::remove_dir_all(&begun).map_err(|e| Error::io(&begun, "remove", &e))?;
         }
         let mut scene = SceneFile::parse(text)?;
-        scene.grid.spacing_m = fineness.spacing_m;
-        scene.time.substeps_per_frame = Some(fineness.substeps_per_frame);
+        if let Some(spacing) = films.spacing_m {
+            scene.grid.spacing_m = spacing;
+            scene.time.substeps_per_frame = Some(SUBSTEPS);
+        }
         crate::cli::simulate::film(scene, name, &begun)?;
         fs::rename(&begun, &done).map_err(|e| Error::io(&done, "write", &e))?;
     }

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
-use super::{AblationArguments, films};
+use super::AblationArguments;
+use super::films::{self, Films};
 use crate::ablation::{AblationSettings, Cell, CellResult, ClipResults, Published, Truth, markdown};
 use crate::cli::output::say;
 use crate::identify::Config;
@@ -26,9 +27,12 @@ struct Plan {
     /// The published table that this one is beside.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     published: Option<Published>,
-    /// Whether the clips are made here, and how coarse.
+    /// How many times off the truth searches start, if they do not start where they always do.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    films: Option<films::Fineness>,
+    off: Option<f64>,
+    /// Which clips are made here, if they are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    films: Option<Films>,
     settings: AblationSettings,
 }
 
@@ -39,8 +43,8 @@ pub(super) fn run(arguments: &AblationArguments) -> Result<()> {
     interrupt::install()?;
     let progress = Progress::new(arguments.common.quiet);
     let (plan, folder) = if arguments.common.resume { go_on(arguments)? } else { begin(arguments)? };
-    if let Some(fineness) = plan.films {
-        films::make(&folder, fineness, &progress).map_err(|error| with_way_on(error, &folder))?;
+    if let Some(wanted) = plan.films {
+        films::make(&folder, wanted, &progress).map_err(|error| with_way_on(error, &folder))?;
     }
     let mut results = Vec::new();
     for (number, path) in plan.clips.iter().enumerate() {
@@ -101,23 +105,33 @@ fn begin(arguments: &AblationArguments) -> Result<(Plan, RunFolder)> {
                 .fix("leave it out for the default"));
         }
     }
-    let films = arguments.clips.is_empty().then_some(if arguments.common.quick { films::QUICK } else { films::WHOLE });
-    let mut cells = if arguments.cells.is_empty() { Cell::ALL.to_vec() } else { arguments.cells.clone() };
+    let films = arguments.films.unwrap_or(Films::ONE_EACH);
+    let films = arguments.clips.is_empty().then_some(if arguments.common.quick { films.quick() } else { films });
+    let usual = Cell::ALL.into_iter().filter(|cell| *cell != Cell::Auto);
+    let mut cells = if arguments.cells.is_empty() { usual.collect() } else { arguments.cells.clone() };
     cells.sort();
     cells.dedup();
     let material_of_truth = arguments.material.is_none() && settings.config.material == Config::default().material;
     let clips = arguments.clips.iter().map(|path| path.canonicalize().unwrap_or_else(|_| path.clone())).collect();
-    let mut plan = Plan { clips, cells, material_of_truth, published: arguments.published, films, settings };
+    let AblationArguments { published, off, .. } = *arguments;
+    let mut plan = Plan { clips, cells, material_of_truth, published, off, films, settings };
     // clips that cannot be used leave no trace
     for path in &plan.clips {
-        open(path, &plan.settings_of(Truth::beside(path).as_ref()))?;
+        let truth = Truth::beside(path);
+        if off.is_some() && truth.is_none() {
+            return Err(Error::new(ErrorKind::Input, "nobody wrote down what the clip is made of")
+                .at(path.display())
+                .wanted("truth.json in its folder, or the scene.toml of the simulation that filmed it beside it")
+                .fix("write one like that of examples/clips/bird, or use `gradreel reconstruct`"));
+        }
+        open(path, &plan.settings_of(truth.as_ref()))?;
     }
     let folder = match &arguments.common.out {
         Some(folder) => RunFolder::create(folder)?,
         None => RunFolder::create_free(Path::new("runs"), "ablation")?,
     };
-    if films.is_some() {
-        plan.clips = films::places(&folder);
+    if let Some(films) = films {
+        plan.clips = films.places(&folder);
     }
     let text = toml::to_string_pretty(&plan).map_err(unwritable)?;
     folder.write(PLAN, text.as_bytes())?;
@@ -144,7 +158,12 @@ impl Plan {
     fn settings_of(&self, truth: Option<&Truth>) -> AblationSettings {
         let mut settings = self.settings.clone();
         if let (true, Some(truth)) = (self.material_of_truth, truth) {
-            settings.config.material.name.clone_from(&truth.family);
+            let material = &mut settings.config.material;
+            material.name.clone_from(&truth.family);
+            if let (Some(factor), Some(law)) = (self.off, truth.law()) {
+                let held = settings.config.held(&law).unwrap_or_default();
+                settings.config.material.start = truth.off(factor, &held);
+            }
         }
         settings
     }
