@@ -57,9 +57,12 @@ pub(super) struct Arguments {
     /// Density of the object [kg/m³]; a wrong one scales Young's modulus alike
     #[arg(long, value_name = "KG/M3", allow_negative_numbers = true, conflicts_with = "resume")]
     density: Option<f64>,
-    /// Height of the ground [m]
-    #[arg(long, value_name = "M", allow_negative_numbers = true, conflicts_with = "resume")]
-    ground: Option<f64>,
+    /// The object spins as it flies: find its initial angular velocity as well
+    #[arg(long, conflicts_with = "resume")]
+    spin: bool,
+    /// Height of the ground [m]; auto takes it to be where the object is seen lowest [default: 0; of a film, where the fall ends]
+    #[arg(long, value_name = "M|auto", value_parser = height, allow_negative_numbers = true, conflicts_with = "resume")]
+    ground: Option<Height>,
     /// Grid spacing of the simulation [m] [default: 0.02, or one that gives about ten thousand particles]
     #[arg(long, value_name = "M", allow_negative_numbers = true, conflicts_with = "resume")]
     dx: Option<f64>,
@@ -142,7 +145,12 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     arguments.imagine.apply(&mut config);
     config.clip.frames = arguments.frames.unwrap_or(config.clip.frames);
     config.world.density = arguments.density.unwrap_or(config.world.density);
-    config.world.ground = arguments.ground.unwrap_or(config.world.ground);
+    match arguments.ground {
+        Some(Height::Given(height)) => (config.world.ground, config.world.find_ground) = (height, false),
+        Some(Height::Found) => config.world.find_ground = true,
+        None => {}
+    }
+    config.estimate.spin |= arguments.spin;
     config.geometry.dx = arguments.dx.unwrap_or(config.geometry.dx);
     config.check()?;
     let law = config.law()?;
@@ -248,6 +256,20 @@ fn summarise(found: &Reconstruction, run: &Run) {
         say!("  {:<22} {:>12}   {known}", quantity.label, quantity.readable());
     }
     say!("\n  open {}", run.folder.path("index.html").display());
+}
+
+/// What is known of the height of the ground \[m\].
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Height {
+    Given(f64),
+    Found,
+}
+
+fn height(text: &str) -> std::result::Result<Height, String> {
+    match text {
+        "auto" => Ok(Height::Found),
+        number => number.parse().map(Height::Given).map_err(|e| format!("neither `auto` nor a height in metres: {e}")),
+    }
 }
 
 /// A number with its name, as in `young=1e4`.

@@ -24,6 +24,9 @@ pub(super) struct Arguments {
     /// Another initial velocity [m/s]
     #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, requires = "from")]
     velocity: Option<[f64; 3]>,
+    /// Another initial spin about its centre of mass [rad/s]
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, requires = "from")]
+    spin: Option<[f64; 3]>,
     /// Another gravity [m/s²], for example 0,-1.62,0 for the moon
     #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, requires = "from")]
     gravity: Option<[f64; 3]>,
@@ -52,6 +55,7 @@ pub(super) fn run(arguments: &Arguments, from: &Path, out: Option<&Path>, quiet:
     let changes = Changes {
         parameters: arguments.set.iter().cloned().collect(),
         velocity: arguments.velocity,
+        spin: arguments.spin,
         gravity: arguments.gravity,
         ground: arguments.ground,
     };

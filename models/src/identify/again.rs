@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use gradreel::{Error, ErrorKind, Result};
 
-use crate::identify::{Reconstruction, Run, VELOCITY};
+use crate::identify::{Reconstruction, Run, SPIN, VELOCITY};
 use crate::nearest::nearest;
 
 /// What is to be different from what a run has found; what is left out stays.
@@ -14,6 +14,8 @@ pub struct Changes {
     pub parameters: BTreeMap<String, f64>,
     /// Initial velocity \[m/s\].
     pub velocity: Option<[f64; 3]>,
+    /// Initial spin \[rad/s\].
+    pub spin: Option<[f64; 3]>,
     /// Gravity \[m/s²\].
     pub gravity: Option<[f64; 3]>,
     /// Height of the ground \[m\].
@@ -61,6 +63,13 @@ impl Changes {
             words.push(format!("v {velocity:?} m/s instead of {:.3?}", unknowns.velocity));
             unknowns.velocity = velocity;
         }
+        if let Some(spin) = self.spin {
+            if spin.iter().any(|w| !w.is_finite()) {
+                return Err(Error::new(ErrorKind::Input, "the spin is not finite").at("--spin"));
+            }
+            words.push(format!("ω {spin:?} rad/s instead of {:.3?}", unknowns.spin));
+            (unknowns.spin, config.estimate.spin) = (spin, true);
+        }
         if let Some(gravity) = self.gravity {
             words.push(format!("g {gravity:?} m/s² instead of {:?}", config.world.gravity));
             config.world.gravity = gravity;
@@ -76,6 +85,9 @@ impl Changes {
         found.given = self.parameters.keys().cloned().collect();
         if self.velocity.is_some() {
             found.given.extend(VELOCITY.map(str::to_owned));
+        }
+        if self.spin.is_some() {
+            found.given.extend(SPIN.map(str::to_owned));
         }
         found.changes.clone_from(&words);
         Ok(words)

@@ -99,10 +99,12 @@ impl Default for GeometryConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct WorldConfig {
-    /// Gravity \[m/s²\].
+    /// Gravity \[m/s²\]. On ground that is not level it does not point along −y, which is the ground's normal downwards.
     pub gravity: [f64; 3],
     /// Height of the sticky ground \[m\].
     pub ground: f64,
+    /// Whether the height is not known and is to be found: where the object is seen lowest.
+    pub find_ground: bool,
     /// Density of the object \[kg/m³\]. Motion shows stiffness per density only: a wrong density scales E alike.
     pub density: f64,
     /// Share of a grid cell that waves and particles may cross in a substep; stable up to about 1.
@@ -117,7 +119,15 @@ pub struct WorldConfig {
 
 impl Default for WorldConfig {
     fn default() -> Self {
-        Self { gravity: [0.0, -9.8, 0.0], ground: 0.0, density: 1000.0, cfl: 0.55, least_speed: 52.8, memory_mib: 1024 }
+        Self {
+            gravity: [0.0, -9.8, 0.0],
+            ground: 0.0,
+            find_ground: false,
+            density: 1000.0,
+            cfl: 0.55,
+            least_speed: 52.8,
+            memory_mib: 1024,
+        }
     }
 }
 
@@ -184,6 +194,8 @@ pub struct EstimateConfig {
     pub method: Method,
     /// Gauss–Newton steps at most for the velocity before contact, each time.
     pub velocity: usize,
+    /// Whether the object may spin: its initial angular velocity is searched with the velocity.
+    pub spin: bool,
     /// Materials tried for each free parameter, spread over what is plausible, besides the one to start from.
     pub scan: usize,
     /// The best of these from which a search goes out, if they lie apart and are alike good.
@@ -210,6 +222,7 @@ impl Default for EstimateConfig {
         Self {
             method: Method::GaussNewton,
             velocity: 10,
+            spin: false,
             scan: 6,
             starts: 2,
             first: 3,

@@ -2,8 +2,10 @@
 
 use crate::identify::Unknowns;
 use crate::identify::flight::displacement;
+use crate::identify::spin::Gyration;
 use crate::particles::Particles;
 use crate::physics::World;
+use crate::vector::EYE;
 
 /// The first frame in which a falling object, had it kept its shape, would be within one grid cell of the ground; the number
 /// of frames if it never is.
@@ -17,12 +19,13 @@ pub fn first_contact(
     frame_dt: f64,
     frames: usize,
 ) -> usize {
-    let solid = particles.positions.iter().zip(&particles.opacity).filter(|(_, opacity)| **opacity > 0.5);
-    let lowest = solid.map(|(x, _)| x[1]).fold(f64::INFINITY, f64::min) - 0.5 * particles.spacing;
-    (0..frames)
-        .find(|&frame| {
-            let fallen = displacement(unknowns.velocity, world.gravity, frame as f64 * frame_dt);
-            lowest + fallen[1] < ground + world.dx
-        })
-        .unwrap_or(frames)
+    let gyration = Gyration::of(particles);
+    let turned = if unknowns.spins() { gyration.turned(unknowns.spin, frame_dt, frames) } else { vec![EYE; frames] };
+    let touches = |(frame, turned): (usize, &_)| {
+        let solid = particles.positions.iter().zip(&particles.opacity).filter(|(_, opacity)| **opacity > 0.5);
+        let lowest = solid.map(|(x, _)| gyration.place(turned, *x)[1]).fold(f64::INFINITY, f64::min);
+        let fallen = displacement(unknowns.velocity, world.gravity, frame as f64 * frame_dt);
+        lowest - 0.5 * particles.spacing + fallen[1] < ground + world.dx
+    };
+    turned.iter().enumerate().position(touches).unwrap_or(frames)
 }

@@ -8,14 +8,14 @@ use serde::{Deserialize, Serialize};
 use crate::identify::fall::Fallen;
 use crate::identify::plausible::Plausible;
 use crate::identify::unknowns::Unknown;
-use crate::identify::{Free, Linearised, Unknowns, VELOCITY};
+use crate::identify::{Free, Linearised, SPIN, Unknowns, VELOCITY};
 use crate::physics::Law;
 use crate::video::Flight;
 
 /// What is known of one unknown.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Interval {
-    /// Name of the parameter, or `velocity_x`, `velocity_y`, `velocity_z`, `contact`.
+    /// Name of the parameter, or `velocity_x`, `spin_x` and so on, `contact`.
     pub name: String,
     /// Ends of the interval that holds the truth in nine of ten cases, in the unknown's unit.
     pub interval_90: [f64; 2],
@@ -59,6 +59,7 @@ pub fn intervals(
         let moved = at.moved(law, free, &x);
         match list[k] {
             Unknown::Velocity(axis) => moved.velocity[axis],
+            Unknown::Spin(axis) => moved.spin[axis],
             Unknown::Parameter(p) => moved.parameters[p],
             Unknown::Contact => moved.contact,
         }
@@ -66,6 +67,7 @@ pub fn intervals(
     let interval = |k: usize| Interval {
         name: match list[k] {
             Unknown::Velocity(axis) => VELOCITY[axis].to_owned(),
+            Unknown::Spin(axis) => SPIN[axis].to_owned(),
             Unknown::Parameter(p) => law.parameters()[p].name.to_owned(),
             Unknown::Contact => "contact".to_owned(),
         },

@@ -7,7 +7,8 @@ use crate::identify::flight::displacement;
 use crate::identify::penalty::add_penalty;
 use crate::identify::plausible::Plausible;
 use crate::identify::problem::is_stress;
-use crate::identify::unknowns::{Ground, Unknown};
+use crate::identify::spin::Gyration;
+use crate::identify::unknowns::Unknown;
 use crate::identify::{Free, Problem, Unknowns};
 use crate::physics::{Rollout, Schedule};
 use crate::render::trajectory::Middle;
@@ -123,8 +124,7 @@ impl Problem<'_> {
         substeps: &mut usize,
         notes: &mut dyn FnMut(String),
     ) -> Result<f64> {
-        let nothing = Free::Chosen { velocity: false, parameters: 0, contact: Ground::Held };
-        self.linearise(unknowns, nothing, frames, substeps, notes).map(|at| at.loss)
+        self.linearise(unknowns, Free::NOTHING, frames, substeps, notes).map(|at| at.loss)
     }
 
     /// The loss of the first `frames` frames, averaged over them, with its derivatives along the free unknowns.
@@ -229,23 +229,31 @@ impl Problem<'_> {
         let spread = |k: usize, value: f64| {
             tensor(if is_stress(&parameters[k]) { opacity.iter().map(|o| o * value).collect() } else { vec![value] })
         };
-        let early: Vec<f64> =
-            (0..3).map(|axis| unknowns.velocity[axis] - 0.5 * self.world.gravity[axis] * schedule.dt()).collect();
+        let list = free.list(&self.law);
+        let spins = unknowns.spins() || list.iter().any(|unknown| matches!(unknown, Unknown::Spin(_)));
+        let field = spins.then(|| self.spin_field()).transpose()?;
+        // of each particle if the body turns, `[3]` if all are alike
+        let velocity = |common: [f64; 3], spin: [f64; 3]| -> Result<Tensor> {
+            let Some(field) = &field else { return tensor(common.to_vec()) };
+            let field = field.to_vec()?;
+            let turning = |i: usize| (0..3).map(|axis| spin[axis] * field[axis * 3 * opacity.len() + i]).sum::<f64>();
+            let values = (0..3 * opacity.len()).map(|i| common[i % 3] + turning(i)).collect();
+            Tensor::from_vec(values, [opacity.len(), 3]).cast(self.dtype)
+        };
+        let early = std::array::from_fn(|k| unknowns.velocity[k] - 0.5 * self.world.gravity[k] * schedule.dt());
         let density = tensor(opacity.iter().map(|o| o * self.density).collect())?;
-        let mut inputs = vec![self.lowered(unknowns.contact)?, tensor(early)?, density];
+        let mut inputs = vec![self.lowered(unknowns.contact)?, velocity(early, unknowns.spin)?, density];
         for (k, &value) in unknowns.parameters.iter().enumerate() {
             inputs.push(spread(k, value)?);
         }
         let mut directions = Vec::new();
-        for unknown in free.list(&self.law) {
+        for &unknown in &list {
             let slope = unknowns.slope(&self.law, unknown);
+            let along = |axis: usize| std::array::from_fn(|k| if k == axis { slope } else { 0.0 });
             let mut direction = vec![None; inputs.len()];
             match unknown {
-                Unknown::Velocity(axis) => {
-                    let mut along = vec![0.0; 3];
-                    along[axis] = slope;
-                    direction[1] = Some(tensor(along)?);
-                }
+                Unknown::Velocity(axis) => direction[1] = Some(velocity(along(axis), [0.0; 3])?),
+                Unknown::Spin(axis) => direction[1] = Some(velocity([0.0; 3], along(axis))?),
                 Unknown::Parameter(k) => direction[3 + k] = Some(spread(k, slope)?),
                 Unknown::Contact => {
                     let lower = [0.0, -slope * self.world.dx, 0.0].repeat(opacity.len());
@@ -258,7 +266,7 @@ impl Problem<'_> {
         let (motion, mut tangents) = rollout.jvp(&inputs, &directions)?;
         // back up by as much as the simulation has the body lower
         let motion = raised(motion, unknowns.contact * self.world.dx);
-        for (tangent, unknown) in tangents.iter_mut().zip(free.list(&self.law)) {
+        for (tangent, unknown) in tangents.iter_mut().zip(list) {
             if unknown == Unknown::Contact {
                 *tangent = raised(tangent.clone(), unknowns.slope(&self.law, unknown) * self.world.dx);
             }
@@ -311,29 +319,55 @@ impl Problem<'_> {
         }
     }
 
-    /// The same in free flight, where only the velocity tells: `x₀ + v t + g t²/2`.
+    /// The same in free flight, where only velocity and spin tell: `c + R(t) (x₀ − c) + v t + g t²/2`.
     fn flight_tangents(&self, unknowns: &Unknowns, free: Free, schedule: Schedule) -> Result<(Tensor, Vec<Tensor>)> {
-        let shape = [schedule.frames, self.particles.len(), 3];
-        let moved = |of: &dyn Fn(f64, [f64; 3], usize) -> f64| {
-            let at = |frame: usize| frame as f64 * schedule.frame_dt;
-            let each = |frame| {
-                self.particles.positions.iter().flat_map(move |x| [0, 1, 2].map(|axis| of(at(frame), *x, axis)))
-            };
-            Tensor::from_vec((0..schedule.frames).flat_map(each).collect(), shape).cast(self.dtype)
-        };
+        let (frames, positions) = (schedule.frames, &self.particles.positions);
+        let tensor = |values: Vec<f64>| Tensor::from_vec(values, [frames, positions.len(), 3]).cast(self.dtype);
+        let turned = |spin| self.turned(spin, schedule).into_iter().flatten().flatten().collect::<Vec<f64>>();
+        let times = || (0..frames).flat_map(|frame| vec![frame as f64 * schedule.frame_dt; 3 * positions.len()]);
         let (v, g) = (unknowns.velocity, self.world.gravity);
-        let motion = moved(&|t, x, axis| x[axis] + displacement(v, g, t)[axis])?;
+        let fallen = times().enumerate().map(|(i, t)| displacement(v, g, t)[i % 3]);
+        let motion = tensor(turned(unknowns.spin).into_iter().zip(fallen).map(|(x, moved)| x + moved).collect())?;
         let tangent = |unknown| match unknown {
             Unknown::Velocity(along) => {
                 let slope = unknowns.slope(&self.law, unknown);
-                moved(&|t, _, axis| if axis == along { slope * t } else { 0.0 })
+                tensor(times().enumerate().map(|(i, t)| if i % 3 == along { slope * t } else { 0.0 }).collect())
             }
-            Unknown::Parameter(_) | Unknown::Contact => moved(&|_, _, _| 0.0),
+            Unknown::Spin(along) => {
+                // a short way to both sides: what turns is smooth, and exact to a part in 10⁸
+                let beside = |sign: f64| {
+                    let mut spin = unknowns.spin;
+                    spin[along] += sign * NEARBY;
+                    turned(spin)
+                };
+                let share = unknowns.slope(&self.law, unknown) / (2.0 * NEARBY);
+                tensor(beside(1.0).into_iter().zip(beside(-1.0)).map(|(high, low)| share * (high - low)).collect())
+            }
+            Unknown::Parameter(_) | Unknown::Contact => tensor(vec![0.0; 3 * frames * positions.len()]),
         };
         let tangents = free.list(&self.law).into_iter().map(tangent).collect::<Result<_>>()?;
         Ok((motion, tangents))
     }
+
+    /// The particles at each frame as far as they are turned, not as they fall.
+    pub(super) fn turned(&self, spin: [f64; 3], schedule: Schedule) -> Vec<Vec<[f64; 3]>> {
+        let (positions, frames) = (&self.particles.positions, schedule.frames);
+        if spin == [0.0; 3] {
+            return vec![positions.clone(); frames];
+        }
+        let gyration = Gyration::of(self.particles);
+        let turned = gyration.turned(spin, schedule.frame_dt, frames);
+        turned.iter().map(|turned| positions.iter().map(|x| gyration.place(turned, *x)).collect()).collect()
+    }
+
+    /// The velocities of all particles for a spin of 1 rad/s about each axis, `[3, 3 particles]` \[m/s\].
+    pub(super) fn spin_field(&self) -> Result<Tensor> {
+        Gyration::of(self.particles).velocities(self.particles, self.world.dx, self.dtype)
+    }
 }
+
+/// How far beside a spin its derivative is taken \[rad/s\].
+const NEARBY: f64 = 1e-4;
 
 /// A motion, and those beside it.
 struct Moved {

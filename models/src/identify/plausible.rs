@@ -82,6 +82,7 @@ impl<'a> Plausible<'a> {
                     }
                     continue;
                 }
+                Unknown::Spin(_) => continue,
             };
             let quarter = 0.25 * (high - low);
             let excess = ((value - high).max(0.0) + (value - low).min(0.0)) / quarter;
@@ -97,10 +98,11 @@ impl<'a> Plausible<'a> {
     }
 
     /// The standard deviation of each free unknown's coordinate before the clip was seen: the plausible range is taken as an
-    /// interval of 90 %, and a velocity may be 5 m/s.
+    /// interval of 90 %, and a velocity may be 5 m/s, a spin 20 rad/s.
     pub fn deviations(&self, at: &Unknowns) -> Vec<f64> {
         let deviation = |unknown| match unknown {
             Unknown::Velocity(_) => 5.0 / at.slope(self.law, unknown),
+            Unknown::Spin(_) => 20.0 / at.slope(self.law, unknown),
             Unknown::Contact => {
                 let [low, high] = self.free.contact().range();
                 (high - low) / (2.0 * NINETY)
@@ -135,13 +137,14 @@ impl<'a> Plausible<'a> {
         };
         let velocity = self.fall.map_or(at.velocity, |fall| fall.middle);
         let parameters = self.law.parameters().iter().map(middle).collect();
-        Unknowns { velocity, parameters, contact: 0.0 }.coordinates(self.law, self.free)
+        Unknowns { velocity, spin: at.spin, parameters, contact: 0.0 }.coordinates(self.law, self.free)
     }
 
-    /// How far a step may move each free unknown's coordinate: half the deviation of a parameter, 0.2 m/s.
+    /// How far a step may move each free unknown's coordinate: half the deviation of a parameter, 0.2 m/s, 2 rad/s.
     pub fn longest_step(&self, at: &Unknowns) -> Vec<f64> {
         let longest = |(unknown, deviation): (Unknown, f64)| match unknown {
             Unknown::Velocity(_) => 0.2 / at.slope(self.law, unknown),
+            Unknown::Spin(_) => 2.0 / at.slope(self.law, unknown),
             Unknown::Parameter(_) | Unknown::Contact => 0.5 * deviation,
         };
         self.free.list(self.law).into_iter().zip(self.deviations(at)).map(longest).collect()
@@ -151,7 +154,7 @@ impl<'a> Plausible<'a> {
     /// near to the limits of a bounded parameter that it could not be seen to come back (a tenth of the slope it has half-way).
     pub fn limits(&self) -> Vec<[f64; 2]> {
         let limit = |unknown| match unknown {
-            Unknown::Velocity(_) => [f64::NEG_INFINITY, f64::INFINITY],
+            Unknown::Velocity(_) | Unknown::Spin(_) => [f64::NEG_INFINITY, f64::INFINITY],
             Unknown::Contact => self.free.contact().range().map(|end| 1.5 * end),
             Unknown::Parameter(k) => {
                 let p = &self.law.parameters()[k];
@@ -175,7 +178,7 @@ impl<'a> Plausible<'a> {
             let mut point = start.clone();
             let parameters = self.free.list(self.law).into_iter().filter_map(|unknown| match unknown {
                 Unknown::Parameter(k) => Some(k),
-                Unknown::Velocity(_) | Unknown::Contact => None,
+                Unknown::Velocity(_) | Unknown::Spin(_) | Unknown::Contact => None,
             });
             for (k, base) in parameters.zip(PRIMES) {
                 let parameter = &self.law.parameters()[k];
@@ -255,7 +258,7 @@ mod tests {
         let fall = Fallen::of(&flight).unwrap();
         let noise = vec![0.3, 0.1, 0.7, 0.0, 0.0];
         let plausible = Plausible::new(&law, Free::Both).after(Some(&fall)).pulling(noise.clone());
-        let expected = Unknowns { velocity, parameters: vec![1e5, 0.2], contact: 0.0 };
+        let expected = Unknowns { velocity, parameters: vec![1e5, 0.2], ..Unknowns::default() };
         assert_eq!(plausible.penalty(&expected).0, 0.0);
         assert_eq!(plausible.expected(&Unknowns { velocity: [0.0; 3], ..expected.clone() })[..3], [10.0, -20.0, 5.0]);
         let x = expected.coordinates(&law, Free::Both);
@@ -287,7 +290,7 @@ mod tests {
     fn points_fill_the_range() {
         let law = materials::find("newtonian").unwrap();
         let plausible = Plausible::new(&law, Free::Material);
-        let start = Unknowns { velocity: [1.0; 3], parameters: vec![10.0, 1e5], contact: 0.0 };
+        let start = Unknowns { velocity: [1.0; 3], parameters: vec![10.0, 1e5], ..Unknowns::default() };
         let points = plausible.points(&start, 16);
         for (k, parameter) in law.parameters().iter().enumerate() {
             let [low, high] = parameter.prior;

@@ -162,9 +162,17 @@ impl<'a> Problem<'a> {
         }
         let opacity = opacity.reshape([self.particles.len()]);
         let parameters = self.law.parameters();
+        let velocity = &bound.velocity - &self.half_kick(tape, schedule)?;
+        let velocity = match &bound.spin {
+            Some(spin) => {
+                let turning = spin.reshape([1, 3]).matmul(&tape.constant(self.spin_field()?));
+                &velocity + &turning.reshape([self.particles.len(), 3])
+            }
+            None => velocity,
+        };
         let body = Body {
             positions: tape.constant(self.lowered(bound.contact)?),
-            velocity: &bound.velocity - &self.half_kick(tape, schedule)?,
+            velocity,
             density: &opacity * self.density,
             parameters: parameters
                 .iter()
@@ -180,16 +188,17 @@ impl<'a> Problem<'a> {
         Ok(&motion + &tape.constant(back))
     }
 
-    /// `x₀ + v t + g t²/2` at every frame.
+    /// `c + R(t) (x₀ − c) + v t + g t²/2` at every frame; not differentiated in the spin.
     fn flight(&self, tape: &Tape, bound: &Bound, schedule: Schedule) -> Result<Var> {
-        let start = tape.constant(self.particles.positions(self.dtype)?);
-        let frame = |frame: usize| {
+        let spin = bound.fixed_spin()?;
+        let frame = |(frame, turned): (usize, Vec<[f64; 3]>)| {
             let t = frame as f64 * schedule.frame_dt;
             let fallen = displacement([0.0; 3], self.world.gravity, t);
             let fallen = tape.constant(Tensor::from_vec(fallen.to_vec(), [3]).cast(self.dtype)?);
-            Ok(&start + &(&bound.velocity * t) + fallen)
+            let turned = Tensor::from_vec(turned.into_flattened(), [self.particles.len(), 3]).cast(self.dtype)?;
+            Ok(&tape.constant(turned) + &(&bound.velocity * t) + fallen)
         };
-        let frames = (0..schedule.frames).map(frame).collect::<Result<Vec<_>>>()?;
+        let frames = self.turned(spin, schedule).into_iter().enumerate().map(frame).collect::<Result<Vec<_>>>()?;
         let others: Vec<&Var> = frames.iter().skip(1).collect();
         Ok(frames[0].stack(&others, 0))
     }

@@ -7,6 +7,7 @@ use gradreel::optim::{Adam, Params};
 use gradreel::{DType, Error, ErrorKind, Result, Tensor, Var};
 
 use crate::field::{Field, Sphere, bounding_sphere, fill_gaps, fit, hull};
+use crate::identify::ground::find_ground;
 use crate::identify::run::Run;
 use crate::identify::stages::{Effort, MOVING};
 use crate::identify::{Observed, Problem, Reached, Unknowns, first_contact, velocity_of_silhouettes};
@@ -47,6 +48,7 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     let law = run.config.law()?;
     let spacing = particle_spacing(whole, run)?;
     let clip = &whole.scaled(shrink_factor(whole, run, 2.0 * spacing)?);
+    find_ground(clip, run)?;
     let observed = Observed::of(clip, &run.config, DTYPE)?;
     let mut unknowns = Unknowns { parameters: run.config.starting_values(&law)?, ..Unknowns::default() };
     let around = clip.all_around();
@@ -57,7 +59,7 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
 
     let frames = clip.frame_count();
     let iterations = run.config.geometry.fit.iterations;
-    stages.shape(run, "shape", iterations, Moved::Flying { frames: 1, velocity: [0.0; 3] })?;
+    stages.shape(run, "shape", iterations, Moved::Flying { frames: 1, velocity: [0.0; 3], spin: [0.0; 3] })?;
     let few = frames.min(3);
     unknowns.velocity = match stages.flight_of_field(run)? {
         Some(velocity) => velocity,
@@ -66,7 +68,7 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     stages.velocity(run, "velocity", few, &mut unknowns)?;
     stages.contact(run, &unknowns)?;
     let flight = run.state.contact.unwrap_or(frames).clamp(1, frames);
-    let flying = Moved::Flying { frames: flight, velocity: unknowns.velocity };
+    let flying = Moved::Flying { frames: flight, velocity: unknowns.velocity, spin: unknowns.spin };
     // the shape is nearly there
     stages.shape(run, "shape in flight", iterations.div_ceil(2), flying)?;
     stages.velocity(run, "velocity in flight", flight.max(2).min(frames), &mut unknowns)?;
@@ -100,7 +102,11 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     stages.weigh(run, frames, &mut unknowns)?;
     stages.intervals(run, frames, &unknowns)?;
     if flight >= frames {
-        run.note("the object never touched the ground: the material is not determined by this clip".into());
+        run.note(format!(
+            "the object never touched the ground at {} m: the material is not determined by this clip; if the ground is elsewhere, give its \
+             height with --ground, or --ground auto",
+            run.config.world.ground
+        ));
     }
     run.state.unknowns = Some(unknowns);
     run.save()?;
@@ -111,7 +117,7 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
 #[derive(Clone, Copy)]
 enum Moved<'a> {
     /// In free flight, for the first frames.
-    Flying { frames: usize, velocity: [f64; 3] },
+    Flying { frames: usize, velocity: [f64; 3], spin: [f64; 3] },
     /// As simulated, through the first frames.
     Simulated { frames: usize, unknowns: &'a Unknowns },
 }
@@ -230,9 +236,9 @@ impl Stages<'_> {
         let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
         let (problem, unknowns, frames) = match moved {
             Moved::Simulated { frames, unknowns } => (problem, unknowns.clone(), frames),
-            Moved::Flying { frames, velocity } => {
+            Moved::Flying { frames, velocity, spin } => {
                 let parameters = run.config.starting_values(self.law)?;
-                (problem.flying(), Unknowns { velocity, parameters, ..Unknowns::default() }, frames)
+                (problem.flying(), Unknowns { velocity, spin, parameters, ..Unknowns::default() }, frames)
             }
         };
         let schedule = problem.schedule(&unknowns, frames);
@@ -338,6 +344,10 @@ impl Reconstruction {
 /// Velocity and parameters in one line.
 pub(crate) fn describe(law: &Law, unknowns: &Unknowns) -> String {
     let [x, y, z] = unknowns.velocity;
+    let spin = match unknowns.spin {
+        [a, b, c] if unknowns.spins() => format!("  ω ({a:.2}, {b:.2}, {c:.2}) rad/s"),
+        _ => String::new(),
+    };
     let parameters = law.parameters().iter().zip(&unknowns.parameters).map(|(p, value)| {
         let unit = if p.unit == "-" { "" } else { p.unit };
         if value.abs() >= 1e3 {
@@ -346,7 +356,7 @@ pub(crate) fn describe(law: &Law, unknowns: &Unknowns) -> String {
             format!("{} {value:.3}{unit}", p.symbol)
         }
     });
-    format!("v ({x:.3}, {y:.3}, {z:.3}) m/s  {}", parameters.collect::<Vec<_>>().join("  "))
+    format!("v ({x:.3}, {y:.3}, {z:.3}) m/s{spin}  {}", parameters.collect::<Vec<_>>().join("  "))
 }
 
 /// The stage that first estimates the whole material.

@@ -29,6 +29,9 @@ pub struct State {
     /// What the temporal field says of the flight, if it was asked.
     #[serde(default)]
     pub flight: Option<Flight>,
+    /// Height of the ground \[m\], once it was looked for.
+    #[serde(default)]
+    pub ground: Option<f64>,
     /// First frame in contact with the ground, once known.
     pub contact: Option<usize>,
     /// Every evaluation of the estimates.

@@ -40,18 +40,20 @@ enum Weighed {
 type Body<'a> = dyn FnMut(&Problem<'_>, &Search, &mut Listener<'_>, &mut dyn FnMut(String)) -> Result<Evaluation> + 'a;
 
 impl Stages<'_> {
-    /// The velocity, from frames of free flight. That of what a single camera saw is known from its fall already: a shape that was
+    /// The velocity and, if it may have one, the spin, from frames of free flight. The velocity of what a single camera saw is known from its fall already: a shape that was
     /// seen from one side only says less of how it comes nearer than the size of its silhouette does.
     pub fn velocity(&self, run: &mut Run, stage: &str, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
-        if self.clip.flight.is_some() {
+        let fallen = self.clip.flight.is_some();
+        if fallen && !run.config.estimate.spin {
             return Ok(());
         }
+        let free = if fallen { Free::NOTHING } else { Free::Velocity }.with_spin(self.law, run.config.estimate.spin);
         let budget = run.config.estimate.velocity;
         let particles = self.particles(run)?;
         self.search(run, &Effort { stage, budget }, &particles, unknowns, &mut |problem, search, each, notes| {
             let Search { start, answers, .. } = search;
             let flying = problem.flying();
-            gauss_newton(&flying, start, Free::Velocity, frames, budget, answers, each, notes)
+            gauss_newton(&flying, start, free, frames, budget, answers, each, notes)
         })
     }
 
@@ -117,19 +119,27 @@ impl Stages<'_> {
     }
 
     /// What the first searches for the material move: its parameters, the velocity if too few frames of flight have shown it, and the
-    /// height at which the ground is felt if a single camera leaves open how far away, and so how high, the object is.
+    /// height at which the ground is felt if it is unsure.
     fn free(&self, run: &Run, config: &Config) -> Result<Free> {
         let all = Free::all_but(self.law, &config.held(self.law)?, false);
         let unsure = run.state.contact.is_some_and(|contact| contact < SURE);
-        let all = if unsure { all.with_velocity(self.law) } else { all };
-        Ok(if self.clip.cameras.len() == 1 { all.with_ground(self.law, Ground::Unsure) } else { all })
+        let all = if unsure { all.with_velocity(self.law).with_spin(self.law, config.estimate.spin) } else { all };
+        Ok(if self.unsure_ground(run) { all.with_ground(self.law, Ground::Unsure) } else { all })
+    }
+
+    /// Whether the height of the ground is not known to a part of a grid cell: a single camera leaves it open how far away, and so how high,
+    /// the object is, and hulls are larger than objects.
+    fn unsure_ground(&self, run: &Run) -> bool {
+        self.clip.cameras.len() == 1 || run.config.world.find_ground
     }
 
     /// What the later searches move, and what is known of it: the same, and of what a single camera saw the velocity, too. The pixels
     /// after the contact tell how fast it came nearer, which its fall hardly does; what the fall says of it counts as well.
     fn plausible<'a>(&'a self, run: &Run, fall: Option<&'a Fallen>) -> Result<Plausible<'a>> {
         let free = self.free(run, &run.config)?;
-        let free = if self.clip.flight.is_some() { free.with_velocity(self.law) } else { free };
+        let fallen = self.clip.flight.is_some();
+        let free =
+            if fallen { free.with_velocity(self.law).with_spin(self.law, run.config.estimate.spin) } else { free };
         Ok(Plausible::new(self.law, free).after(fall))
     }
 
@@ -265,13 +275,12 @@ impl Stages<'_> {
         let fall = self.fall()?;
         let plausible = self.plausible(run, fall.as_ref())?;
         let free = plausible.free;
-        let bias = self.bias(run, free, unknowns);
+        let bias = self.bias(run, free, unknowns)?;
         self.search(run, &effort, &particles, unknowns, &mut |problem, search, each, notes| {
             let start = &search.start;
             let here = problem.linearise(start, free, frames, &mut 0, notes)?;
             let there = start.moved(self.law, free, &interval::most_probable(&plausible, start, &here, &bias)?);
-            let nothing = Free::Chosen { velocity: false, parameters: 0, contact: Ground::Held };
-            let both = scan(problem, &[start.clone(), there], nothing, frames, &search.answers, each, notes)?;
+            let both = scan(problem, &[start.clone(), there], Free::NOTHING, frames, &search.answers, each, notes)?;
             // what breaks down is not what was filmed
             Ok(both.into_iter().rfind(|point| point.loss.is_finite()).expect("the start was simulated"))
         })
@@ -281,7 +290,7 @@ impl Stages<'_> {
     /// that of one of twice the spacing (of a modulus or viscosity at least half the root mean square of those of all); the shape's,
     /// estimated from what it was before the whole motion was known and from a thinner body; the motion's, from the material with
     /// the velocity of the fall; that of a simulation which is not nature's; and those of lengths and outlines.
-    fn bias(&self, run: &Run, free: Free, fitted: &Unknowns) -> Vec<f64> {
+    fn bias(&self, run: &Run, free: Free, fitted: &Unknowns) -> Result<Vec<f64>> {
         let here = fitted.coordinates(self.law, free);
         let from = |stage: &str| {
             let other = run.best_of(stage).map(|(other, _)| other.coordinates(self.law, free));
@@ -300,6 +309,7 @@ impl Stages<'_> {
         let lasts = run.state.contact.unwrap_or(1).max(1) as f64 * self.observed.frame_dt;
         let filmed = self.observed.targets.len().saturating_sub(1).max(1) as f64 * self.observed.frame_dt;
         let of_outlines = OUTLINE_ERROR * 2.0 * self.spacing / lasts;
+        let radius = bounding_sphere(self.clip, 0)?.radius;
         let of_depth = DEPTH_ERROR * 2.0 * self.spacing / filmed;
         let of = |(k, unknown): (usize, Unknown)| {
             let share = if matches!(unknown, Unknown::Velocity(_)) { SPEED_GRID_ERROR } else { GRID_ERROR };
@@ -307,6 +317,7 @@ impl Stages<'_> {
             let other = (share * grid[k].max(least)).hypot(SHAPE_ERROR * shape[k]).hypot(depth[k]);
             match unknown {
                 Unknown::Contact => 0.0,
+                Unknown::Spin(_) => other.hypot(of_outlines / radius / fitted.slope(self.law, unknown)),
                 Unknown::Velocity(axis) => {
                     let of_fall = of_depth.hypot(length * fitted.velocity[axis]);
                     let speed = if flight.is_some() { of_fall } else { of_outlines };
@@ -324,7 +335,7 @@ impl Stages<'_> {
                 }
             }
         };
-        list.iter().copied().enumerate().map(of).collect()
+        Ok(list.iter().copied().enumerate().map(of).collect())
     }
 
     /// Whether an unknown is told in decades: a modulus, a yield stress, a viscosity.
@@ -339,15 +350,16 @@ impl Stages<'_> {
         }
         let since = Instant::now();
         let bar = self.progress.stage(INTERVALS, 1);
-        let all = Free::all_but(self.law, &run.config.held(self.law)?, true);
-        let free = if self.clip.cameras.len() == 1 { all.with_ground(self.law, Ground::Unsure) } else { all };
+        let all =
+            Free::all_but(self.law, &run.config.held(self.law)?, true).with_spin(self.law, run.config.estimate.spin);
+        let free = if self.unsure_ground(run) { all.with_ground(self.law, Ground::Unsure) } else { all };
         let particles = self.particles(run)?;
         let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
         let mut notes = Vec::new();
         let linearised = problem.linearise(unknowns, free, frames, &mut 0, &mut |note| notes.push(note))?;
         // from where the clip alone would have it
         let fitted = run.rows(WEIGHED).next().map_or_else(|| unknowns.clone(), |row| row.unknowns.clone());
-        let bias = self.bias(run, free, &fitted);
+        let bias = self.bias(run, free, &fitted)?;
         run.state.intervals = intervals(unknowns, self.law, free, &linearised, &bias, self.clip.flight.as_ref())?;
         notes.into_iter().for_each(|note| run.note(format!("{INTERVALS}: {note}")));
         bar.finish("");

@@ -1,11 +1,14 @@
-//! The unknowns of an estimate: velocity and material parameters in the unconstrained form that an optimiser moves.
+//! The unknowns of an estimate: velocity, spin and material parameters in the unconstrained form that an optimiser moves.
 
-use gradreel::{DType, Result, Tape, Tensor, Var};
+use gradreel::{DType, Error, ErrorKind, Result, Tape, Tensor, Var};
 
 use crate::physics::{Law, Map, Parameter};
 
 /// One unit of the optimiser's velocity coordinates \[m/s\], so that a unit step is of similar effect in all unknowns.
 const SPEED: f64 = 0.1;
+
+/// One unit of its coordinates of the spin \[rad/s\]: a decimetre from its centre a body is then as fast as that.
+const TURNING: f64 = 1.0;
 
 /// One unit of the optimiser's coordinate of a parameter, in its unconstrained form: a decade of a magnitude, and three of
 /// Poisson's ratio, which moves particles less (the curvatures of the loss along the ratio and along a modulus differ by a
@@ -22,11 +25,17 @@ pub(crate) fn unit(parameter: &Parameter) -> f64 {
 /// Names of the velocity's components, beside those of parameters.
 pub const VELOCITY: [&str; 3] = ["velocity_x", "velocity_y", "velocity_z"];
 
-/// Velocity \[m/s\] and material parameters (SI units).
+/// Names of the spin's components.
+pub const SPIN: [&str; 3] = ["spin_x", "spin_y", "spin_z"];
+
+/// Velocity \[m/s\], spin \[rad/s\] and material parameters (SI units).
 #[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Unknowns {
-    /// Initial velocity of the whole object \[m/s\].
+    /// Initial velocity of the whole object, of its centre of mass if it spins \[m/s\].
     pub velocity: [f64; 3],
+    /// Initial angular velocity about the centre of mass \[rad/s\].
+    #[serde(default)]
+    pub spin: [f64; 3],
     /// The material's parameters in their order.
     pub parameters: Vec<f64>,
     /// How much higher than it is the ground is felt, in grid spacings: a grid stops a body a share of a cell above the
@@ -46,10 +55,12 @@ pub enum Free {
     Material,
     /// Velocity and material.
     Both,
-    /// Some parameters of the material, with or without the velocity.
+    /// Some parameters of the material, with or without velocity and spin.
     Chosen {
         /// Whether the velocity is free.
         velocity: bool,
+        /// Whether the spin is.
+        spin: bool,
         /// Bit `k` says whether parameter `k` is; parameters beyond the 64th are held.
         parameters: u64,
         /// Whether the height at which the ground is felt is.
@@ -84,6 +95,8 @@ impl Ground {
 pub enum Unknown {
     /// A component of the velocity.
     Velocity(usize),
+    /// A component of the spin.
+    Spin(usize),
     /// A parameter of the material.
     Parameter(usize),
     /// The height at which the ground is felt.
@@ -91,8 +104,15 @@ pub enum Unknown {
 }
 
 impl Free {
+    /// Nothing.
+    pub const NOTHING: Self = Self::Chosen { velocity: false, spin: false, parameters: 0, contact: Ground::Held };
+
     fn velocity(self) -> bool {
         matches!(self, Self::Velocity | Self::Both | Self::Chosen { velocity: true, .. })
+    }
+
+    fn spin(self) -> bool {
+        matches!(self, Self::Chosen { spin: true, .. })
     }
 
     fn parameter(self, index: usize, map: Map) -> bool {
@@ -108,19 +128,26 @@ impl Free {
     pub fn all_but(law: &Law, held: &[&str], world: bool) -> Self {
         let free = law.parameters().iter().enumerate().take(64).filter(|(_, p)| !held.contains(&p.name));
         let ground = if world { Ground::Known } else { Ground::Held };
-        Self::Chosen { velocity: world, parameters: free.map(|(k, _)| 1 << k).sum(), contact: ground }
+        Self::Chosen { velocity: world, spin: false, parameters: free.map(|(k, _)| 1 << k).sum(), contact: ground }
     }
 
     /// The same with the velocity.
     #[must_use]
     pub fn with_velocity(self, law: &Law) -> Self {
-        Self::Chosen { velocity: true, parameters: self.bits(law), contact: self.contact() }
+        Self::Chosen { velocity: true, spin: self.spin(), parameters: self.bits(law), contact: self.contact() }
+    }
+
+    /// The same with the spin, if it may have one.
+    #[must_use]
+    pub fn with_spin(self, law: &Law, spin: bool) -> Self {
+        let spin = spin || self.spin();
+        Self::Chosen { velocity: self.velocity(), spin, parameters: self.bits(law), contact: self.contact() }
     }
 
     /// The same with this height at which the ground is felt.
     #[must_use]
     pub fn with_ground(self, law: &Law, contact: Ground) -> Self {
-        Self::Chosen { velocity: self.velocity(), parameters: self.bits(law), contact }
+        Self::Chosen { velocity: self.velocity(), spin: self.spin(), parameters: self.bits(law), contact }
     }
 
     fn bits(self, law: &Law) -> u64 {
@@ -139,17 +166,22 @@ impl Free {
     /// The free unknowns in the order of their coordinates.
     pub fn list(self, law: &Law) -> Vec<Unknown> {
         let velocity = (0..3).filter(|_| self.velocity()).map(Unknown::Velocity);
+        let spin = (0..3).filter(|_| self.spin()).map(Unknown::Spin);
         let parameters = law.parameters().iter().enumerate().filter(|(k, p)| self.parameter(*k, p.map));
         let contact = (self.contact() != Ground::Held).then_some(Unknown::Contact);
-        velocity.chain(parameters.map(|(k, _)| Unknown::Parameter(k))).chain(contact).collect()
+        velocity.chain(spin).chain(parameters.map(|(k, _)| Unknown::Parameter(k))).chain(contact).collect()
     }
 }
 
 /// The unknowns as variables: leaves in unconstrained form, and the physical values that follow from them on the tape.
 pub struct Bound {
     leaves: Vec<Var>,
+    /// The spin's values, and whether it is a leaf.
+    turning: ([f64; 3], bool),
     /// Velocity `[3]` \[m/s\].
     pub velocity: Var,
+    /// Spin `[3]` \[rad/s\], if there is one or it is free.
+    pub spin: Option<Var>,
     /// Each parameter as `[1]`, in SI units.
     pub parameters: Vec<Var>,
     /// How much higher than it is the ground is felt, in grid spacings; never a leaf.
@@ -161,6 +193,7 @@ impl Unknowns {
     pub fn coordinates(&self, law: &Law, free: Free) -> Vec<f64> {
         let coordinate = |unknown| match unknown {
             Unknown::Velocity(axis) => self.velocity[axis] / SPEED,
+            Unknown::Spin(axis) => self.spin[axis] / TURNING,
             Unknown::Parameter(k) => {
                 let p = &law.parameters()[k];
                 p.map.raw(self.parameters[k]) / unit(p)
@@ -170,6 +203,11 @@ impl Unknowns {
         free.list(law).into_iter().map(coordinate).collect()
     }
 
+    /// Whether the body spins.
+    pub fn spins(&self) -> bool {
+        self.spin != [0.0; 3]
+    }
+
     /// The same unknowns with the free ones moved to these coordinates.
     #[must_use]
     pub fn moved(&self, law: &Law, free: Free, coordinates: &[f64]) -> Self {
@@ -177,6 +215,7 @@ impl Unknowns {
         for (unknown, coordinate) in free.list(law).into_iter().zip(coordinates) {
             match unknown {
                 Unknown::Velocity(axis) => moved.velocity[axis] = coordinate * SPEED,
+                Unknown::Spin(axis) => moved.spin[axis] = coordinate * TURNING,
                 Unknown::Parameter(k) => {
                     let p = &law.parameters()[k];
                     moved.parameters[k] = p.map.value(coordinate * unit(p));
@@ -191,6 +230,7 @@ impl Unknowns {
     pub fn slope(&self, law: &Law, unknown: Unknown) -> f64 {
         match unknown {
             Unknown::Velocity(_) => SPEED,
+            Unknown::Spin(_) => TURNING,
             Unknown::Parameter(k) => {
                 let p = &law.parameters()[k];
                 p.map.derivative(p.map.raw(self.parameters[k])) * unit(p)
@@ -208,7 +248,10 @@ impl Unknowns {
             Ok(tape.constant(Tensor::from_vec(values.to_vec(), [values.len()]).cast(dtype)?))
         };
         let parameters = self.parameters.iter().map(|value| constant(&[*value])).collect::<Result<_>>()?;
-        Ok(Bound { leaves: Vec::new(), velocity: constant(&self.velocity)?, parameters, contact: self.contact })
+        let spin = self.spins().then(|| constant(&self.spin)).transpose()?;
+        let velocity = constant(&self.velocity)?;
+        let turning = (self.spin, false);
+        Ok(Bound { leaves: Vec::new(), turning, velocity, spin, parameters, contact: self.contact })
     }
 
     /// Variables of a tape for them; the free ones are leaves.
@@ -231,17 +274,32 @@ impl Unknowns {
         };
         let raw_velocity = make(tensor(self.velocity.map(|v| v / SPEED).to_vec())?, free.velocity());
         let velocity = &raw_velocity * SPEED;
+        let mut spin = None;
+        if self.spins() || free.spin() {
+            spin = Some(&make(tensor(self.spin.map(|w| w / TURNING).to_vec())?, free.spin()) * TURNING);
+        }
         let mut parameters = Vec::new();
         for (k, (parameter, value)) in law.parameters().iter().zip(&self.parameters).enumerate() {
             let unit = unit(parameter);
             let coordinate = make(tensor(vec![parameter.map.raw(*value) / unit])?, free.parameter(k, parameter.map));
             parameters.push(constrained(parameter.map, &(&coordinate * unit)));
         }
-        Ok(Bound { leaves, velocity, parameters, contact: self.contact })
+        let turning = (self.spin, free.spin());
+        Ok(Bound { leaves, turning, velocity, spin, parameters, contact: self.contact })
     }
 }
 
 impl Bound {
+    /// The spin where nothing is to be differentiated in it.
+    pub(super) fn fixed_spin(&self) -> Result<[f64; 3]> {
+        match self.turning {
+            (spin, false) => Ok(spin),
+            _ => Err(Error::new(ErrorKind::NoGradient, "the spin of a body in free flight has no gradient on a tape")
+                .at("Problem::flying")
+                .fix("use Problem::linearise, as Gauss–Newton does")),
+        }
+    }
+
     /// The gradient of a loss in the coordinates of the free unknowns.
     ///
     /// # Errors

@@ -208,7 +208,18 @@ pub fn quantities(found: &Reconstruction, run: &Run) -> Vec<Quantity> {
         interval_90: interval(&format!("velocity_{axis}")).map(|known| known.interval_90),
         determined: interval(&format!("velocity_{axis}")).map(|known| known.determined),
     });
-    material.chain(velocity).collect()
+    let spin = ["x", "y", "z"].into_iter().zip(found.unknowns.spin).map(|(axis, value)| Quantity {
+        name: format!("spin_{axis}"),
+        label: format!("Initial spin, {axis}"),
+        symbol: format!("ω_{axis}"),
+        unit: "rad/s".into(),
+        value,
+        start: Some(0.0),
+        source: source(&format!("spin_{axis}"), false),
+        interval_90: interval(&format!("spin_{axis}")).map(|known| known.interval_90),
+        determined: interval(&format!("spin_{axis}")).map(|known| known.determined),
+    });
+    material.chain(velocity).chain(spin.filter(|_| run.config.estimate.spin)).collect()
 }
 
 fn assumed(run: &Run) -> Vec<Quantity> {

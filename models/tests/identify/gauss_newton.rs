@@ -11,11 +11,11 @@ fn forward_mode_agrees_with_the_tape_and_with_differences_of_pictures() {
     const FRAMES: usize = 5;
     let config = quick();
     let particles = block(5, 0.04);
-    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], contact: 0.0 };
+    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], ..Unknowns::default() };
     let observed = film(&particles, &truth, &config, FRAMES, 20, DType::F64);
     let mut problem = problem(&particles, &observed, &config, DType::F64);
     contact_height(&problem, &truth, FRAMES);
-    let unknowns = Unknowns { velocity: [0.25, -1.1, 0.15], parameters: vec![4e4, 0.22], contact: 0.0 };
+    let unknowns = Unknowns { velocity: [0.25, -1.1, 0.15], parameters: vec![4e4, 0.22], ..Unknowns::default() };
     let mut substeps = 128;
     let (loss, gradient) = problem.evaluate(&unknowns, Free::Both, FRAMES, &mut substeps, &mut |_| ()).unwrap();
     let at = problem.linearise(&unknowns, Free::Both, FRAMES, &mut substeps, &mut |_| ()).unwrap();
@@ -69,7 +69,7 @@ fn forward_mode_agrees_with_the_tape_and_with_differences_of_pictures() {
 /// The derivative along the height at which the ground is felt, against differences, and forward mode against the tape there.
 fn contact_height(problem: &Problem<'_>, truth: &Unknowns, frames: usize) {
     let at = |contact: f64| Unknowns { contact, ..truth.clone() };
-    let free = Free::Chosen { velocity: false, parameters: 0, contact: Ground::Known };
+    let free = Free::NOTHING.with_ground(&problem.law, Ground::Known);
     let loss = |contact| problem.linearise(&at(contact), free, frames, &mut 0, &mut |_| ()).unwrap();
     let (here, plus, minus) = (loss(-0.1), loss(-0.1 + 1e-6), loss(-0.1 - 1e-6));
     let difference = (plus.loss - minus.loss) / 2e-6;
@@ -83,7 +83,7 @@ fn recover(name: &str, truth: &[f64], allowed: &[(usize, f64)], frames: usize) {
     let config = quick();
     let particles = block(6, 0.04);
     let velocity = [0.3, -1.2, 0.1];
-    let truth = Unknowns { velocity, parameters: truth.to_vec(), contact: 0.0 };
+    let truth = Unknowns { velocity, parameters: truth.to_vec(), ..Unknowns::default() };
     let observed = film_of(name, &particles, &truth, &config, frames, 24, DType::F32);
     let problem = problem_of(name, &particles, &observed, &config, DType::F32);
     let held: Vec<&str> = problem
@@ -94,8 +94,7 @@ fn recover(name: &str, truth: &[f64], allowed: &[(usize, f64)], frames: usize) {
         .filter(|(k, _)| allowed.iter().all(|(a, _)| a != k))
         .map(|(_, p)| p.name)
         .collect();
-    let Free::Chosen { velocity, parameters, .. } = Free::all_but(&problem.law, &held, false) else { unreachable!() };
-    let free = Free::Chosen { velocity, parameters, contact: Ground::Held };
+    let free = Free::all_but(&problem.law, &held, false);
     let mut start = truth.clone();
     let mut points = Vec::new();
     for index in 0..12 {
@@ -172,7 +171,7 @@ fn sand() {
 fn a_search_goes_on_where_it_was_interrupted() {
     let config = quick();
     let particles = block(4, 0.05);
-    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], contact: 0.0 };
+    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], ..Unknowns::default() };
     let observed = film(&particles, &truth, &config, 6, 16, DType::F32);
     let problem: Problem<'_> = problem(&particles, &observed, &config, DType::F32);
     let start = Unknowns { parameters: vec![2e4, 0.1], ..truth };

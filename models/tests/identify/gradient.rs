@@ -8,7 +8,7 @@ use crate::scene::{block, film, problem, quick};
 
 /// A block, and how it is thrown.
 fn thrown(edge: usize, spacing: f64) -> (Config, Particles, Unknowns) {
-    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], contact: 0.0 };
+    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], ..Unknowns::default() };
     (quick(), block(edge, spacing), truth)
 }
 
@@ -18,7 +18,7 @@ fn image_loss_gradient_through_contact_agrees_with_central_differences() {
     let (config, particles, truth) = thrown(5, 0.04);
     let observed = film(&particles, &truth, &config, FRAMES, 20, DType::F64);
     let problem = problem(&particles, &observed, &config, DType::F64);
-    let unknowns = Unknowns { velocity: [0.25, -1.1, 0.15], parameters: vec![4e4, 0.22], contact: 0.0 };
+    let unknowns = Unknowns { velocity: [0.25, -1.1, 0.15], parameters: vec![4e4, 0.22], ..Unknowns::default() };
 
     // the block does touch the ground: without contact the motion would not depend on the material
     let stiffer = Unknowns { parameters: vec![8e4, 0.22], ..unknowns.clone() };
@@ -93,7 +93,7 @@ fn the_gradient_in_opacities_agrees_with_central_differences() {
 fn single_precision_gives_the_same_gradient() {
     const FRAMES: usize = 4;
     let (config, particles, truth) = thrown(4, 0.05);
-    let unknowns = Unknowns { velocity: [0.25, -1.1, 0.15], parameters: vec![4e4, 0.22], contact: 0.0 };
+    let unknowns = Unknowns { velocity: [0.25, -1.1, 0.15], parameters: vec![4e4, 0.22], ..Unknowns::default() };
     let gradient = |dtype| {
         let observed = film(&particles, &truth, &config, FRAMES, 20, dtype);
         let problem = problem(&particles, &observed, &config, dtype);

@@ -26,7 +26,7 @@ fn intervals_agree_with_a_scan_of_the_likelihood_and_hold_the_truth() {
     const FRAMES: usize = 7;
     let config = quick();
     let particles = block(5, 0.04);
-    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], contact: 0.0 };
+    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], ..Unknowns::default() };
     let young = Free::Magnitudes;
     let mut held = 0;
     for seed in 1..=4 {
@@ -72,7 +72,7 @@ fn intervals_agree_with_a_scan_of_the_likelihood_and_hold_the_truth() {
 fn what_does_not_touch_the_ground_is_not_determined() {
     let config = quick();
     let particles = block(4, 0.05);
-    let truth = Unknowns { velocity: [0.3, 0.5, 0.1], parameters: vec![6e4, 0.3], contact: 0.0 };
+    let truth = Unknowns { velocity: [0.3, 0.5, 0.1], parameters: vec![6e4, 0.3], ..Unknowns::default() };
     let observed = noisy(film(&particles, &truth, &config, 3, 16, DType::F32), 0.02, 3);
     let problem = problem(&particles, &observed, &config, DType::F32);
     let at = problem.linearise(&truth, Free::Both, 3, &mut 0, &mut |_| ()).unwrap();

@@ -5,5 +5,6 @@ mod gradient;
 mod interval;
 mod recovery;
 mod scene;
+mod spin;
 mod switches;
 mod tracks;

@@ -10,10 +10,10 @@ fn velocity_and_stiffness_are_recovered_from_rendered_frames() {
     const FRAMES: usize = 8;
     let config = quick();
     let particles = block(6, 0.04);
-    let truth = Unknowns { velocity: [0.3, -0.8, 0.1], parameters: vec![6e4, 0.3], contact: 0.0 };
+    let truth = Unknowns { velocity: [0.3, -0.8, 0.1], parameters: vec![6e4, 0.3], ..Unknowns::default() };
     let observed = film(&particles, &truth, &config, FRAMES, 32, DType::F32);
     let problem = problem(&particles, &observed, &config, DType::F32);
-    let start = Unknowns { velocity: [0.0; 3], parameters: vec![1e4, 0.3], contact: 0.0 };
+    let start = Unknowns { velocity: [0.0; 3], parameters: vec![1e4, 0.3], ..Unknowns::default() };
     let run = |start: &Unknowns, free, frames| {
         estimate(&problem, start, free, frames, 20, &[], &mut |_, _| Ok(()), &mut |_| ()).unwrap().unknowns
     };
@@ -32,7 +32,7 @@ fn velocity_and_stiffness_are_recovered_from_rendered_frames() {
 fn a_step_that_is_too_large_is_halved_and_said() {
     let config = quick();
     let particles = block(4, 0.05);
-    let unknowns = Unknowns { velocity: [0.0, -1.0, 0.0], parameters: vec![1e6, 0.3], contact: 0.0 };
+    let unknowns = Unknowns { velocity: [0.0, -1.0, 0.0], parameters: vec![1e6, 0.3], ..Unknowns::default() };
     let observed = film(&particles, &unknowns, &config, 3, 16, DType::F32);
     let mut problem = problem(&particles, &observed, &config, DType::F32);
     let mut notes = Vec::new();
@@ -47,7 +47,7 @@ fn a_step_that_is_too_large_is_halved_and_said() {
 fn physics_that_stays_broken_is_an_error_with_numbers() {
     let config = quick();
     let particles = block(4, 0.05);
-    let unknowns = Unknowns { velocity: [0.0, -1.0, 0.0], parameters: vec![1e12, 0.3], contact: 0.0 };
+    let unknowns = Unknowns { velocity: [0.0, -1.0, 0.0], parameters: vec![1e12, 0.3], ..Unknowns::default() };
     let soft = Unknowns { parameters: vec![1e4, 0.3], ..unknowns.clone() };
     let observed = film(&particles, &soft, &config, 3, 16, DType::F32);
     let mut problem = problem(&particles, &observed, &config, DType::F32);

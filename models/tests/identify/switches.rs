@@ -63,9 +63,9 @@ struct Scene {
 
 fn scene() -> Scene {
     let particles = block(5, 0.04);
-    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], contact: 0.0 };
+    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], ..Unknowns::default() };
     let filmed = film(&particles, &truth, &quick(), FRAMES, SIZE, DType::F64);
-    let at = Unknowns { velocity: [0.15, -1.7, 0.25], parameters: vec![4e4, 0.22], contact: 0.0 };
+    let at = Unknowns { velocity: [0.15, -1.7, 0.25], parameters: vec![4e4, 0.22], ..Unknowns::default() };
     Scene { imagined: clip_of(&filmed, true), real: clip_of(&filmed, false), particles, at }
 }
 
