@@ -60,7 +60,7 @@ pub(super) struct Arguments {
     /// The object spins as it flies: find its initial angular velocity as well
     #[arg(long, conflicts_with = "resume")]
     spin: bool,
-    /// Height of the ground [m]; auto takes it to be where the object is seen lowest [default: 0; of a film, where the fall ends]
+    /// Height of the ground [m]; auto takes it to be where the object lands [default: 0; of a film, where the fall ends]
     #[arg(long, value_name = "M|auto", value_parser = height, allow_negative_numbers = true, conflicts_with = "resume")]
     ground: Option<Height>,
     /// Grid spacing of the simulation [m] [default: 0.02, or one that gives about ten thousand particles]

@@ -103,7 +103,7 @@ pub struct WorldConfig {
     pub gravity: [f64; 3],
     /// Height of the sticky ground \[m\].
     pub ground: f64,
-    /// Whether the height is not known and is to be found: where the object is seen lowest.
+    /// Whether the height is not known and is to be found: where the object lands.
     pub find_ground: bool,
     /// Density of the object \[kg/m³\]. Motion shows stiffness per density only: a wrong density scales E alike.
     pub density: f64,

@@ -53,6 +53,7 @@ pub(super) fn search_most_probable(
     let mut here = start.clone();
     let mut x = start.coordinates(law, free);
     let (mut damping, mut growth) = (1e-3, 2.0);
+    let mut before: Option<Vec<f64>> = None;
     'search: for _ in 0..steps {
         // the step of the simulation that the unknowns need now: that of a stiffer start would damp the motion otherwise
         oracle.substeps = 0;
@@ -78,7 +79,10 @@ pub(super) fn search_most_probable(
                 // far from the minimum pictures change only at the edges of things, and a step is far too short: on along it
                 let mut far = 2.0;
                 let long = step.iter().zip(&longest).any(|(h, longest)| h.abs() > LONG * longest);
-                while long && gain > KEPT && far <= FARTHEST {
+                // and in a narrow valley every step is, and goes the way of the one before
+                let valley = before.as_ref().is_some_and(|before| cosine(before, &step, &longest) > STRAIGHT);
+                let farthest = if valley { FARTHEST_ALONG } else { FARTHEST };
+                while (valley || long && gain > KEPT) && far <= farthest {
                     let moved = along(&from, &step, far, &limits);
                     let there = start.moved(law, free, &moved);
                     let new = oracle.loss(&there)?.unwrap_or(f64::INFINITY);
@@ -88,6 +92,7 @@ pub(super) fn search_most_probable(
                     (decrease, x, here) = (value - new, moved, there);
                     far *= 2.0;
                 }
+                before = Some(step);
                 break;
             }
             damping *= 2.0 * growth;
@@ -114,6 +119,18 @@ const LONG: f64 = 0.1;
 
 /// How many times its length at most.
 const FARTHEST: f64 = 4.0;
+
+/// The cosine of the angle between two steps that is enough to follow the second farther, whatever its length…
+const STRAIGHT: f64 = 0.8;
+
+/// …how many times its length at most.
+const FARTHEST_ALONG: f64 = 16.0;
+
+/// The cosine of the angle between two steps, each coordinate in units of the longest step.
+fn cosine(a: &[f64], b: &[f64], longest: &[f64]) -> f64 {
+    let product = |a: &[f64], b: &[f64]| (0..a.len()).map(|k| a[k] * b[k] / longest[k].powi(2)).sum::<f64>();
+    product(a, b) / (product(a, a) * product(b, b)).sqrt().max(f64::MIN_POSITIVE)
+}
 
 /// `x + far h`, no farther beyond the limits than `x` is.
 fn along(x: &[f64], step: &[f64], far: f64, limits: &[[f64; 2]]) -> Vec<f64> {

@@ -3,29 +3,66 @@
 use gradreel::{Error, ErrorKind, Result};
 
 use crate::field::{bounding_sphere, hull};
-use crate::identify::Run;
+use crate::identify::flight::displacement;
 use crate::identify::reconstruct::half_of_imagined;
+use crate::identify::{Run, velocity_of_silhouettes};
 use crate::video::Clip;
 
 /// Voxels across half of the object.
 const FINENESS: f64 = 40.0;
 
-/// The lowest point \[m\] of what all silhouettes of a frame leave room for, in whichever frame that is lowest; `None` where no frame
-/// shows the object.
-///
-/// A visual hull is never smaller than the object: the height is at most a few millimetres too low, where a camera looks along the ground, and more
-/// where all look down.
-pub(crate) fn lowest_point(clip: &Clip) -> Option<f64> {
-    let lowest = |frame: usize| {
+/// Frames of flight that tell the velocity.
+const FLIGHT: usize = 3;
+
+/// How far the middle of what flies may be from where its fall leads, as a share of its radius.
+const STRAYS: f64 = 0.1;
+
+/// Frames after the fall in which the object is looked at: it has not spread yet. Hulls of flat things that all cameras look down upon reach
+/// far below them.
+const LANDED: usize = 2;
+
+/// Where the ground \[m\] is under an object that comes down: the lowest point of what its silhouettes leave room for, in its fall and the first
+/// frames after it; `None` where they leave no room.
+pub(super) fn landing(clip: &Clip, gravity: [f64; 3]) -> Option<f64> {
+    let velocity = velocity_of_silhouettes(clip, gravity, FLIGHT)?;
+    let (mut start, mut lowest, mut left) = (None, f64::INFINITY, LANDED);
+    for frame in 0..clip.frame_count() {
+        let Some(Room { bottom, middle, radius }) = Room::of(clip, frame) else { continue };
+        lowest = lowest.min(bottom);
+        let start =
+            *start.get_or_insert(middle - displacement(velocity, gravity, clip.times[frame] - clip.times[0])[1]);
+        let fallen = start + displacement(velocity, gravity, clip.times[frame] - clip.times[0])[1];
+        if (middle - fallen).abs() > STRAYS * radius {
+            left -= 1;
+        }
+        if left == 0 {
+            break;
+        }
+    }
+    lowest.is_finite().then_some(lowest)
+}
+
+/// The room that silhouettes leave for an object.
+struct Room {
+    /// Its lowest point \[m\].
+    bottom: f64,
+    /// The height of its middle \[m\].
+    middle: f64,
+    /// Half its width \[m\].
+    radius: f64,
+}
+
+impl Room {
+    fn of(clip: &Clip, frame: usize) -> Option<Self> {
         let sphere = bounding_sphere(clip, frame).ok()?;
         let spacing = sphere.radius / FINENESS;
         let hull = hull(clip, frame, &sphere, spacing, 0.5, half_of_imagined(clip)).ok()?;
         let [_, rows, columns] = hull.lattice.dims;
-        let row = |flat: &u32| *flat as usize / columns % rows;
-        let first = hull.voxels.iter().map(row).min()?;
-        Some(hull.lattice.origin[1] + (first as f64 - 0.5) * spacing)
-    };
-    (0..clip.frame_count()).filter_map(lowest).reduce(f64::min)
+        let height = |flat: &u32| hull.lattice.origin[1] + (*flat as usize / columns % rows) as f64 * spacing;
+        let bottom = hull.voxels.iter().map(height).reduce(f64::min)? - 0.5 * spacing;
+        let middle = hull.voxels.iter().map(height).sum::<f64>() / hull.voxels.len() as f64;
+        Some(Self { bottom, middle, radius: sphere.radius })
+    }
 }
 
 /// How far below the ground an object may be seen before it is said \[grid spacings\].
@@ -42,7 +79,7 @@ pub(super) fn find_ground(clip: &Clip, run: &mut Run) -> Result<()> {
     if !run.config.world.find_ground {
         let (given, far) = (run.config.world.ground, BELOW * run.config.geometry.dx);
         // a single camera is not sure enough of heights
-        let lowest = if clip.cameras.len() > 1 { lowest_point(clip) } else { None };
+        let lowest = if clip.cameras.len() > 1 { landing(clip, run.config.world.gravity) } else { None };
         if let Some(lowest) = lowest.filter(|lowest| *lowest < given - far) {
             run.note(format!(
                 "the object is seen at y = {lowest:.3} m, below the ground at {given} m: if that is elsewhere, give its height with \
@@ -52,7 +89,7 @@ pub(super) fn find_ground(clip: &Clip, run: &mut Run) -> Result<()> {
         run.state.ground = Some(given);
         return Ok(());
     }
-    let Some(height) = lowest_point(clip) else {
+    let Some(height) = landing(clip, run.config.world.gravity) else {
         return Err(Error::new(ErrorKind::Input, "the height of the ground cannot be found")
             .at(clip.root.display())
             .found("no frame in which the silhouettes of the object meet")
@@ -61,6 +98,6 @@ pub(super) fn find_ground(clip: &Clip, run: &mut Run) -> Result<()> {
     run.config.world.ground = height;
     run.folder.write("config.toml", run.config.to_toml()?.as_bytes())?;
     run.state.ground = Some(height);
-    run.note(format!("the ground was taken to be where the object is seen lowest, at y = {height:.4} m"));
+    run.note(format!("the ground was taken to be where the object lands, at y = {height:.4} m"));
     run.save()
 }

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::identify::fall::Fallen;
 use crate::identify::plausible::Plausible;
+use crate::identify::profile::Valley;
 use crate::identify::unknowns::Unknown;
 use crate::identify::{Free, Linearised, SPIN, Unknowns, VELOCITY};
 use crate::physics::Law;
@@ -30,7 +31,8 @@ pub struct Interval {
 /// whole picture, and in all pictures of a camera or of a moment. So the covariance is the *cluster-robust sandwich*
 /// `C⁻¹ M C⁻¹` with the curvature `C` and the scatter `M` of the parts that cameras, and that frames, have in the gradient:
 /// `M = Σ_cameras s sᵀ n/(n−1) + Σ_frames s sᵀ m/(m−1)` (Cameron, Gelbach and Miller 2011, without the term for their overlap,
-/// on the safe side). `bias` is a further deviation of each coordinate that is the same in all pictures, that of the grid
+/// on the safe side). Pixels are no smooth functions, and a loss may stay low farther than its curvature says: `wider` is how many times
+/// farther it does along each parameter ([`valleys`]), and scales its deviation. `bias` is a further deviation of each coordinate that is the same in all pictures, that of the grid
 /// for instance: `K = C⁻¹ M C⁻¹ + diag bias²`. What is plausible beforehand, and what the flight of an object that a single camera saw says of its velocity, is
 /// added as a prior of covariance `P`, `Σ = (K⁻¹ + P⁻¹)⁻¹`, so that a direction that no picture shows keeps
 /// the width of what is plausible. Student's t for as many degrees of freedom as there are clusters of the rarer kind, less one.
@@ -42,6 +44,7 @@ pub fn intervals(
     law: &Law,
     free: Free,
     linearised: &Linearised,
+    wider: &[f64],
     bias: &[f64],
     flight: Option<&Flight>,
 ) -> Result<Vec<Interval>> {
@@ -50,7 +53,7 @@ pub fn intervals(
     let fall = flight.map(Fallen::of).transpose()?;
     let plausible = Plausible::new(law, free).after(fall.as_ref());
     let prior = plausible.deviations(at);
-    let deviations = Known::of(linearised, plausible.factor(at), bias)?.deviations()?;
+    let deviations = Known::of(linearised, plausible.factor(at), wider, bias)?.deviations()?;
     let student = student(clusters(linearised));
     let x = at.coordinates(law, free);
     let end = |k: usize, sign: f64| {
@@ -72,10 +75,42 @@ pub fn intervals(
             Unknown::Contact => "contact".to_owned(),
         },
         interval_90: [end(k, -1.0), end(k, 1.0)],
-        determined: student * deviations[k] <= 1.645 * prior[k] / 3.0,
+        determined: student * deviations[k] <= PLAUSIBLE * prior[k] / 3.0,
     };
     Ok((0..n).map(interval).collect())
 }
+
+/// The valleys along which the loss is to be looked at before [`intervals`] believes its curvature; nothing for unknowns that are no
+/// parameters, and for those that the pictures do not tell.
+///
+/// # Errors
+/// As [`intervals`].
+pub(super) fn valleys(
+    at: &Unknowns,
+    law: &Law,
+    free: Free,
+    linearised: &Linearised,
+    flight: Option<&Flight>,
+) -> Result<Vec<Option<Valley>>> {
+    let fall = flight.map(Fallen::of).transpose()?;
+    let plausible = Plausible::new(law, free).after(fall.as_ref());
+    let n = linearised.gradient.len();
+    let known = Known::of(linearised, plausible.factor(at), &vec![1.0; n], &vec![0.0; n])?;
+    let student = student(clusters(linearised));
+    let valley = |(k, unknown): (usize, Unknown)| {
+        let (flat, end) = (known.inverse[(k, k)], student * known.covariance[(k, k)].max(0.0).sqrt());
+        let told = matches!(unknown, Unknown::Parameter(_)) && end > 0.0 && end < PLAUSIBLE && flat > 0.0;
+        if !told {
+            return None;
+        }
+        let follow = |i: usize| (0..n).map(|j| known.prior[(i, j)] * known.inverse[(j, k)]).sum::<f64>() / flat;
+        Some(Valley { way: (0..n).map(follow).collect(), end, rise: end * end / (2.0 * flat), farthest: PLAUSIBLE })
+    };
+    Ok(free.list(law).into_iter().enumerate().map(valley).collect())
+}
+
+/// The end of what is plausible, in deviations: that of an interval of 90 %.
+const PLAUSIBLE: f64 = 1.645;
 
 /// The noise of the loss along each free unknown's coordinate, for the velocity along the directions of the fall,
 /// `(C⁻¹ M C⁻¹)_kk / (C⁻¹)_kk` with curvature and scatter as for [`intervals`]: a loss of so much noise that is curved like this one
@@ -85,9 +120,10 @@ pub fn intervals(
 /// # Errors
 /// As [`intervals`].
 pub(super) fn noise(plausible: &Plausible<'_>, at: &Unknowns, linearised: &Linearised) -> Result<Vec<f64>> {
-    let known = Known::of(linearised, plausible.factor(at), &vec![0.0; linearised.gradient.len()])?;
+    let n = linearised.gradient.len();
+    let known = Known::of(linearised, plausible.factor(at), &vec![1.0; n], &vec![0.0; n])?;
     let of = |k: usize| (known.covariance[(k, k)] / known.inverse[(k, k)]).max(known.noise);
-    Ok((0..linearised.gradient.len()).map(of).collect())
+    Ok((0..n).map(of).collect())
 }
 
 /// The most probable coordinates of the free unknowns near the minimum `at` of a loss, `x + K (K + P)⁻¹ (m − x)` with what is
@@ -103,7 +139,7 @@ pub(super) fn most_probable(
 ) -> Result<Vec<f64>> {
     let x = at.coordinates(plausible.law, plausible.free);
     let off: Vec<f64> = plausible.expected(at).iter().zip(&x).map(|(expected, x)| expected - x).collect();
-    let pulled = Known::of(linearised, plausible.factor(at), bias)?.pulled(&off)?;
+    let pulled = Known::of(linearised, plausible.factor(at), &vec![1.0; off.len()], bias)?.pulled(&off)?;
     Ok(x.iter().zip(pulled).map(|(x, pull)| x + pull).collect())
 }
 
@@ -114,7 +150,7 @@ struct Known {
     prior: Mat<f64>,
     /// The inverse of the curvature; directions that no picture shows at all have a huge one.
     inverse: Mat<f64>,
-    /// The sandwich of the curvature and the scatter, and the bias.
+    /// The sandwich of the curvature and the scatter, as much wider as was said, and the bias.
     covariance: Mat<f64>,
     /// Directions that no picture shows.
     unseen: Vec<Vec<f64>>,
@@ -123,7 +159,7 @@ struct Known {
 }
 
 impl Known {
-    fn of(at: &Linearised, prior: Mat<f64>, bias: &[f64]) -> Result<Self> {
+    fn of(at: &Linearised, prior: Mat<f64>, wider: &[f64], bias: &[f64]) -> Result<Self> {
         let n = at.gradient.len();
         let in_units = |m: &[Vec<f64>]| prior.transpose() * Mat::from_fn(n, n, |i, j| m[i][j]) * &prior;
         let curvature = in_units(&at.curvature);
@@ -138,7 +174,9 @@ impl Known {
         let floor = (1e-12 * most).max(f64::MIN_POSITIVE);
         let inverse = Mat::from_fn(n, n, |i, j| (0..n).map(|k| u[(i, k)] * u[(j, k)] / s[k].max(floor)).sum::<f64>());
         let bias = in_units_of(&prior, &Mat::from_fn(n, n, |i, k| if i == k { bias[k] } else { 0.0 }));
-        let covariance = &inverse * &scatter * &inverse + &bias * bias.transpose();
+        let of_pictures = &inverse * &scatter * &inverse;
+        let covariance =
+            Mat::from_fn(n, n, |i, j| wider[i] * wider[j] * of_pictures[(i, j)]) + &bias * bias.transpose();
         let direction = |k: usize| (0..n).map(|i| u[(i, k)]).collect();
         let unseen = (0..n).filter(|&k| s[k] <= floor).map(direction).collect();
         let trace = |matrix: &Mat<f64>| (0..n).map(|k| matrix[(k, k)]).sum::<f64>();
@@ -255,7 +293,7 @@ mod tests {
         let curvature = vec![vec![(cameras * frames) as f64, 0.0], vec![0.0, 0.0]];
         let at = Linearised { loss: 1.0, gradient: vec![0.0, 0.0], curvature, scores: scores.collect() };
         let prior = || Mat::from_fn(2, 2, |i, j| if i == j { [100.0, 3.0][i] } else { 0.0 });
-        let known = Known::of(&at, prior(), &[0.0, 0.0]).unwrap();
+        let known = Known::of(&at, prior(), &[1.0; 2], &[0.0, 0.0]).unwrap();
         let found = known.deviations().unwrap();
         let spread = (0..cameras).map(|c| (error(c) - mean).powi(2)).sum::<f64>() / (cameras as f64 - 1.0);
         let wanted = (spread / cameras as f64).sqrt();
@@ -266,8 +304,11 @@ mod tests {
         let of_x = known.covariance[(0, 0)] / known.inverse[(0, 0)];
         approx::assert_relative_eq!((of_x / curvature).sqrt(), wanted, max_relative = 1e-3);
         // an error that all pictures share adds its square
-        let biased = Known::of(&at, prior(), &[0.5, 0.0]).unwrap().deviations().unwrap();
+        let biased = Known::of(&at, prior(), &[1.0; 2], &[0.5, 0.0]).unwrap().deviations().unwrap();
         approx::assert_relative_eq!(biased[0], wanted.hypot(0.5), max_relative = 1e-3);
+        // and a loss that stays low twice as far doubles it
+        let wider = Known::of(&at, prior(), &[2.0, 1.0], &[0.0, 0.0]).unwrap().deviations().unwrap();
+        approx::assert_relative_eq!(wider[0], 2.0 * wanted, max_relative = 1e-3);
     }
 
     /// Errors that go together in the pictures, and a prior of one of them: it tells of the other.
@@ -279,7 +320,7 @@ mod tests {
         let scores = vec![score(1.0), score(-1.0)];
         let at = Linearised { loss: 1.0, gradient: vec![0.0, 0.0], curvature, scores };
         let prior = Mat::from_fn(2, 2, |i, j| if i == j { [1.0, 1e3][i] } else { 0.0 });
-        let known = Known::of(&at, prior, &[0.0, 0.0]).unwrap();
+        let known = Known::of(&at, prior, &[1.0; 2], &[0.0, 0.0]).unwrap();
         // M = 4 (1 −1; −1 1), C⁻¹ (1 −1)ᵀ = ½ (1 −1)ᵀ: K = (1 −1; −1 1), and x is as unsure as its prior
         let pulled = known.pulled(&[0.5, 0.0]).unwrap();
         approx::assert_relative_eq!(pulled[0], 0.25, max_relative = 1e-4);

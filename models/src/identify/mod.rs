@@ -40,6 +40,7 @@ mod penalty;
 mod pixels;
 mod plausible;
 mod problem;
+mod profile;
 mod reconstruct;
 mod run;
 mod spin;

@@ -349,7 +349,6 @@ impl Stages<'_> {
             return Ok(());
         }
         let since = Instant::now();
-        let bar = self.progress.stage(INTERVALS, 1);
         let all =
             Free::all_but(self.law, &run.config.held(self.law)?, true).with_spin(self.law, run.config.estimate.spin);
         let free = if self.unsure_ground(run) { all.with_ground(self.law, Ground::Unsure) } else { all };
@@ -357,10 +356,25 @@ impl Stages<'_> {
         let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
         let mut notes = Vec::new();
         let linearised = problem.linearise(unknowns, free, frames, &mut 0, &mut |note| notes.push(note))?;
+        let flight = self.clip.flight.as_ref();
+        let valleys = interval::valleys(unknowns, self.law, free, &linearised, flight)?;
+        let here = unknowns.coordinates(self.law, free);
+        let bar = self.progress.stage(INTERVALS, valleys.len() as u64);
+        let mut wider = Vec::with_capacity(valleys.len());
+        for valley in &valleys {
+            let rise = &mut |far: &[f64]| {
+                interrupt::check()?;
+                let there: Vec<f64> = here.iter().zip(far).map(|(here, far)| here + far).collect();
+                let there = unknowns.moved(self.law, free, &there);
+                Ok(problem.misfit(&there, frames, &mut 0, &mut |_| ())? - linearised.loss)
+            };
+            wider.push(valley.as_ref().map_or(Ok(1.0), |valley| valley.wider(rise))?);
+            bar.set(wider.len() as u64, "");
+        }
         // from where the clip alone would have it
         let fitted = run.rows(WEIGHED).next().map_or_else(|| unknowns.clone(), |row| row.unknowns.clone());
         let bias = self.bias(run, free, &fitted)?;
-        run.state.intervals = intervals(unknowns, self.law, free, &linearised, &bias, self.clip.flight.as_ref())?;
+        run.state.intervals = intervals(unknowns, self.law, free, &linearised, &wider, &bias, flight)?;
         notes.into_iter().for_each(|note| run.note(format!("{INTERVALS}: {note}")));
         bar.finish("");
         run.finish(INTERVALS, since)
