@@ -13,7 +13,8 @@ pub struct FitSettings {
     pub iterations: usize,
     /// Adam iterations once the motion through all frames is known.
     pub in_motion: usize,
-    /// What the area of the surface counts, in units of that of a cube of as many voxels ([`Faces::area`](crate::field::Faces::area)).
+    /// What the area of the surface counts, in units of that of a cube of as many voxels ([`Faces::area`](crate::field::Faces::area)), of
+    /// a body that several cameras filmed. Without, pits are dug where no camera looks straight at the surface.
     pub smoothness: f64,
     /// Rate of the raw density.
     pub density_rate: f64,
@@ -23,7 +24,7 @@ pub struct FitSettings {
 
 impl Default for FitSettings {
     fn default() -> Self {
-        Self { iterations: 80, in_motion: 25, smoothness: 0.0, density_rate: 0.2, colour_rate: 0.05 }
+        Self { iterations: 80, in_motion: 25, smoothness: 0.01, density_rate: 0.2, colour_rate: 0.05 }
     }
 }
 

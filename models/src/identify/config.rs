@@ -85,13 +85,16 @@ pub struct GeometryConfig {
     pub hull_coverage: f32,
     /// Voxels less opaque than this become no particle.
     pub least_opacity: f64,
+    /// Whether the surface of a body that several cameras filmed and that keeps its shape may be drawn sharpened, as `flowing.surface` has
+    /// it, if its first frame is then fitted better by a third.
+    pub sharpen: bool,
     /// The fit of the voxels.
     pub fit: FitSettings,
 }
 
 impl Default for GeometryConfig {
     fn default() -> Self {
-        Self { dx: 0.0, hull_coverage: 0.3, least_opacity: 0.2, fit: FitSettings::default() }
+        Self { dx: 0.0, hull_coverage: 0.3, least_opacity: 0.2, sharpen: true, fit: FitSettings::default() }
     }
 }
 

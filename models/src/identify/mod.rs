@@ -43,6 +43,7 @@ mod problem;
 mod profile;
 mod reconstruct;
 mod run;
+mod sharpness;
 mod spin;
 mod stages;
 mod temporal_start;

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::time::Instant;
 
+use gradreel::backend::cpu::pool;
 use gradreel::optim::{Adam, Params};
 use gradreel::{DType, Error, ErrorKind, Result, Tensor, Var};
 
@@ -59,6 +60,7 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
 
     let frames = clip.frame_count();
     let iterations = run.config.geometry.fit.iterations;
+    stages.choose_surface(run)?;
     stages.shape(run, "shape", iterations, Moved::Flying { frames: 1, velocity: [0.0; 3], spin: [0.0; 3] })?;
     let few = frames.min(3);
     unknowns.velocity = match stages.flight_of_field(run)? {
@@ -79,6 +81,7 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     let stages = Stages { law: &law, ..stages };
     if !run.state.candidates.is_empty() && !run.config.flows(&law) {
         // until now it was treated as if it flowed
+        stages.choose_surface(run)?;
         stages.shape(run, "shape of what stays", iterations, flying)?;
     }
     // a single camera tells the velocity by all frames, and by the early ones little
@@ -223,7 +226,7 @@ impl Stages<'_> {
             return run.finish(stage, since);
         }
         let settings = run.config.geometry.fit.clone();
-        let smoothness = run.config.smoothness_of(self.law);
+        let smoothness = self.smoothness(run);
         let mut adam = Adam::new(settings.colour_rate).with_rate("field.density", settings.density_rate);
         let (mut field, mut params) = match (run.state.finished.is_empty(), reached.iterations) {
             (true, 0) => self.hull(run)?,
@@ -260,6 +263,8 @@ impl Stages<'_> {
             stop
         })?;
         run.save_field(&field, &fitted, None, &reached(iterations, true))?;
+        // what follows has other numbers of particles: buffers of these sizes would only wait
+        pool::trim(0);
         bar.finish(&format!("loss {last:.5}, {} voxels", field.len()));
         run.finish(stage, since)
     }
@@ -269,7 +274,13 @@ impl Stages<'_> {
         self.around.filter(|_| frame == 0).map_or(self.observed, |(_, around)| around)
     }
 
-    fn hull(&self, run: &mut Run) -> Result<(Field, Params)> {
+    /// What the area of the surface counts: of a body that keeps its shape nothing, if a single camera saw it and the rest was made up.
+    pub(super) fn smoothness(&self, run: &Run) -> f64 {
+        let seen = self.clip.cameras.len() > 1 || run.config.flows(self.law);
+        if seen { run.config.smoothness_of(self.law) } else { 0.0 }
+    }
+
+    pub(super) fn hull(&self, run: &mut Run) -> Result<(Field, Params)> {
         let sphere = bounding_sphere(self.clip, 0)?;
         if sphere.assumed_depth {
             run.note(

@@ -32,6 +32,9 @@ pub struct State {
     /// Height of the ground \[m\], once it was looked for.
     #[serde(default)]
     pub ground: Option<f64>,
+    /// Whether the first frame asked for a sharpened surface, once it was asked.
+    #[serde(default)]
+    pub sharpened: Option<bool>,
     /// First frame in contact with the ground, once known.
     pub contact: Option<usize>,
     /// Every evaluation of the estimates.

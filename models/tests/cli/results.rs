@@ -141,3 +141,30 @@ fn the_velocity_may_start_from_the_temporal_field() {
     scene.write("field.toml", "[temporal.first]\nframes = 1\n");
     scene.refuses("reconstruct clip --out other --config field.toml", &["temporal.first.frames", "at least 2"]);
 }
+
+#[test]
+fn a_body_that_may_spin_above_ground_of_unknown_height() {
+    let scene = Scene::new();
+    let clip = bundled().display().to_string();
+    let output = scene.run(&format!("reconstruct {clip} --ground low"));
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(2) && message.contains("neither `auto` nor a height"), "{message}");
+    let arguments = "--cameras 0,2,4,6 --frames 8 --spin --ground auto --out out --config quick.toml";
+    let printed = scene.succeeds(&format!("reconstruct {clip} {arguments}"));
+    assert!(printed.contains("Initial spin, x"), "{printed}");
+    let parameters: Value = serde_json::from_slice(&fs::read(scene.path("out/parameters.json")).unwrap()).unwrap();
+    for name in ["spin_x", "spin_y", "spin_z"] {
+        let entry = &parameters["parameters"][name];
+        assert_eq!(entry["unit"], "rad/s");
+        // the bird does not spin
+        assert!(entry["value"].as_f64().unwrap().abs() < 1.0, "{entry}");
+        assert!(entry["interval_90"][0].as_f64() < entry["interval_90"][1].as_f64(), "{entry}");
+    }
+    // the floor is at 0
+    let ground = parameters["assumed"]["ground"]["value"].as_f64().unwrap();
+    assert!(ground.abs() < 0.03 && ground != 0.0, "{ground}");
+    assert!(scene.state("out")["notes"].to_string().contains("where the object lands"));
+    let printed = scene.succeeds("simulate --from out --spin 0,6,0 --out again");
+    assert!(printed.contains("ω [0.0, 6.0, 0.0] rad/s"), "{printed}");
+    assert_eq!(scene.state("again")["unknowns"]["spin"], serde_json::json!([0.0, 6.0, 0.0]));
+}
