@@ -329,7 +329,8 @@ impl Stages<'_> {
                     let magnitude = self.is_magnitude(unknown);
                     let scaled = magnitude && parameter.unit.starts_with("Pa");
                     let length = if scaled { 2.0 * length / std::f64::consts::LN_10 } else { 0.0 };
-                    let model = if magnitude { MODEL_ERROR } else { 0.0 };
+                    let range = (parameter.prior[1] - parameter.prior[0]) / fitted.slope(self.law, unknown).abs();
+                    let model = if magnitude { MODEL_ERROR } else { SHARE_ERROR * range };
                     let motion = if flight.is_some() { first[k] } else { 0.0 };
                     other.hypot(length).hypot(model).hypot(motion)
                 }
@@ -462,6 +463,9 @@ const CHANCE: f64 = 0.5;
 /// Deviation of a modulus or viscosity in decades, from one simulator to another: what was found in clips of an independent one was
 /// off by 0.01 to 0.06, whatever the pictures said.
 const MODEL_ERROR: f64 = 0.03;
+
+/// The same of what is no magnitude, as a share of the plausible range: Poisson's ratios were off by 0.03 to 0.05, angles by 3 degrees.
+const SHARE_ERROR: f64 = 0.08;
 
 /// Deviation of where the outlines say that the object is, from the first frame of its flight to the last, in grid cells: a part of
 /// what the silhouettes are too wide or narrow is alike in all cameras.
