@@ -50,7 +50,9 @@ impl AblationSettings {
         run.go_on(&seen)?;
         let found = reconstruct(&seen, &mut run, progress)?;
         let quality = publish(&found, &run, clip, progress)?;
-        let quantities = quantities(&found, &run);
+        // what was held is no estimate
+        let mut quantities = quantities(&found, &run);
+        quantities.retain(|quantity| quantity.source == "fitted");
         let intervals = quantities.iter().filter_map(|quantity| Some((quantity.name.clone(), quantity.interval_90?)));
         Ok(CellResult {
             intervals: intervals.collect(),

@@ -32,7 +32,7 @@ pub struct Interval {
 /// `C⁻¹ M C⁻¹` with the curvature `C` and the scatter `M` of the parts that cameras, and that frames, have in the gradient:
 /// `M = Σ_cameras s sᵀ n/(n−1) + Σ_frames s sᵀ m/(m−1)` (Cameron, Gelbach and Miller 2011, without the term for their overlap,
 /// on the safe side). Pixels are no smooth functions, and a loss may stay low farther than its curvature says: `wider` is how many times
-/// farther it does along each parameter ([`valleys`]), and scales its deviation. `bias` is a further deviation of each coordinate that is the same in all pictures, that of the grid
+/// farther it does along each parameter, and scales its deviation. `bias` is a further deviation of each coordinate that is the same in all pictures, that of the grid
 /// for instance: `K = C⁻¹ M C⁻¹ + diag bias²`. What is plausible beforehand, and what the flight of an object that a single camera saw says of its velocity, is
 /// added as a prior of covariance `P`, `Σ = (K⁻¹ + P⁻¹)⁻¹`, so that a direction that no picture shows keeps
 /// the width of what is plausible. Student's t for as many degrees of freedom as there are clusters of the rarer kind, less one.
