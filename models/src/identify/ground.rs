@@ -74,7 +74,7 @@ const BELOW: f64 = 2.0;
 /// [`ErrorKind::Input`] when no frame shows the object; what writing the run's files returns.
 pub(super) fn find_ground(clip: &Clip, run: &mut Run) -> Result<()> {
     if run.state.ground.is_some() {
-        return Ok(());
+        return found(run);
     }
     if !run.config.world.find_ground {
         let (given, far) = (run.config.world.ground, BELOW * run.config.geometry.dx);
@@ -95,9 +95,19 @@ pub(super) fn find_ground(clip: &Clip, run: &mut Run) -> Result<()> {
             .found("no frame in which the silhouettes of the object meet")
             .fix("check masks and cameras with `gradreel check`, or give the height in metres with --ground"));
     };
-    run.config.world.ground = height;
-    run.folder.write("config.toml", run.config.to_toml()?.as_bytes())?;
     run.state.ground = Some(height);
     run.note(format!("the ground was taken to be where the object lands, at y = {height:.4} m"));
-    run.save()
+    run.save()?;
+    found(run)
+}
+
+/// Makes the configuration say what was found; a run may have been killed after that.
+fn found(run: &mut Run) -> Result<()> {
+    match run.state.ground.filter(|height| run.config.world.find_ground && *height != run.config.world.ground) {
+        Some(height) => {
+            run.config.world.ground = height;
+            run.folder.write("config.toml", run.config.to_toml()?.as_bytes())
+        }
+        None => Ok(()),
+    }
 }

@@ -25,22 +25,21 @@ impl Stages<'_> {
         let several = self.clip.cameras.len() > 1 && !self.clip.imagined.contains(&true);
         let asked = run.config.geometry.sharpen && several && !run.config.flows(self.law);
         if run.state.sharpened.is_some() || !asked {
-            return Ok(());
+            return sharpened(run);
         }
         let bar = self.progress.stage("sharpness", 2);
         let blunt = self.first_frame(run, &run.config.surface.clone())?;
         bar.set(1, "");
         let sharp = self.first_frame(run, &run.config.flowing.surface.clone())?;
-        let sharpened = sharp < SHARPER * blunt;
+        let needed = sharp < SHARPER * blunt;
         let loss = format!("loss of the first frame {sharp:.5}, {blunt:.5} as the grid draws it");
-        if sharpened {
-            run.config.surface = run.config.flowing.surface.clone();
-            run.folder.write("config.toml", run.config.to_toml()?.as_bytes())?;
+        if needed {
             run.note(format!("the body has edges sharper than the grid's: its surface is drawn sharpened ({loss})"));
         }
         bar.finish(&loss);
-        run.state.sharpened = Some(sharpened);
-        run.save()
+        run.state.sharpened = Some(needed);
+        run.save()?;
+        sharpened(run)
     }
 
     /// The loss of the first frame after a short fit of the hull.
@@ -64,4 +63,13 @@ impl Stages<'_> {
         })?;
         Ok(last)
     }
+}
+
+/// Makes the configuration say what was decided; a run may have been killed after that.
+fn sharpened(run: &mut Run) -> Result<()> {
+    if run.state.sharpened != Some(true) || run.config.surface == run.config.flowing.surface {
+        return Ok(());
+    }
+    run.config.surface = run.config.flowing.surface.clone();
+    run.folder.write("config.toml", run.config.to_toml()?.as_bytes())
 }
