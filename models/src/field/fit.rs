@@ -28,6 +28,13 @@ impl Default for FitSettings {
     }
 }
 
+impl FitSettings {
+    /// The optimiser with these rates.
+    pub(crate) fn adam(&self) -> Adam {
+        Adam::new(self.colour_rate).with_rate("field.density", self.density_rate)
+    }
+}
+
 /// What one iteration reached, for progress reports and checkpoints.
 pub struct FitState<'a> {
     /// Iteration, from 1.

@@ -57,16 +57,12 @@ impl Changes {
             unknowns.parameters[at] = value;
         }
         if let Some(velocity) = self.velocity {
-            if velocity.iter().any(|v| !v.is_finite()) {
-                return Err(Error::new(ErrorKind::Input, "the velocity is not finite").at("--velocity"));
-            }
+            finite("velocity", velocity)?;
             words.push(format!("v {velocity:?} m/s instead of {:.3?}", unknowns.velocity));
             unknowns.velocity = velocity;
         }
         if let Some(spin) = self.spin {
-            if spin.iter().any(|w| !w.is_finite()) {
-                return Err(Error::new(ErrorKind::Input, "the spin is not finite").at("--spin"));
-            }
+            finite("spin", spin)?;
             words.push(format!("ω {spin:?} rad/s instead of {:.3?}", unknowns.spin));
             (unknowns.spin, config.estimate.spin) = (spin, true);
         }
@@ -91,5 +87,13 @@ impl Changes {
         }
         found.changes.clone_from(&words);
         Ok(words)
+    }
+}
+
+/// Refuses what is no number; `name` is that of the option, too.
+fn finite(name: &str, values: [f64; 3]) -> Result<()> {
+    match values.iter().all(|value| value.is_finite()) {
+        true => Ok(()),
+        false => Err(Error::new(ErrorKind::Input, format!("the {name} is not finite")).at(format!("--{name}"))),
     }
 }

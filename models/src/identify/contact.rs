@@ -5,7 +5,6 @@ use crate::identify::flight::displacement;
 use crate::identify::spin::Gyration;
 use crate::particles::Particles;
 use crate::physics::World;
-use crate::vector::EYE;
 
 /// The first frame in which a falling object, had it kept its shape, would be within one grid cell of the ground; the number
 /// of frames if it never is.
@@ -20,7 +19,7 @@ pub fn first_contact(
     frames: usize,
 ) -> usize {
     let gyration = Gyration::of(particles);
-    let turned = if unknowns.spins() { gyration.turned(unknowns.spin, frame_dt, frames) } else { vec![EYE; frames] };
+    let turned = gyration.turned(unknowns.spin, frame_dt, frames);
     let touches = |(frame, turned): (usize, &_)| {
         let solid = particles.positions.iter().zip(&particles.opacity).filter(|(_, opacity)| **opacity > 0.5);
         let lowest = solid.map(|(x, _)| gyration.place(turned, *x)[1]).fold(f64::INFINITY, f64::min);

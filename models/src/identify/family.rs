@@ -77,7 +77,7 @@ impl Stages<'_> {
         run.config.material = MaterialConfig { name: family, ..MaterialConfig::default() };
         run.state.candidates = candidates;
         run.save()?;
-        run.folder.write("config.toml", run.config.to_toml()?.as_bytes())
+        run.save_config()
     }
 }
 

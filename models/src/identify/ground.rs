@@ -2,14 +2,10 @@
 
 use gradreel::{Error, ErrorKind, Result};
 
-use crate::field::{bounding_sphere, hull};
 use crate::identify::flight::displacement;
-use crate::identify::reconstruct::half_of_imagined;
+use crate::identify::reconstruct::rough_hull;
 use crate::identify::{Run, velocity_of_silhouettes};
 use crate::video::Clip;
-
-/// Voxels across half of the object.
-const FINENESS: f64 = 40.0;
 
 /// Frames of flight that tell the velocity.
 const FLIGHT: usize = 3;
@@ -29,10 +25,9 @@ pub(super) fn landing(clip: &Clip, gravity: [f64; 3]) -> Option<f64> {
     for frame in 0..clip.frame_count() {
         let Some(Room { bottom, middle, radius }) = Room::of(clip, frame) else { continue };
         lowest = lowest.min(bottom);
-        let start =
-            *start.get_or_insert(middle - displacement(velocity, gravity, clip.times[frame] - clip.times[0])[1]);
-        let fallen = start + displacement(velocity, gravity, clip.times[frame] - clip.times[0])[1];
-        if (middle - fallen).abs() > STRAYS * radius {
+        let fallen = displacement(velocity, gravity, clip.times[frame] - clip.times[0])[1];
+        let start = *start.get_or_insert(middle - fallen);
+        if (middle - (start + fallen)).abs() > STRAYS * radius {
             left -= 1;
         }
         if left == 0 {
@@ -54,9 +49,8 @@ struct Room {
 
 impl Room {
     fn of(clip: &Clip, frame: usize) -> Option<Self> {
-        let sphere = bounding_sphere(clip, frame).ok()?;
-        let spacing = sphere.radius / FINENESS;
-        let hull = hull(clip, frame, &sphere, spacing, 0.5, half_of_imagined(clip)).ok()?;
+        let (sphere, hull) = rough_hull(clip, frame).ok()?;
+        let spacing = hull.lattice.spacing;
         let [_, rows, columns] = hull.lattice.dims;
         let height = |flat: &u32| hull.lattice.origin[1] + (*flat as usize / columns % rows) as f64 * spacing;
         let bottom = hull.voxels.iter().map(height).reduce(f64::min)? - 0.5 * spacing;
@@ -106,7 +100,7 @@ fn found(run: &mut Run) -> Result<()> {
     match run.state.ground.filter(|height| run.config.world.find_ground && *height != run.config.world.ground) {
         Some(height) => {
             run.config.world.ground = height;
-            run.folder.write("config.toml", run.config.to_toml()?.as_bytes())
+            run.save_config()
         }
         None => Ok(()),
     }

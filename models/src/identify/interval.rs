@@ -53,7 +53,7 @@ pub fn intervals(
     let fall = flight.map(Fallen::of).transpose()?;
     let plausible = Plausible::new(law, free).after(fall.as_ref());
     let prior = plausible.deviations(at);
-    let deviations = Known::of(linearised, plausible.factor(at), wider, bias)?.deviations()?;
+    let deviations = Known::of(linearised, plausible.factor(at))?.but(wider, bias).deviations()?;
     let student = student(clusters(linearised));
     let x = at.coordinates(law, free);
     let end = |k: usize, sign: f64| {
@@ -95,7 +95,7 @@ pub(super) fn valleys(
     let fall = flight.map(Fallen::of).transpose()?;
     let plausible = Plausible::new(law, free).after(fall.as_ref());
     let n = linearised.gradient.len();
-    let known = Known::of(linearised, plausible.factor(at), &vec![1.0; n], &vec![0.0; n])?;
+    let known = Known::of(linearised, plausible.factor(at))?;
     let student = student(clusters(linearised));
     let valley = |(k, unknown): (usize, Unknown)| {
         let (flat, end) = (known.inverse[(k, k)], student * known.covariance[(k, k)].max(0.0).sqrt());
@@ -120,10 +120,9 @@ const PLAUSIBLE: f64 = 1.645;
 /// # Errors
 /// As [`intervals`].
 pub(super) fn noise(plausible: &Plausible<'_>, at: &Unknowns, linearised: &Linearised) -> Result<Vec<f64>> {
-    let n = linearised.gradient.len();
-    let known = Known::of(linearised, plausible.factor(at), &vec![1.0; n], &vec![0.0; n])?;
+    let known = Known::of(linearised, plausible.factor(at))?;
     let of = |k: usize| (known.covariance[(k, k)] / known.inverse[(k, k)]).max(known.noise);
-    Ok((0..n).map(of).collect())
+    Ok((0..linearised.gradient.len()).map(of).collect())
 }
 
 /// The most probable coordinates of the free unknowns near the minimum `at` of a loss, `x + K (K + P)⁻¹ (m − x)` with what is
@@ -139,7 +138,7 @@ pub(super) fn most_probable(
 ) -> Result<Vec<f64>> {
     let x = at.coordinates(plausible.law, plausible.free);
     let off: Vec<f64> = plausible.expected(at).iter().zip(&x).map(|(expected, x)| expected - x).collect();
-    let pulled = Known::of(linearised, plausible.factor(at), &vec![1.0; off.len()], bias)?.pulled(&off)?;
+    let pulled = Known::of(linearised, plausible.factor(at))?.but(&vec![1.0; off.len()], bias).pulled(&off)?;
     Ok(x.iter().zip(pulled).map(|(x, pull)| x + pull).collect())
 }
 
@@ -150,7 +149,7 @@ struct Known {
     prior: Mat<f64>,
     /// The inverse of the curvature; directions that no picture shows at all have a huge one.
     inverse: Mat<f64>,
-    /// The sandwich of the curvature and the scatter, as much wider as was said, and the bias.
+    /// The sandwich of the curvature and the scatter, and what was added to it ([`Known::but`]).
     covariance: Mat<f64>,
     /// Directions that no picture shows.
     unseen: Vec<Vec<f64>>,
@@ -159,7 +158,7 @@ struct Known {
 }
 
 impl Known {
-    fn of(at: &Linearised, prior: Mat<f64>, wider: &[f64], bias: &[f64]) -> Result<Self> {
+    fn of(at: &Linearised, prior: Mat<f64>) -> Result<Self> {
         let n = at.gradient.len();
         let in_units = |m: &[Vec<f64>]| prior.transpose() * Mat::from_fn(n, n, |i, j| m[i][j]) * &prior;
         let curvature = in_units(&at.curvature);
@@ -173,15 +172,21 @@ impl Known {
         // directions that no picture shows at all stand at a floor: they come out far wider than the prior
         let floor = (1e-12 * most).max(f64::MIN_POSITIVE);
         let inverse = Mat::from_fn(n, n, |i, j| (0..n).map(|k| u[(i, k)] * u[(j, k)] / s[k].max(floor)).sum::<f64>());
-        let bias = in_units_of(&prior, &Mat::from_fn(n, n, |i, k| if i == k { bias[k] } else { 0.0 }));
-        let of_pictures = &inverse * &scatter * &inverse;
-        let covariance =
-            Mat::from_fn(n, n, |i, j| wider[i] * wider[j] * of_pictures[(i, j)]) + &bias * bias.transpose();
+        let covariance = &inverse * &scatter * &inverse;
         let direction = |k: usize| (0..n).map(|i| u[(i, k)]).collect();
         let unseen = (0..n).filter(|&k| s[k] <= floor).map(direction).collect();
         let trace = |matrix: &Mat<f64>| (0..n).map(|k| matrix[(k, k)]).sum::<f64>();
         let noise = trace(&scatter) / trace(&curvature).max(f64::MIN_POSITIVE);
         Ok(Self { prior, inverse, covariance, unseen, noise })
+    }
+
+    /// The same, but each coordinate so many times less sure, and with a deviation that all pictures share.
+    fn but(mut self, wider: &[f64], bias: &[f64]) -> Self {
+        let n = bias.len();
+        let bias = in_units_of(&self.prior, &Mat::from_fn(n, n, |i, k| if i == k { bias[k] } else { 0.0 }));
+        let pictures = Mat::from_fn(n, n, |i, j| wider[i] * wider[j] * self.covariance[(i, j)]);
+        self.covariance = pictures + &bias * bias.transpose();
+        self
     }
 
     /// The standard deviation of each coordinate, the prior counted in.
@@ -293,7 +298,7 @@ mod tests {
         let curvature = vec![vec![(cameras * frames) as f64, 0.0], vec![0.0, 0.0]];
         let at = Linearised { loss: 1.0, gradient: vec![0.0, 0.0], curvature, scores: scores.collect() };
         let prior = || Mat::from_fn(2, 2, |i, j| if i == j { [100.0, 3.0][i] } else { 0.0 });
-        let known = Known::of(&at, prior(), &[1.0; 2], &[0.0, 0.0]).unwrap();
+        let known = Known::of(&at, prior()).unwrap();
         let found = known.deviations().unwrap();
         let spread = (0..cameras).map(|c| (error(c) - mean).powi(2)).sum::<f64>() / (cameras as f64 - 1.0);
         let wanted = (spread / cameras as f64).sqrt();
@@ -304,10 +309,10 @@ mod tests {
         let of_x = known.covariance[(0, 0)] / known.inverse[(0, 0)];
         approx::assert_relative_eq!((of_x / curvature).sqrt(), wanted, max_relative = 1e-3);
         // an error that all pictures share adds its square
-        let biased = Known::of(&at, prior(), &[1.0; 2], &[0.5, 0.0]).unwrap().deviations().unwrap();
+        let biased = Known::of(&at, prior()).unwrap().but(&[1.0; 2], &[0.5, 0.0]).deviations().unwrap();
         approx::assert_relative_eq!(biased[0], wanted.hypot(0.5), max_relative = 1e-3);
         // and a loss that stays low twice as far doubles it
-        let wider = Known::of(&at, prior(), &[2.0, 1.0], &[0.0, 0.0]).unwrap().deviations().unwrap();
+        let wider = Known::of(&at, prior()).unwrap().but(&[2.0, 1.0], &[0.0, 0.0]).deviations().unwrap();
         approx::assert_relative_eq!(wider[0], 2.0 * wanted, max_relative = 1e-3);
     }
 
@@ -320,7 +325,7 @@ mod tests {
         let scores = vec![score(1.0), score(-1.0)];
         let at = Linearised { loss: 1.0, gradient: vec![0.0, 0.0], curvature, scores };
         let prior = Mat::from_fn(2, 2, |i, j| if i == j { [1.0, 1e3][i] } else { 0.0 });
-        let known = Known::of(&at, prior, &[1.0; 2], &[0.0, 0.0]).unwrap();
+        let known = Known::of(&at, prior).unwrap();
         // M = 4 (1 −1; −1 1), C⁻¹ (1 −1)ᵀ = ½ (1 −1)ᵀ: K = (1 −1; −1 1), and x is as unsure as its prior
         let pulled = known.pulled(&[0.5, 0.0]).unwrap();
         approx::assert_relative_eq!(pulled[0], 0.25, max_relative = 1e-4);

@@ -231,11 +231,10 @@ impl Problem<'_> {
         };
         let list = free.list(&self.law);
         let spins = unknowns.spins() || list.iter().any(|unknown| matches!(unknown, Unknown::Spin(_)));
-        let field = spins.then(|| self.spin_field()).transpose()?;
+        let field = spins.then(|| self.spin_field()?.to_vec()).transpose()?;
         // of each particle if the body turns, `[3]` if all are alike
         let velocity = |common: [f64; 3], spin: [f64; 3]| -> Result<Tensor> {
             let Some(field) = &field else { return tensor(common.to_vec()) };
-            let field = field.to_vec()?;
             let turning = |i: usize| (0..3).map(|axis| spin[axis] * field[axis * 3 * opacity.len() + i]).sum::<f64>();
             let values = (0..3 * opacity.len()).map(|i| common[i % 3] + turning(i)).collect();
             Tensor::from_vec(values, [opacity.len(), 3]).cast(self.dtype)

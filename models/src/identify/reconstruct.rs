@@ -7,7 +7,7 @@ use gradreel::backend::cpu::pool;
 use gradreel::optim::{Adam, Params};
 use gradreel::{DType, Error, ErrorKind, Result, Tensor, Var};
 
-use crate::field::{Field, Sphere, bounding_sphere, fill_gaps, fit, hull};
+use crate::field::{Field, Hull, Sphere, bounding_sphere, fill_gaps, fit, hull};
 use crate::identify::ground::find_ground;
 use crate::identify::run::Run;
 use crate::identify::stages::{Effort, MOVING};
@@ -225,9 +225,8 @@ impl Stages<'_> {
         if reached.ended {
             return run.finish(stage, since);
         }
-        let settings = run.config.geometry.fit.clone();
         let smoothness = self.smoothness(run);
-        let mut adam = Adam::new(settings.colour_rate).with_rate("field.density", settings.density_rate);
+        let mut adam = run.config.geometry.fit.adam();
         let (mut field, mut params) = match (run.state.finished.is_empty(), reached.iterations) {
             (true, 0) => self.hull(run)?,
             _ => run.load_field(&mut adam)?,
@@ -387,14 +386,20 @@ pub(crate) fn half_of_imagined(clip: &Clip) -> usize {
     clip.imagined.iter().filter(|imagined| **imagined).count() / 2
 }
 
+/// The ball around the object of a frame, and its visual hull on voxels of a fortieth of the radius.
+pub(super) fn rough_hull(clip: &Clip, frame: usize) -> Result<(Sphere, Hull)> {
+    let sphere = bounding_sphere(clip, frame)?;
+    let hull = hull(clip, frame, &sphere, sphere.radius / 40.0, 0.5, half_of_imagined(clip))?;
+    Ok((sphere, hull))
+}
+
 /// Half the configured grid spacing, or the one that the object's size asks for; the latter is stored.
 fn particle_spacing(clip: &Clip, run: &mut Run) -> Result<f64> {
     if run.config.geometry.dx > 0.0 {
         return Ok(0.5 * run.config.geometry.dx);
     }
-    let sphere = bounding_sphere(clip, 0)?;
-    let probe = sphere.radius / 40.0;
-    let volume = hull(clip, 0, &sphere, probe, 0.5, half_of_imagined(clip))?.voxels.len() as f64 * probe.powi(3);
+    let (_, hull) = rough_hull(clip, 0)?;
+    let volume = hull.voxels.len() as f64 * hull.lattice.spacing.powi(3);
     let count = volume / 0.01f64.powi(3);
     let dx = if (3e3..=4e4).contains(&count) {
         0.02
@@ -404,7 +409,7 @@ fn particle_spacing(clip: &Clip, run: &mut Run) -> Result<f64> {
         (exact / digits).round() * digits
     };
     run.config.geometry.dx = dx;
-    run.folder.write("config.toml", run.config.to_toml()?.as_bytes())?;
+    run.save_config()?;
     Ok(0.5 * dx)
 }
 

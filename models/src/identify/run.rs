@@ -174,6 +174,11 @@ impl Run {
         Ok(Self { folder, config, state })
     }
 
+    /// Writes the configuration as it is now.
+    pub(super) fn save_config(&self) -> Result<()> {
+        self.folder.write(CONFIG, self.config.to_toml()?.as_bytes())
+    }
+
     /// The same run, to be changed and written to another folder.
     #[must_use]
     pub fn copied(&self) -> Self {
@@ -185,7 +190,7 @@ impl Run {
     /// # Errors
     /// What reading and writing return.
     pub fn begin_from(&self, other: &Self) -> Result<()> {
-        self.folder.write(CONFIG, self.config.to_toml()?.as_bytes())?;
+        self.save_config()?;
         self.folder.write(FIELD, &other.folder.read(FIELD)?)?;
         self.save()
     }

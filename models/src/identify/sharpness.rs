@@ -1,9 +1,9 @@
 //! Whether a body's edges are sharper than the grid draws them.
 
-use gradreel::optim::Adam;
+use gradreel::optim::Params;
 use gradreel::{Result, Var};
 
-use crate::field::fit;
+use crate::field::{Field, fit};
 use crate::identify::reconstruct::{DTYPE, Stages};
 use crate::identify::run::Run;
 use crate::identify::{Problem, Unknowns};
@@ -14,8 +14,8 @@ use crate::report::interrupt;
 /// Iterations of each trial fit to the first frame.
 const TRIAL: usize = 40;
 
-/// A surface that is sharpened must fit the first frame better by this factor. With boxes, whose edges are sharp, the loss
-/// flight halves; of bodies that are round everywhere it changes by a tenth or grows.
+/// A surface that is sharpened must fit the first frame better by this factor. With boxes, whose edges are sharp, its loss
+/// halves; of bodies that are round it falls by a quarter at most, or grows.
 const SHARPER: f64 = 2.0 / 3.0;
 
 impl Stages<'_> {
@@ -28,9 +28,10 @@ impl Stages<'_> {
             return sharpened(run);
         }
         let bar = self.progress.stage("sharpness", 2);
-        let blunt = self.first_frame(run, &run.config.surface.clone())?;
+        let (field, params) = self.hull(run)?;
+        let blunt = self.first_frame(run, &field, params.clone(), &run.config.surface)?;
         bar.set(1, "");
-        let sharp = self.first_frame(run, &run.config.flowing.surface.clone())?;
+        let sharp = self.first_frame(run, &field, params, &run.config.flowing.surface)?;
         let needed = sharp < SHARPER * blunt;
         let loss = format!("loss of the first frame {sharp:.5}, {blunt:.5} as the grid draws it");
         if needed {
@@ -43,9 +44,8 @@ impl Stages<'_> {
     }
 
     /// The loss of the first frame after a short fit of the hull.
-    fn first_frame(&self, run: &mut Run, surface: &Surface) -> Result<f64> {
-        let (field, params) = self.hull(run)?;
-        let particles = Particles::of_field(&field, &params, 0.0)?;
+    fn first_frame(&self, run: &Run, hull: &Field, params: Params, surface: &Surface) -> Result<f64> {
+        let particles = Particles::of_field(hull, &params, 0.0)?;
         let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE).flying();
         let problem = Problem { surface: surface.clone(), ..problem };
         let unknowns = Unknowns { parameters: run.config.starting_values(self.law)?, ..Unknowns::default() };
@@ -54,10 +54,9 @@ impl Stages<'_> {
             let motion = problem.motion_of(opacity, &unknowns.constants(opacity.tape(), DTYPE)?, schedule)?;
             problem.loss_of(&motion, [opacity, colour], &|_| self.observed, 1)
         };
-        let settings = &run.config.geometry.fit;
-        let adam = Adam::new(settings.colour_rate).with_rate("field.density", settings.density_rate);
+        let adam = run.config.geometry.fit.adam();
         let mut last = f64::INFINITY;
-        fit(&field, params, adam, 0..TRIAL, self.smoothness(run), &loss, |state| {
+        fit(hull, params, adam, 0..TRIAL, self.smoothness(run), &loss, |state| {
             last = state.loss;
             interrupt::check()
         })?;
@@ -71,5 +70,5 @@ fn sharpened(run: &mut Run) -> Result<()> {
         return Ok(());
     }
     run.config.surface = run.config.flowing.surface.clone();
-    run.folder.write("config.toml", run.config.to_toml()?.as_bytes())
+    run.save_config()
 }

@@ -123,8 +123,13 @@ impl Stages<'_> {
     fn free(&self, run: &Run, config: &Config) -> Result<Free> {
         let all = Free::all_but(self.law, &config.held(self.law)?, false);
         let unsure = run.state.contact.is_some_and(|contact| contact < SURE);
-        let all = if unsure { all.with_velocity(self.law).with_spin(self.law, config.estimate.spin) } else { all };
+        let all = if unsure { self.thrown(config, all) } else { all };
         Ok(if self.unsure_ground(run) { all.with_ground(self.law, Ground::Unsure) } else { all })
+    }
+
+    /// The same with how the object was thrown: its velocity, and its spin if it may have one.
+    fn thrown(&self, config: &Config, free: Free) -> Free {
+        free.with_velocity(self.law).with_spin(self.law, config.estimate.spin)
     }
 
     /// Whether the height of the ground is not known to a part of a grid cell: a single camera leaves it open how far away, and so how high,
@@ -137,9 +142,7 @@ impl Stages<'_> {
     /// after the contact tell how fast it came nearer, which its fall hardly does; what the fall says of it counts as well.
     fn plausible<'a>(&'a self, run: &Run, fall: Option<&'a Fallen>) -> Result<Plausible<'a>> {
         let free = self.free(run, &run.config)?;
-        let fallen = self.clip.flight.is_some();
-        let free =
-            if fallen { free.with_velocity(self.law).with_spin(self.law, run.config.estimate.spin) } else { free };
+        let free = if self.clip.flight.is_some() { self.thrown(&run.config, free) } else { free };
         Ok(Plausible::new(self.law, free).after(fall))
     }
 

@@ -197,29 +197,26 @@ pub fn quantities(found: &Reconstruction, run: &Run) -> Vec<Quantity> {
         start: Some(start),
         source: source(p.name, held.contains(&p.name)),
     });
-    let velocity = ["x", "y", "z"].into_iter().zip(found.unknowns.velocity).map(|(axis, value)| Quantity {
-        name: format!("velocity_{axis}"),
-        label: format!("Initial velocity, {axis}"),
-        symbol: format!("v_{axis}"),
-        unit: "m/s".into(),
-        value,
-        start: Some(0.0),
-        source: source(&format!("velocity_{axis}"), false),
-        interval_90: interval(&format!("velocity_{axis}")).map(|known| known.interval_90),
-        determined: interval(&format!("velocity_{axis}")).map(|known| known.determined),
-    });
-    let spin = ["x", "y", "z"].into_iter().zip(found.unknowns.spin).map(|(axis, value)| Quantity {
-        name: format!("spin_{axis}"),
-        label: format!("Initial spin, {axis}"),
-        symbol: format!("ω_{axis}"),
-        unit: "rad/s".into(),
-        value,
-        start: Some(0.0),
-        source: source(&format!("spin_{axis}"), false),
-        interval_90: interval(&format!("spin_{axis}")).map(|known| known.interval_90),
-        determined: interval(&format!("spin_{axis}")).map(|known| known.determined),
-    });
-    material.chain(velocity).chain(spin.filter(|_| run.config.estimate.spin)).collect()
+    let components = |kind: &str, symbol: &str, unit: &str, values: [f64; 3]| {
+        let component = |(axis, value)| {
+            let name = format!("{kind}_{axis}");
+            Quantity {
+                label: format!("Initial {kind}, {axis}"),
+                symbol: format!("{symbol}_{axis}"),
+                unit: unit.to_owned(),
+                value,
+                start: Some(0.0),
+                source: source(&name, false),
+                interval_90: interval(&name).map(|known| known.interval_90),
+                determined: interval(&name).map(|known| known.determined),
+                name,
+            }
+        };
+        ["x", "y", "z"].into_iter().zip(values).map(component).collect::<Vec<_>>()
+    };
+    let velocity = components("velocity", "v", "m/s", found.unknowns.velocity);
+    let spin = components("spin", "ω", "rad/s", found.unknowns.spin);
+    material.chain(velocity).chain(spin.into_iter().filter(|_| run.config.estimate.spin)).collect()
 }
 
 fn assumed(run: &Run) -> Vec<Quantity> {
