@@ -1,6 +1,6 @@
 //! Fitting the voxels to what was filmed.
 
-use gradreel::optim::{Adam, Params};
+use gradreel::optim::{Adam, Bound, Params};
 use gradreel::{Result, Tape, Var};
 
 use crate::field::Field;
@@ -18,13 +18,26 @@ pub struct FitSettings {
     pub smoothness: f64,
     /// Rate of the raw density.
     pub density_rate: f64,
+    /// The same once the motion is known.
+    pub density_rate_in_motion: f64,
     /// Rate of the raw colour.
     pub colour_rate: f64,
+    /// Rate of the material, which is fitted with the voxels once the motion is known, in the coordinates that a search moves (decades of a
+    /// modulus); 0 holds it.
+    pub material_rate: f64,
 }
 
 impl Default for FitSettings {
     fn default() -> Self {
-        Self { iterations: 80, in_motion: 25, smoothness: 0.01, density_rate: 0.2, colour_rate: 0.05 }
+        Self {
+            iterations: 80,
+            in_motion: 25,
+            smoothness: 0.01,
+            density_rate: 0.2,
+            density_rate_in_motion: 0.4,
+            colour_rate: 0.05,
+            material_rate: 0.01,
+        }
     }
 }
 
@@ -32,6 +45,13 @@ impl FitSettings {
     /// The optimiser with these rates.
     pub(crate) fn adam(&self) -> Adam {
         Adam::new(self.colour_rate).with_rate("field.density", self.density_rate)
+    }
+
+    /// The same once the motion is known; `material` is the path of what of the material is fitted with the voxels.
+    pub(crate) fn adam_in_motion(&self, material: &str) -> Adam {
+        Adam::new(self.colour_rate)
+            .with_rate("field.density", self.density_rate_in_motion)
+            .with_rate(material, self.material_rate)
     }
 }
 
@@ -47,7 +67,7 @@ pub struct FitState<'a> {
     pub adam: &'a Adam,
 }
 
-/// Fits raw density and colour to a loss of opacity `[voxels, 1]` and colour `[voxels, 3]`, to which `smoothness` adds the area of
+/// Fits a store of raw density and colour, and of whatever else it holds, to a loss of the store, opacity `[voxels, 1]` and colour `[voxels, 3]`, to which `smoothness` adds the area of
 /// the surface ([`FitSettings::smoothness`]), from a store and an optimiser (both of which a checkpoint can hold) on. What lies behind the surface stays filled ([`Field::fill_inside`]).
 ///
 /// # Errors
@@ -58,7 +78,7 @@ pub fn fit(
     mut adam: Adam,
     iterations: std::ops::Range<usize>,
     smoothness: f64,
-    loss: &dyn Fn(&Var, &Var) -> Result<Var>,
+    loss: &dyn Fn(&Bound, &Var, &Var) -> Result<Var>,
     mut each: impl FnMut(FitState<'_>) -> Result<()>,
 ) -> Result<Params> {
     let faces = (smoothness > 0.0).then(|| field.faces());
@@ -66,7 +86,7 @@ pub fn fit(
         let tape = Tape::new();
         let bound = params.bind(&tape);
         let opacity = field.opacity(&bound)?;
-        let loss = loss(&opacity, &field.colour(&bound)?)?;
+        let loss = loss(&bound, &opacity, &field.colour(&bound)?)?;
         let whole = match &faces {
             Some(faces) => &loss + &(faces.area(&opacity)? * smoothness),
             None => loss.clone(),

@@ -296,6 +296,8 @@ impl Config {
         let rules = [
             (dx == 0.0 || (1e-5..=10.0).contains(&dx), "geometry.dx", "0, or 0.00001 to 10 m"),
             (positive(fit.density_rate), "geometry.fit.density_rate", "a positive number"),
+            (positive(fit.density_rate_in_motion), "geometry.fit.density_rate_in_motion", "a positive number"),
+            ((0.0..=1.0).contains(&fit.material_rate), "geometry.fit.material_rate", "0 to 1"),
             (fit.smoothness >= 0.0 && fit.smoothness.is_finite(), "geometry.fit.smoothness", "0 or a positive number"),
             (positive(fit.colour_rate), "geometry.fit.colour_rate", "a positive number"),
             (fraction(f64::from(self.geometry.hull_coverage)), "geometry.hull_coverage", "0 to 1"),

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::field::Field;
 use crate::identify::Run;
 use crate::identify::run::damaged;
+use crate::identify::with_voxels::UNKNOWNS;
 
 pub(super) const FIELD: &str = "field.safetensors";
 const KEPT_FIELD: &str = "field_before_motion.safetensors";
@@ -115,7 +116,8 @@ impl Run {
             adam.restore(&file).map_err(|e| damaged(&self.folder, FIELD, &e))?;
         }
         let field = Field { lattice, voxels: voxels.slice::<u32>().to_vec() };
-        let params = file.tensors.into_iter().filter(|(path, _)| path.starts_with("field.")).collect();
+        let kept = |path: &str| path.starts_with("field.") || path == UNKNOWNS;
+        let params = file.tensors.into_iter().filter(|(path, _)| kept(path)).collect();
         Ok((field, params))
     }
 }

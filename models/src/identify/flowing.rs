@@ -3,8 +3,8 @@
 use gradreel::Result;
 use serde::{Deserialize, Serialize};
 
-use crate::identify::Config;
 use crate::identify::config::{check_surface, outside_range};
+use crate::identify::{Config, Observed};
 use crate::physics::Law;
 use crate::render::Surface;
 
@@ -95,9 +95,12 @@ impl Config {
         if self.flows(law) { self.flowing.fine } else { self.estimate.fine }
     }
 
-    /// The frames that the first searches for the material of this law see, of so many in all, which touch the ground from `contact` on.
-    pub fn early_of(&self, law: &Law, contact: usize, frames: usize) -> usize {
+    /// The frames that the first searches for the material of this law see of what was filmed, which touch the ground from `contact` on.
+    /// A single camera tells the velocity by all of them, and by the early ones little.
+    pub fn early_of(&self, law: &Law, contact: usize, observed: &Observed) -> usize {
+        let frames = observed.targets.len();
         let early = contact as f64 + self.estimate.early * frames.saturating_sub(contact) as f64;
-        if self.flows(law) || !law.is_elastic() { frames } else { (early.ceil() as usize).clamp(1, frames) }
+        let all = observed.views.len() == 1 || self.flows(law) || !law.is_elastic();
+        if all { frames } else { (early.ceil() as usize).clamp(1, frames) }
     }
 }

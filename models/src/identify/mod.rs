@@ -49,6 +49,7 @@ mod stages;
 mod temporal_start;
 mod tracks;
 mod unknowns;
+mod with_voxels;
 
 pub use again::Changes;
 pub use config::{

@@ -16,6 +16,9 @@ use crate::video::Clip;
 /// than this.
 const SLACK: f64 = 1.45;
 
+/// The least opacity of what is simulated: that of a voxel may become 0, and no particle's density may.
+const EMPTY: f64 = 1e-6;
+
 /// The pixels of all frames and the rays that belong to them.
 pub struct Observed {
     /// The rays of all cameras.
@@ -160,7 +163,8 @@ impl<'a> Problem<'a> {
         if self.flying {
             return self.flight(tape, bound, schedule);
         }
-        let opacity = opacity.reshape([self.particles.len()]);
+        // a voxel that a fit has emptied still has a mass
+        let opacity = opacity.reshape([self.particles.len()]).clamp(EMPTY, 1.0);
         let parameters = self.law.parameters();
         let velocity = &bound.velocity - &self.half_kick(tape, schedule)?;
         let velocity = match &bound.spin {

@@ -4,13 +4,14 @@ use std::collections::BTreeSet;
 use std::time::Instant;
 
 use gradreel::backend::cpu::pool;
-use gradreel::optim::{Adam, Params};
+use gradreel::optim::{Adam, Bound, Params};
 use gradreel::{DType, Error, ErrorKind, Result, Tensor, Var};
 
 use crate::field::{Field, Hull, Sphere, bounding_sphere, fill_gaps, fit, hull};
 use crate::identify::ground::find_ground;
 use crate::identify::run::Run;
 use crate::identify::stages::{Effort, MOVING};
+use crate::identify::with_voxels::{UNKNOWNS, WithVoxels};
 use crate::identify::{Observed, Problem, Reached, Unknowns, first_contact, velocity_of_silhouettes};
 use crate::particles::Particles;
 use crate::physics::Law;
@@ -84,8 +85,7 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
         stages.choose_surface(run)?;
         stages.shape(run, "shape of what stays", iterations, flying)?;
     }
-    // a single camera tells the velocity by all frames, and by the early ones little
-    let early = if clip.cameras.len() > 1 { run.config.early_of(&law, flight, frames) } else { frames };
+    let early = run.config.early_of(&law, flight, &observed);
     match run.state.candidates.iter().find(|candidate| candidate.family == run.config.material.name) {
         Some(candidate) => unknowns = candidate.unknowns.clone(),
         None => {
@@ -121,7 +121,7 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
 enum Moved<'a> {
     /// In free flight, for the first frames.
     Flying { frames: usize, velocity: [f64; 3], spin: [f64; 3] },
-    /// As simulated, through the first frames.
+    /// As simulated, through the first frames; the material is fitted with them, from these unknowns on.
     Simulated { frames: usize, unknowns: &'a Unknowns },
 }
 
@@ -185,7 +185,8 @@ impl Stages<'_> {
                 format!("the simulation breaks down: {error}")
             }
             Err(error) => return Err(error),
-            Ok(()) => {
+            Ok(moved) => {
+                *unknowns = moved;
                 // the new shape changes little
                 let effort = Effort { stage: &material, budget: run.config.fine_of(self.law).div_ceil(2) };
                 self.finer(run, &effort, frames, unknowns)?;
@@ -215,46 +216,63 @@ impl Stages<'_> {
         run.keep_field()
     }
 
-    /// Fits the voxels to some frames, moved as the stage says; starts from the hull if there is no field yet.
-    fn shape(&self, run: &mut Run, stage: &str, iterations: usize, moved: Moved<'_>) -> Result<()> {
-        if run.has_finished(stage) {
-            return Ok(());
+    /// Fits the voxels to some frames, moved as the stage says; starts from the hull if there is no field yet. Where they are simulated, the
+    /// material is fitted with them; what moves them in the end is returned.
+    fn shape(&self, run: &mut Run, stage: &str, iterations: usize, moved: Moved<'_>) -> Result<Unknowns> {
+        let (simulated, start, frames) = match moved {
+            Moved::Simulated { frames, unknowns } => (true, unknowns.clone(), frames),
+            Moved::Flying { frames, velocity, spin } => {
+                let parameters = run.config.starting_values(self.law)?;
+                (false, Unknowns { velocity, spin, parameters, ..Unknowns::default() }, frames)
+            }
+        };
+        let with = WithVoxels::new(self.law, start, simulated, &run.config)?;
+        let reached = run.reached(stage)?;
+        if run.has_finished(stage) || reached.ended {
+            let found = if reached.ended { with.found(&run.load_field(&mut Adam::new(0.0))?.1)? } else { with.start };
+            if !run.has_finished(stage) {
+                run.finish(stage, Instant::now())?;
+            }
+            return Ok(found);
         }
         let since = Instant::now();
-        let reached = run.reached(stage)?;
-        if reached.ended {
-            return run.finish(stage, since);
-        }
         let smoothness = self.smoothness(run);
-        let mut adam = run.config.geometry.fit.adam();
+        let settings = &run.config.geometry.fit;
+        let mut adam = if simulated { settings.adam_in_motion(UNKNOWNS) } else { settings.adam() };
         let (mut field, mut params) = match (run.state.finished.is_empty(), reached.iterations) {
             (true, 0) => self.hull(run)?,
             _ => run.load_field(&mut adam)?,
         };
-        if matches!(moved, Moved::Simulated { .. }) && reached.iterations == 0 {
-            (field, params) = field.pruned(&params, run.config.geometry.least_opacity)?;
+        if reached.iterations == 0 {
+            if simulated {
+                (field, params) = field.pruned(&params, run.config.geometry.least_opacity)?;
+            }
+            with.begin(&mut params, DTYPE)?;
         }
         let particles = Particles::of_field(&field, &params, 0.0)?;
         let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
-        let (problem, unknowns, frames) = match moved {
-            Moved::Simulated { frames, unknowns } => (problem, unknowns.clone(), frames),
-            Moved::Flying { frames, velocity, spin } => {
-                let parameters = run.config.starting_values(self.law)?;
-                (problem.flying(), Unknowns { velocity, spin, parameters, ..Unknowns::default() }, frames)
-            }
-        };
-        let schedule = problem.schedule(&unknowns, frames);
-        let loss = |opacity: &Var, colour: &Var| {
-            let motion = problem.motion_of(opacity, &unknowns.constants(opacity.tape(), DTYPE)?, schedule)?;
-            problem.loss_of(&motion, [opacity, colour], &|frame| self.seen(frame), frames)
+        let problem = if simulated { problem } else { problem.flying() };
+        // those of the start: a loss that is followed must not jump with the step, whether the fit was interrupted or not
+        let substeps = problem.schedule(&with.start, frames).substeps;
+        let loss = |bound: &Bound, opacity: &Var, colour: &Var| {
+            let (here, values) = with.bound(bound, opacity.tape(), DTYPE)?;
+            problem.with_step(&values, frames, &mut { substeps }, &mut |_| (), &mut |schedule| {
+                let motion = problem.motion_of(opacity, &here, schedule)?;
+                let loss = problem.loss_of(&motion, [opacity, colour], &|frame| self.seen(frame), frames)?;
+                let penalty = problem.ranges.as_ref().and_then(|ranges| ranges.on_tape(self.law, &here.parameters));
+                Ok(penalty.map_or(loss.clone(), |penalty| &loss + &penalty))
+            })
         };
         let bar = self.progress.stage(stage, iterations as u64);
-        let mut last = f64::NAN;
+        let mut last = String::new();
         let left = reached.iterations..iterations;
         let reached = |iterations: usize, ended: bool| Reached { stage: stage.to_owned(), iterations, ended };
         let fitted = fit(&field, params, adam, left, smoothness, &loss, |s| {
-            last = s.loss;
-            bar.set(s.iteration as u64, &format!("loss {:.5}, {} voxels", s.loss, field.len()));
+            last = format!("loss {:.5}, {} voxels", s.loss, field.len());
+            if simulated {
+                last += &format!("  {}", describe(self.law, &with.found(s.params)?));
+            }
+            bar.set(s.iteration as u64, &last);
             let stop = interrupt::check();
             if stop.is_err() || s.iteration % SAVE_EVERY == 0 {
                 run.save_field(&field, s.params, Some(s.adam), &reached(s.iteration, false))?;
@@ -264,8 +282,9 @@ impl Stages<'_> {
         run.save_field(&field, &fitted, None, &reached(iterations, true))?;
         // what follows has other numbers of particles: buffers of these sizes would only wait
         pool::trim(0);
-        bar.finish(&format!("loss {last:.5}, {} voxels", field.len()));
-        run.finish(stage, since)
+        bar.finish(&last);
+        run.finish(stage, since)?;
+        with.found(&fitted)
     }
 
     /// What was filmed; in the first frame from all around, if views of it were imagined.

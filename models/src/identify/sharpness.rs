@@ -1,6 +1,6 @@
 //! Whether a body's edges are sharper than the grid draws them.
 
-use gradreel::optim::Params;
+use gradreel::optim::{Bound, Params};
 use gradreel::{Result, Var};
 
 use crate::field::{Field, fit};
@@ -50,7 +50,7 @@ impl Stages<'_> {
         let problem = Problem { surface: surface.clone(), ..problem };
         let unknowns = Unknowns { parameters: run.config.starting_values(self.law)?, ..Unknowns::default() };
         let schedule = problem.schedule(&unknowns, 1);
-        let loss = |opacity: &Var, colour: &Var| {
+        let loss = |_: &Bound, opacity: &Var, colour: &Var| {
             let motion = problem.motion_of(opacity, &unknowns.constants(opacity.tape(), DTYPE)?, schedule)?;
             problem.loss_of(&motion, [opacity, colour], &|_| self.observed, 1)
         };

@@ -254,6 +254,21 @@ impl Unknowns {
         Ok(Bound { leaves: Vec::new(), turning, velocity, spin, parameters, contact: self.contact })
     }
 
+    /// The same, with the free parameters of the material from their coordinates `[n]` on a tape; what else is free stays as it is.
+    ///
+    /// # Errors
+    /// Never for coordinates in `f32` and `f64`, as many as are free.
+    pub(super) fn moved_on_tape(&self, law: &Law, free: Free, coordinates: &Var) -> Result<Bound> {
+        let mut moved = self.constants(coordinates.tape(), coordinates.dtype())?;
+        for (index, unknown) in free.list(law).into_iter().enumerate() {
+            if let Unknown::Parameter(k) = unknown {
+                let p = &law.parameters()[k];
+                moved.parameters[k] = constrained(p.map, &(&coordinates.slice(0, index..index + 1) * unit(p)));
+            }
+        }
+        Ok(moved)
+    }
+
     /// Variables of a tape for them; the free ones are leaves.
     ///
     /// # Errors
