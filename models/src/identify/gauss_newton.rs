@@ -52,9 +52,9 @@ pub(super) fn search_most_probable(
     (oracle.plausible, oracle.first) = (Some(plausible), first);
     let mut here = start.clone();
     let mut x = start.coordinates(law, free);
-    let (mut damping, mut growth) = (1e-3, 2.0);
+    let (mut damping, mut growth) = (DAMPING, 2.0);
     let mut before: Option<Vec<f64>> = None;
-    'search: for _ in 0..steps {
+    for _ in 0..steps {
         // the step of the simulation that the unknowns need now: that of a stiffer start would damp the motion otherwise
         oracle.substeps = 0;
         let Answer { loss, gradient, curvature, .. } = oracle.linearised(&here, free)?;
@@ -62,9 +62,9 @@ pub(super) fn search_most_probable(
         let longest = Plausible::new(law, free).longest_step(&here);
         let mut decrease = 0.0;
         for _ in 0..TRIALS {
-            let Some(step) = damped_step(&gradient, &curvature, damping, &longest) else { break 'search };
+            let Some(step) = damped_step(&gradient, &curvature, damping, &longest) else { break };
             if step.iter().all(|h| h.abs() < NEGLIGIBLE) {
-                break 'search;
+                break;
             }
             let moved = along(&x, &step, 1.0, &limits);
             let step: Vec<f64> = moved.iter().zip(&x).map(|(moved, x)| moved - x).collect();
@@ -90,6 +90,8 @@ pub(super) fn search_most_probable(
                         break;
                     }
                     (decrease, x, here) = (value - new, moved, there);
+                    // it was damped too much
+                    damping = (damping / 2.0).max(1e-6);
                     far *= 2.0;
                 }
                 before = Some(step);
@@ -98,8 +100,12 @@ pub(super) fn search_most_probable(
             damping *= 2.0 * growth;
             growth *= 2.0;
         }
-        if decrease <= LITTLE * value {
-            break;
+        if decrease <= if problem.secant > 0.0 { LITTLE_BY_SECANTS } else { LITTLE } * value {
+            // differences over a long way see no narrow valley: over a shorter one, or at the end
+            if !oracle.reaches_less() {
+                break;
+            }
+            (damping, growth) = (DAMPING, 2.0);
         }
     }
     if steps == 0 {
@@ -107,6 +113,9 @@ pub(super) fn search_most_probable(
     }
     Ok(oracle.best.expect("the start was evaluated"))
 }
+
+/// The damping of a first step.
+const DAMPING: f64 = 1e-3;
 
 /// Trials of one step at most, each shorter.
 const TRIALS: usize = 5;
@@ -143,6 +152,9 @@ const NEGLIGIBLE: f64 = 1e-3;
 
 /// A search is over when a step lowers the loss by less than this share.
 const LITTLE: f64 = 3e-4;
+
+/// The same where derivatives are differences; they then reach less far, until they may not.
+const LITTLE_BY_SECANTS: f64 = 1e-3;
 
 /// `−(C + μ diag C)⁻¹ g` within a box: a component that would be longer than it may be is as long as it may be, and the others
 /// are what is best then. Nothing where there is no slope.

@@ -34,6 +34,8 @@ pub(crate) struct Oracle<'a, 'b> {
     pub substeps: usize,
     each: &'a mut Listener<'b>,
     notes: &'a mut dyn FnMut(String),
+    /// How far derivatives reach, in shares of the longest step of a search: [`Problem::secant`] at first.
+    reach: f64,
     /// What leaving the plausible range costs; counted as part of the loss.
     pub plausible: Option<Plausible<'a>>,
     /// The linearisation at the first point, and its substeps, if somebody has computed it already.
@@ -59,6 +61,7 @@ impl<'a, 'b> Oracle<'a, 'b> {
             substeps: 0,
             each,
             notes,
+            reach: problem.secant,
             plausible: None,
             first: None,
             lenient: false,
@@ -84,10 +87,10 @@ impl<'a, 'b> Oracle<'a, 'b> {
 
     /// Loss, gradient and curvature by forward mode; without the latter two where tangents grow beyond all numbers.
     pub fn linearised(&mut self, at: &Unknowns, free: Free) -> Result<Answer> {
-        let mut first = self.first.take().filter(|_| self.known.is_empty());
+        let (mut first, reach) = (self.first.take().filter(|_| self.known.is_empty()), self.reach);
         let mut linearise = |problem: &Problem<'_>, frames, substeps: &mut usize, notes: &mut dyn FnMut(String)| {
             let Some((linearised, found)) = first.take() else {
-                return problem.linearise(at, free, frames, substeps, notes);
+                return problem.reaching(reach).linearise(at, free, frames, substeps, notes);
             };
             *substeps = found;
             Ok(linearised)
@@ -100,6 +103,12 @@ impl<'a, 'b> Oracle<'a, 'b> {
             }
             Err(error) => Err(error),
         })
+    }
+
+    /// Makes derivatives reach a quarter as far from now on; whether they may.
+    pub fn reaches_less(&mut self) -> bool {
+        self.reach /= 4.0;
+        self.reach > 0.0 && self.reach > LEAST_REACH * self.problem.secant
     }
 
     #[expect(clippy::type_complexity, reason = "the three kinds of evaluation, used here only")]
@@ -149,3 +158,6 @@ impl<'a, 'b> Oracle<'a, 'b> {
         Ok(answer)
     }
 }
+
+/// The least share of [`Problem::secant`] that derivatives reach in the end.
+const LEAST_REACH: f64 = 0.05;

@@ -123,9 +123,15 @@ impl<'a> Problem<'a> {
     /// The same in free flight.
     #[must_use]
     pub fn flying(&self) -> Self {
-        let (world, law, surface) = (self.world.clone(), self.law.clone(), self.surface.clone());
         // flight says nothing of the material
-        Self { world, law, surface, ranges: None, flying: true, ..*self }
+        Self { ranges: None, flying: true, ..self.reaching(self.secant) }
+    }
+
+    /// The same with derivatives that reach so far.
+    pub(super) fn reaching(&self, secant: f64) -> Self {
+        let (world, law, surface, ranges) =
+            (self.world.clone(), self.law.clone(), self.surface.clone(), self.ranges.clone());
+        Self { world, law, surface, ranges, secant, ..*self }
     }
 
     /// A schedule for `frames` frames that is stable for these unknowns: for the sound in the material, and for the speed that

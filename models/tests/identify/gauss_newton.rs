@@ -1,7 +1,7 @@
 //! Least squares over the pixels: derivatives against the tape and against differences, and five materials recovered.
 
 use gradreel::DType;
-use gradreel_models::identify::{Free, Ground, Problem, Unknowns, apart, gauss_newton, scan};
+use gradreel_models::identify::{Answer, Evaluation, Free, Ground, Problem, Unknowns, apart, gauss_newton, scan};
 use gradreel_models::physics::Map;
 
 use crate::scene::{block, film, film_of, problem, problem_of, quick};
@@ -76,6 +76,32 @@ fn contact_height(problem: &Problem<'_>, truth: &Unknowns, frames: usize) {
     assert!((here.gradient[0] - difference).abs() < 1e-5 * difference.abs(), "{} {difference}", here.gradient[0]);
     let taped = problem.evaluate(&at(-0.1), Free::Velocity, frames, &mut 0, &mut |_| ()).unwrap().0;
     assert!((here.loss - taped).abs() < 1e-12 * taped && here.loss > 1e-4, "{} {taped}", here.loss);
+}
+
+#[test]
+fn derivatives_of_a_search_that_stands_still_reach_less_far() {
+    const FRAMES: usize = 5;
+    let config = quick();
+    let particles = block(5, 0.04);
+    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], ..Unknowns::default() };
+    let observed = film(&particles, &truth, &config, FRAMES, 20, DType::F64);
+    let mut problem = problem(&particles, &observed, &config, DType::F64);
+    let exact = problem.linearise(&truth, Free::Material, FRAMES, &mut 0, &mut |_| ()).unwrap().curvature;
+    // from the truth there is nowhere to go
+    let errors = |problem: &Problem<'_>| {
+        let mut errors = Vec::new();
+        let mut each = |_: &Evaluation, answer: Option<&Answer>| {
+            errors.push((answer.unwrap().curvature[0][0] / exact[0][0] - 1.0).abs());
+            Ok(())
+        };
+        gauss_newton(problem, &truth, Free::Material, FRAMES, 10, &[], &mut each, &mut |_| ()).unwrap();
+        errors
+    };
+    assert_eq!(errors(&problem), [0.0], "as near as can be");
+    problem.secant = 0.02;
+    let found = errors(&problem);
+    assert_eq!(found.len(), 3, "{found:?}");
+    assert!(found[1] < found[0] / 4.0 && found[2] < found[1] / 4.0, "{found:?}");
 }
 
 /// Films a block and finds its material again: a scan, then Gauss–Newton from the best of it.
