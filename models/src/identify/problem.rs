@@ -170,7 +170,7 @@ impl<'a> Problem<'a> {
             return self.flight(tape, bound, schedule);
         }
         // a voxel that a fit has emptied still has a mass
-        let opacity = opacity.reshape([self.particles.len()]).clamp(EMPTY, 1.0);
+        let opacity = opacity.reshape([self.particles.len()]).clamp(EMPTY, f64::INFINITY);
         let parameters = self.law.parameters();
         let velocity = &bound.velocity - &self.half_kick(tape, schedule)?;
         let velocity = match &bound.spin {
