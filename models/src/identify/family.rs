@@ -7,8 +7,8 @@ use crate::identify::config::published;
 use crate::identify::reconstruct::{DTYPE, Stages};
 use crate::identify::run::Run;
 use crate::identify::stages::AUTO;
-use crate::identify::{FAMILIES, MaterialConfig, Problem, Unknowns, law_of};
-use crate::physics::{Law, materials};
+use crate::identify::{Config, FAMILIES, MaterialConfig, Problem, Unknowns, law_of};
+use crate::physics::{Law, lame, materials};
 
 /// What one family made of a clip.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -37,30 +37,56 @@ pub fn choose(candidates: &[Candidate], parameters: impl Fn(&str) -> usize) -> O
     candidates.iter().filter(|candidate| candidate.all.is_finite()).min_by(|a, b| price(a).total_cmp(&price(b)))
 }
 
+/// Families that contain another: a fluid beyond a yield stress without its viscosity is plasticine, and that is rubber if it never yields.
+const CONTAINING: [[&str; 2]; 2] = [["non_newtonian", "plasticine"], ["plasticine", "elastic"]];
+
+/// A family whose loss is so many times that of the best is not looked for again: more than a better start can mend.
+const BEATEN: f64 = 2.0;
+
+/// Shear and bulk modulus \[Pa\] of a law's parameters, if they tell them.
+fn moduli(law: &Law, values: &[f64]) -> Option<[f64; 2]> {
+    let value = |name| law.parameters().iter().position(|p| p.name == name).map(|k| values[k]);
+    value("shear").zip(value("bulk")).map(|(shear, bulk)| [shear, bulk]).or_else(|| {
+        let (mu, lambda) = value("young").zip(value("poisson")).map(|(young, poisson)| lame(young, poisson))?;
+        Some([mu, lambda + 2.0 / 3.0 * mu])
+    })
+}
+
+/// Parameters of the law `to` with which it does what `from` does with these `values`, as far as they have names or moduli in common;
+/// the rest as it is in `rest`. Each within its plausible range.
+fn alike(from: &Law, values: &[f64], to: &Law, rest: &[f64]) -> Vec<f64> {
+    let same = |name| from.parameters().iter().position(|p| p.name == name).map(|k| values[k]);
+    let elastic = |name: &str| {
+        let [shear, bulk] = moduli(from, values)?;
+        match name {
+            "shear" => Some(shear),
+            "bulk" => Some(bulk),
+            "young" => Some(9.0 * bulk * shear / (3.0 * bulk + shear)),
+            "poisson" => Some((3.0 * bulk - 2.0 * shear) / (6.0 * bulk + 2.0 * shear)),
+            _ => None,
+        }
+    };
+    let known = to.parameters().iter().map(|p| (p, same(p.name).or_else(|| elastic(p.name))));
+    known.zip(rest).map(|((p, known), rest)| known.map_or(*rest, |x| x.clamp(p.prior[0], p.prior[1]))).collect()
+}
+
 impl Stages<'_> {
     /// Fits every family to three fifths of the frames in contact, lets it foretell the rest, and makes the
     /// run one of the family that [`choose`] names.
     pub(super) fn choose_family(&self, run: &mut Run, contact: usize, frames: usize, start: &Unknowns) -> Result<()> {
         let seen =
             (contact + (3 * frames.saturating_sub(contact)).div_ceil(5)).clamp(1, frames.saturating_sub(1).max(1));
-        let particles = self.particles(run)?;
         let mut candidates = Vec::new();
         for (family, law) in FAMILIES {
             let law = materials::find(law).expect("families have laws");
-            let stages = Stages { law: &law, ..*self };
-            let mut own = run.config.clone();
-            own.material = MaterialConfig { name: family.to_owned(), ..MaterialConfig::default() };
+            let own = of_family(run, family);
             let mut unknowns = Unknowns { parameters: own.starting_values(&law)?, ..start.clone() };
+            let stages = Stages { law: &law, ..*self };
             stages.explore(run, &own, &format!("{AUTO} {family}"), seen, &mut unknowns)?;
-            let problem = Problem::new(&particles, self.observed, law.clone(), &run.config, DTYPE);
-            let loss = |frames: usize| match problem.misfit(&unknowns, frames, &mut 0, &mut |_| ()) {
-                Err(error) if error.kind() == ErrorKind::Physics => Ok(f64::MAX),
-                loss => loss,
-            };
-            let (first, all) = (loss(seen)?, loss(frames)?);
-            let rest = (frames - seen).max(1) as f64;
-            let foretold = ((all * frames as f64 - first * seen as f64) / rest).min(f64::MAX);
-            candidates.push(Candidate { family: family.to_owned(), unknowns, seen: first, foretold, all });
+            candidates.push(stages.candidate(run, family, unknowns, [seen, frames])?);
+        }
+        for pair in CONTAINING {
+            self.from_kin(run, pair, [seen, frames], &mut candidates)?;
         }
         let searched = |law: Law| law.parameters().iter().filter(|p| published(&law, p).is_none()).count();
         let size = |family: &str| law_of(family).map_or(usize::MAX, searched);
@@ -79,6 +105,51 @@ impl Stages<'_> {
         run.save()?;
         run.save_config()
     }
+
+    /// A search from where the better of two families came to, of which the one contains the other, for the worse: two that can do the same
+    /// should not be told apart by where their searches began.
+    fn from_kin(&self, run: &mut Run, pair: [&str; 2], frames: [usize; 2], candidates: &mut [Candidate]) -> Result<()> {
+        let best = candidates.iter().map(|candidate| candidate.all).fold(f64::INFINITY, f64::min);
+        let at = |family: &str| candidates.iter().position(|candidate| candidate.family == family);
+        let [Some(one), Some(other)] = pair.map(at) else { return Ok(()) };
+        let (better, worse) = if candidates[one].all < candidates[other].all { (one, other) } else { (other, one) };
+        let law = |index: usize| law_of(&candidates[index].family).expect("families have laws");
+        let (from, to) = (law(better), law(worse));
+        let (better, family) = (candidates[better].clone(), candidates[worse].family.clone());
+        if better.all > BEATEN * best {
+            return Ok(());
+        }
+        let parameters = alike(&from, &better.unknowns.parameters, &to, &candidates[worse].unknowns.parameters);
+        let mut unknowns = Unknowns { parameters, ..better.unknowns };
+        let stages = Stages { law: &to, ..*self };
+        let stage = format!("{AUTO} {family}: from {}", better.family);
+        stages.from_start(run, &of_family(run, &family), &stage, frames[0], &mut unknowns)?;
+        let found = stages.candidate(run, &family, unknowns, frames)?;
+        if found.all < candidates[worse].all {
+            candidates[worse] = found;
+        }
+        Ok(())
+    }
+
+    /// What this law makes of the frames it was fitted to, and of all.
+    fn candidate(&self, run: &Run, family: &str, unknowns: Unknowns, [seen, frames]: [usize; 2]) -> Result<Candidate> {
+        let particles = self.particles(run)?;
+        let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
+        let loss = |frames: usize| match problem.misfit(&unknowns, frames, &mut 0, &mut |_| ()) {
+            Err(error) if error.kind() == ErrorKind::Physics => Ok(f64::MAX),
+            loss => loss,
+        };
+        let (first, all) = (loss(seen)?, loss(frames)?);
+        let rest = (frames - seen).max(1) as f64;
+        let foretold = ((all * frames as f64 - first * seen as f64) / rest).min(f64::MAX);
+        Ok(Candidate { family: family.to_owned(), unknowns, seen: first, foretold, all })
+    }
+}
+
+/// The run's settings for one family, about whose parameters nothing is told.
+fn of_family(run: &Run, family: &str) -> Config {
+    let material = MaterialConfig { name: family.to_owned(), ..MaterialConfig::default() };
+    Config { material, ..run.config.clone() }
 }
 
 #[cfg(test)]
@@ -102,5 +173,22 @@ mod tests {
         let two = [candidate("longer", 0.100), candidate("long", 0.117)];
         assert_eq!(choose(&two, size).unwrap().family, "longer");
         assert!(choose(&[candidate("s", f64::NAN)], size).is_none());
+    }
+
+    #[test]
+    fn what_one_law_does_another_does_with_other_names() {
+        let [fluid, solid] = ["non_newtonian", "plasticine"].map(|family| law_of(family).unwrap());
+        let found = alike(&fluid, &[4e5, 1e6, 9e3, 2.0], &solid, &[1.0, 0.1, 1.0]);
+        let (mu, lambda) = lame(found[0], found[1]);
+        approx::assert_relative_eq!(mu, 4e5, max_relative = 1e-12);
+        approx::assert_relative_eq!(lambda + 2.0 / 3.0 * mu, 1e6, max_relative = 1e-12);
+        assert_eq!(found[2], 9e3);
+        // and back, where what only the other has stays
+        let back = alike(&solid, &found, &fluid, &[1.0, 1.0, 1.0, 7.0]);
+        approx::assert_relative_eq!(back[0], 4e5, max_relative = 1e-12);
+        approx::assert_relative_eq!(back[1], 1e6, max_relative = 1e-12);
+        assert_eq!(back[2..], [9e3, 7.0]);
+        // what expands when pulled is not plausible of a solid
+        assert_eq!(alike(&fluid, &[1e5, 1e4, 9e3, 2.0], &solid, &found)[1], 0.0);
     }
 }

@@ -95,20 +95,30 @@ impl Stages<'_> {
             *unknowns = only.clone();
             return Ok(());
         }
-        let budget = config.estimate.first;
         for (index, start) in starts.iter().enumerate() {
-            let stage = named(&format!("{START} {}", index + 1));
-            let mut own = start.clone();
-            let effort = Effort { stage: &stage, budget };
-            self.search(run, &effort, &particles, &mut own, &mut |problem, search, each, notes| {
-                gauss_newton(problem, &search.start, free, frames, budget, &search.answers, each, notes)
-            })?;
+            self.from_start(run, config, &named(&format!("{START} {}", index + 1)), frames, &mut start.clone())?;
         }
         let ends = (1..=starts.len()).filter_map(|k| run.best_of(&named(&format!("{START} {k}"))));
         if let Some((best, _)) = ends.min_by(|a, b| a.1.total_cmp(&b.1)) {
             *unknowns = best;
         }
         Ok(())
+    }
+
+    /// A short search for the material from one start, in the first frames.
+    pub fn from_start(
+        &self,
+        run: &mut Run,
+        config: &Config,
+        stage: &str,
+        frames: usize,
+        unknowns: &mut Unknowns,
+    ) -> Result<()> {
+        let (free, budget) = (self.free(run, config)?, config.estimate.first);
+        let particles = self.particles(run)?;
+        self.search(run, &Effort { stage, budget }, &particles, unknowns, &mut |problem, search, each, notes| {
+            gauss_newton(problem, &search.start, free, frames, budget, &search.answers, each, notes)
+        })
     }
 
     /// The points that a stage has tried.
