@@ -86,7 +86,7 @@ impl Stages<'_> {
             candidates.push(stages.candidate(run, family, unknowns, [seen, frames])?);
         }
         for pair in CONTAINING {
-            self.from_kin(run, pair, [seen, frames], &mut candidates)?;
+            self.search_from_kin(run, pair, [seen, frames], &mut candidates)?;
         }
         let searched = |law: Law| law.parameters().iter().filter(|p| published(&law, p).is_none()).count();
         let size = |family: &str| law_of(family).map_or(usize::MAX, searched);
@@ -108,7 +108,13 @@ impl Stages<'_> {
 
     /// A search from where the better of two families came to, of which the one contains the other, for the worse: two that can do the same
     /// should not be told apart by where their searches began.
-    fn from_kin(&self, run: &mut Run, pair: [&str; 2], frames: [usize; 2], candidates: &mut [Candidate]) -> Result<()> {
+    fn search_from_kin(
+        &self,
+        run: &mut Run,
+        pair: [&str; 2],
+        frames: [usize; 2],
+        candidates: &mut [Candidate],
+    ) -> Result<()> {
         let best = candidates.iter().map(|candidate| candidate.all).fold(f64::INFINITY, f64::min);
         let at = |family: &str| candidates.iter().position(|candidate| candidate.family == family);
         let [Some(one), Some(other)] = pair.map(at) else { return Ok(()) };
@@ -123,7 +129,7 @@ impl Stages<'_> {
         let mut unknowns = Unknowns { parameters, ..better.unknowns };
         let stages = Stages { law: &to, ..*self };
         let stage = format!("{AUTO} {family}: from {}", better.family);
-        stages.from_start(run, &of_family(run, &family), &stage, frames[0], &mut unknowns)?;
+        stages.short_search(run, &of_family(run, &family), &stage, frames[0], &mut unknowns)?;
         let found = stages.candidate(run, &family, unknowns, frames)?;
         if found.all < candidates[worse].all {
             candidates[worse] = found;

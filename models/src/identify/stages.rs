@@ -96,7 +96,7 @@ impl Stages<'_> {
             return Ok(());
         }
         for (index, start) in starts.iter().enumerate() {
-            self.from_start(run, config, &named(&format!("{START} {}", index + 1)), frames, &mut start.clone())?;
+            self.short_search(run, config, &named(&format!("{START} {}", index + 1)), frames, &mut start.clone())?;
         }
         let ends = (1..=starts.len()).filter_map(|k| run.best_of(&named(&format!("{START} {k}"))));
         if let Some((best, _)) = ends.min_by(|a, b| a.1.total_cmp(&b.1)) {
@@ -106,7 +106,7 @@ impl Stages<'_> {
     }
 
     /// A short search for the material from one start, in the first frames.
-    pub fn from_start(
+    pub fn short_search(
         &self,
         run: &mut Run,
         config: &Config,
