@@ -238,9 +238,12 @@ impl Default for EstimateConfig {
     }
 }
 
-/// A setting whose value makes no sense; what to do about it is still to be said.
+/// A setting whose value makes no sense.
 pub(super) fn outside_range(name: &str, wanted: &str) -> Error {
-    Error::new(ErrorKind::Input, format!("the setting {name} is outside its range")).at(name).wanted(wanted)
+    Error::new(ErrorKind::Input, format!("the setting {name} is outside its range"))
+        .at(name)
+        .wanted(wanted)
+        .fix("correct it in the file of --config or on the command line, or leave it out")
 }
 
 /// Whether the values of a surface make sense; `table` names their settings.
@@ -254,8 +257,7 @@ pub(super) fn check_surface(surface: &Surface, table: &str) -> Result<()> {
         (fraction(surface.sharpening), "sharpening", "0 to 1"),
     ];
     match rules.iter().find(|(holds, ..)| !holds) {
-        Some((_, name, wanted)) => Err(outside_range(&format!("{table}.{name}"), wanted)
-            .fix("correct it in the file of --config, or leave it out")),
+        Some((_, name, wanted)) => Err(outside_range(&format!("{table}.{name}"), wanted)),
         None => Ok(()),
     }
 }
@@ -316,8 +318,7 @@ impl Config {
         ];
         for (holds, name, wanted) in rules {
             if !holds {
-                return Err(outside_range(name, wanted)
-                    .fix("correct it in the file of --config or on the command line, or leave it out"));
+                return Err(outside_range(name, wanted));
             }
         }
         check_surface(&self.surface, "surface")?;

@@ -60,10 +60,7 @@ impl FlowingConfig {
         check_surface(&self.surface, "flowing.surface")?;
         let least = [("flowing.smoothness", self.smoothness, 1e3), ("flowing.secant", self.secant, 1.0)];
         match least.iter().find(|(_, value, most)| !(0.0..=*most).contains(value)) {
-            Some((name, _, most)) => {
-                Err(outside_range(name, &format!("0 to {most}"))
-                    .fix("correct it in the file of --config, or leave it out"))
-            }
+            Some((name, _, most)) => Err(outside_range(name, &format!("0 to {most}"))),
             None => Ok(()),
         }
     }

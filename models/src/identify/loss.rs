@@ -81,9 +81,7 @@ impl LossConfig {
             (least(ranges.inside), "loss.ranges.inside", "0 or a positive number"),
             (least(ranges.outside), "loss.ranges.outside", "0 or a positive number"),
         ];
-        let refused = |name: String, wanted: String| {
-            Err(outside_range(&name, &wanted).fix("correct it in the file of --config, or leave it out"))
-        };
+        let refused = |name: String, wanted: String| Err(outside_range(&name, &wanted));
         if let Some((_, name, wanted)) = rules.into_iter().find(|(holds, ..)| !holds) {
             return refused(name.to_owned(), wanted.to_owned());
         }

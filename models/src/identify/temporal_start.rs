@@ -44,7 +44,7 @@ impl TemporalConfig {
         ];
         let Some((_, name, wanted)) = rules.into_iter().find(|(holds, ..)| !holds) else { return Ok(()) };
         let name = format!("temporal.first.{name}");
-        Err(outside_range(&name, wanted).fix("correct it in the file of --config, or leave it out"))
+        Err(outside_range(&name, wanted))
     }
 }
 
