@@ -1,13 +1,13 @@
 //! Small bodies and vector files for the tests.
 
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::PathBuf;
 
 use gradreel_models::physics::{Collider, Contact, Number, Values, World};
 use safetensors::SafeTensors;
 use serde_json::Value;
 
-/// A vector file.
+/// A file of vectors: this project's, or one of the same name in the folder that `GRADREEL_VECTORS` names.
 pub struct Vectors {
     tensors: HashMap<String, Vec<f64>>,
     metadata: HashMap<String, Value>,
@@ -15,7 +15,9 @@ pub struct Vectors {
 
 impl Vectors {
     pub fn load(name: &str) -> Self {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/vectors/{name}.safetensors"));
+        let own = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/vectors");
+        let folder = std::env::var_os("GRADREEL_VECTORS").map_or(own, PathBuf::from);
+        let path = folder.join(format!("{name}.safetensors"));
         let bytes = std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
         let (_, header) = SafeTensors::read_metadata(&bytes).unwrap();
         let metadata = header.metadata().clone().unwrap_or_default();

@@ -72,16 +72,19 @@ impl<T: Real> Job<T> for Turn<T> {
     unsafe fn run<V: Lane<Element = T>>(self) {
         let Self { from, from_row, to, to_row, extent: [rows, columns] } = self;
         let whole = [rows, columns].map(|count| count / V::SIDE * V::SIDE);
+        let [down, across] = whole.map(|count| count / V::SIDE);
+        // along what lies far apart in memory last, so that its lines of the cache are done with one after another
+        let far = from_row >= to_row;
         // SAFETY: all of it lies within the extent, both ends of which the caller promises.
         unsafe {
-            for r in (0..whole[0]).step_by(V::SIDE) {
-                for c in (0..whole[1]).step_by(V::SIDE) {
-                    let mut square = [from; 8];
-                    for i in 0..V::SIDE {
-                        square[i] = from.add((r + i) * from_row + c);
-                    }
-                    V::transpose(&square, to.add(c * to_row + r), to_row);
+            for number in 0..down * across {
+                let (r, c) = if far { (number / across, number % across) } else { (number % down, number / down) };
+                let (r, c) = (r * V::SIDE, c * V::SIDE);
+                let mut square = [from; 8];
+                for i in 0..V::SIDE {
+                    square[i] = from.add((r + i) * from_row + c);
                 }
+                V::transpose(&square, to.add(c * to_row + r), to_row);
             }
             for r in 0..rows {
                 for c in if r < whole[0] { whole[1] } else { 0 }..columns {

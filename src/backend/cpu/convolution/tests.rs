@@ -149,7 +149,7 @@ fn pairs_of_places() {
         geometry([1, 1, 33, 32], [20, 36, 40], [3, 3, 3], [two, ONE, ONE], 0),
     ];
     for g in &cases {
-        assert!(karatsuba::Plan::new(g).is_some(), "{g:?}");
+        assert!(karatsuba::Plan::<f64>::new(g).is_some(), "{g:?}");
         check(g);
     }
 }

@@ -181,11 +181,14 @@ impl<'a, T: Real> Gemm<'a, T> {
         // SAFETY: the best path is available.
         let tile = unsafe { T::dispatch(Path::best(), Measure) };
         let task = |left, right, epilogue| Task { left, right, depth: 0..k, scale, accumulate, epilogue, tile };
-        // rows of the product are vectors: those that fill them better, and lie together if both do alike
+        // rows of the product are vectors: those that fill them better, and lie together if both do alike; lines that each lie
+        // together would have to be transposed to become vectors, which costs more than it saves
         let filled = |lines: usize| lines as f64 / lines.next_multiple_of(tile.vector) as f64;
+        let apart =
+            |factor: &dyn Panel<T>| factor.strided().is_some_and(|factor| factor.line != 1 && factor.depth == 1);
         let turn = match (filled(m) / filled(n), k) {
-            (ratio, 8..) if ratio > TURN => true,
-            (ratio, 8..) if ratio < 1.0 / TURN => false,
+            (ratio, 8..) if ratio > TURN && !apart(left) => true,
+            (ratio, 8..) if ratio < 1.0 / TURN && !apart(right) => false,
             _ => out.column != 1 && out.row == 1,
         };
         if turn {

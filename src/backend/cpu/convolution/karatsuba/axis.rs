@@ -17,6 +17,18 @@ pub(super) enum Image {
     Large,
 }
 
+/// A place's share, with a sign, in a slot of a pair: the place is counted from the first one of the pair.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Share {
+    pub(super) place: usize,
+    pub(super) slot: usize,
+    pub(super) sign: f64,
+}
+
+const fn share(place: usize, slot: usize, sign: f64) -> Share {
+    Share { place, slot, sign }
+}
+
 impl Image {
     /// Forms of the small image, or products that make the large one.
     pub(super) fn slots(self) -> usize {
@@ -27,21 +39,36 @@ impl Image {
     pub(super) fn step(self) -> usize {
         if self == Self::Small { 2 } else { 4 }
     }
+
+    /// Places of the padded image that so many pairs cover.
+    pub(super) fn covered(self, pairs: usize) -> usize {
+        self.step() * pairs + if self == Self::Small { 0 } else { 1 }
+    }
+
+    /// The shares of a pair's places in its forms or products.
+    pub(super) fn shares(self) -> &'static [Share] {
+        const SMALL: [Share; 4] = [share(0, 0, 1.0), share(0, 1, 1.0), share(1, 1, 1.0), share(1, 2, 1.0)];
+        const LARGE: [Share; 7] = [
+            share(0, 0, 1.0),
+            share(1, 1, 1.0),
+            share(2, 0, -1.0),
+            share(2, 2, 1.0),
+            share(2, 4, -1.0),
+            share(3, 3, 1.0),
+            share(4, 4, 1.0),
+        ];
+        if self == Self::Small { &SMALL } else { &LARGE }
+    }
 }
 
 /// The forms of the small image: `y₀`, `y₀ + y₁`, `y₁`.
-pub(super) const FORMS: usize = 3;
+const FORMS: usize = 3;
 /// The products: `w₀y₀`, `w₁y₀`, `(w₀ + w₂)(y₀ + y₁)`, `w₁y₁`, `w₂y₁`.
-pub(super) const PARTS: usize = 5;
+const PARTS: usize = 5;
 /// The form that each product takes.
 pub(super) const FORM: [usize; PARTS] = [0, 0, 1, 2, 2];
 /// The taps whose sum each product takes.
 pub(super) const TAPS: [&[usize]; PARTS] = [&[0], &[1], &[0, 2], &[1], &[2]];
-
-/// Place `step · pair + offset` of the padded image has a share, with a sign, in a form or a product.
-const SMALL: [(usize, usize, f64); 4] = [(0, 0, 1.0), (0, 1, 1.0), (1, 1, 1.0), (1, 2, 1.0)];
-const LARGE: [(usize, usize, f64); 7] =
-    [(0, 0, 1.0), (1, 1, 1.0), (2, 0, -1.0), (2, 2, 1.0), (2, 4, -1.0), (3, 3, 1.0), (4, 4, 1.0)];
 
 /// An axis and its pairs.
 #[derive(Debug, Clone, Copy)]
@@ -52,10 +79,9 @@ pub(super) struct Axis {
     padding: usize,
 }
 
-/// A share of an image's place in a form, or in a product, of a pair.
+/// A product of a pair that a place of the large image is a sum of.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Link {
-    pub(super) place: usize,
     pub(super) slot: usize,
     pub(super) pair: usize,
     pub(super) sign: f64,
@@ -77,15 +103,17 @@ impl Axis {
         if image == Image::Small { 0 } else { self.padding }
     }
 
-    /// All shares of an image's places.
-    pub(super) fn links(&self, image: Image) -> impl Iterator<Item = Link> + use<> {
-        let shares: &[_] = if image == Image::Small { &SMALL } else { &LARGE };
-        let (step, before, places) = (image.step(), self.before(image), self.places(image));
-        (0..self.pairs).flat_map(move |pair| {
-            shares.iter().filter_map(move |&(offset, slot, sign)| {
-                let place = (step * pair + offset).checked_sub(before).filter(|&place| place < places)?;
-                Some(Link { place, slot, pair, sign })
-            })
-        })
+    /// For each place of the large image, the products that it is the sum of.
+    pub(super) fn links(&self) -> Vec<Vec<Link>> {
+        let mut links = vec![Vec::new(); self.large];
+        for pair in 0..self.pairs {
+            for &Share { place, slot, sign } in Image::Large.shares() {
+                let place = (Image::Large.step() * pair + place).checked_sub(self.padding);
+                if let Some(links) = place.and_then(|place| links.get_mut(place)) {
+                    links.push(Link { slot, pair, sign });
+                }
+            }
+        }
+        links
     }
 }

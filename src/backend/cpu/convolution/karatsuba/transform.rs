@@ -1,50 +1,47 @@
-//! One channel of an image turned into the forms or products of its pairs, and products back into the large image.
+//! Images turned into the forms or products of their pairs, and products back into the large image. A vector holds neighbouring
+//! channels of one place, so that sums of places are sums of rows.
 
 use std::ops::Range;
 
-use super::axis::{Axis, Image, PARTS};
+use super::axis::{Axis, Image, Link};
+use crate::backend::cpu::convolution::layout::{Turn, Window};
 use crate::backend::cpu::prefetch;
 use crate::scalar::{Job, Lane, Real};
 
-/// The widest vector. What a row of pairs stores beyond its end is written over by the next row, or is slack.
-pub(super) const SLACK: usize = 16;
+/// Values that rows of channels are rounded up to: the widest vector.
+pub(super) const WIDEST: usize = 16;
 
-/// How the places of an image are linked to the slots of its pairs; a slot is a form of the small image or a product of the
-/// large one.
-pub(super) struct Links {
+/// Pairs by which products are asked for ahead of their use.
+const AHEAD: usize = 2;
+
+/// The slots of an image's pairs along three axes: forms of the small image, or products of the large one.
+pub(super) struct Slots<T> {
     image: Image,
     axes: [Axis; 3],
-    /// For each slot and pair along depth and height: the places that it is the sum of.
-    by_slot: [Vec<Vec<(usize, f64)>>; 2],
-    /// For each place along depth and height: the slots and pairs that it is the sum of.
-    by_place: [Vec<Vec<(usize, usize, f64)>>; 2],
-    /// Where each combination of three slots is kept, the last axis innermost.
-    ranks: Vec<usize>,
+    /// The values of a row of channels.
+    pub(super) row: usize,
+    /// For each slot, the values that it is the sum of, counted from a pair's first one in a window, and their signs.
+    sums: Vec<Vec<(usize, T)>>,
+    /// Where each slot of the first pair lies, and the distance from one pair to the next.
+    at: Vec<[usize; 2]>,
+    /// Layers of pairs in front of those of a slab.
+    front: usize,
 }
 
-impl Links {
-    pub(super) fn new(image: Image, axes: [Axis; 3], ranks: Vec<usize>) -> Self {
-        let by_slot = [0, 1].map(|a: usize| {
-            let mut sums = vec![Vec::new(); image.slots() * axes[a].pairs];
-            let links = axes[a].links(image);
-            links.for_each(|link| sums[link.slot * axes[a].pairs + link.pair].push((link.place, link.sign)));
-            sums
-        });
-        let by_place = [0, 1].map(|a: usize| {
-            let mut sums = vec![Vec::new(); axes[a].places(image)];
-            axes[a].links(image).for_each(|link| sums[link.place].push((link.slot, link.pair, link.sign)));
-            sums
-        });
-        Self { image, axes, by_slot, by_place, ranks }
-    }
-
-    /// Combinations of slots.
-    pub(super) fn count(&self) -> usize {
-        self.ranks.len()
-    }
-
-    fn rank(&self, d: usize, h: usize, w: usize) -> usize {
-        self.ranks[(d * self.image.slots() + h) * self.image.slots() + w]
+impl<T: Real> Slots<T> {
+    pub(super) fn new(image: Image, axes: [Axis; 3], row: usize, at: Vec<[usize; 2]>, front: usize) -> Self {
+        let n = image.slots();
+        let mut sums = vec![Vec::new(); n * n * n];
+        let [_, high, wide] = axes.map(|axis| image.covered(axis.pairs));
+        for d in image.shares() {
+            for h in image.shares() {
+                for w in image.shares() {
+                    let place = (d.place * high + h.place) * wide + w.place;
+                    sums[(d.slot * n + h.slot) * n + w.slot].push((place * row, T::from_f64(d.sign * h.sign * w.sign)));
+                }
+            }
+        }
+        Self { image, axes, row, sums, at, front }
     }
 
     /// Pairs of a layer.
@@ -52,259 +49,176 @@ impl Links {
         self.axes[1].pairs * self.axes[2].pairs
     }
 
-    /// Places of a channel.
+    /// Rows of pairs in a layer.
+    pub(super) fn rows(&self) -> usize {
+        self.axes[1].pairs
+    }
+
+    /// Places of a channel of the image.
     pub(super) fn volume(&self) -> usize {
         self.axes.iter().map(|axis| axis.places(self.image)).product()
     }
 
-    /// The length of a padded row, and the zeros in front of the image in it.
-    fn line(&self) -> (usize, usize) {
-        let (width, before) = (&self.axes[2], self.axes[2].before(self.image));
-        let reach = self.image.step() * width.pairs + 1;
-        (reach.max(before + width.places(self.image)), before)
-    }
-
-    /// Places along the depth from the first one of a slab to the first one of the next, and `further`.
-    fn reach(&self, slab: &Range<usize>, further: usize) -> Range<usize> {
-        let (step, before) = (self.image.step(), self.axes[0].before(self.image));
-        let at = |place: usize| place.saturating_sub(before).min(self.axes[0].places(self.image));
-        at(step * slab.start)..at(step * slab.end + further)
-    }
-
     /// Places along the depth that are complete with a slab of pairs.
-    fn complete(&self, slab: &Range<usize>) -> Range<usize> {
-        let Range { start, end } = self.reach(slab, 0);
-        start..if slab.end == self.axes[0].pairs { self.axes[0].places(self.image) } else { end }
+    pub(super) fn complete(&self, slab: &Range<usize>) -> Range<usize> {
+        let (places, before) = (self.axes[0].places(self.image), self.axes[0].before(self.image));
+        let at = |pair: usize| (self.image.step() * pair).saturating_sub(before).min(places);
+        at(slab.start)..if slab.end == self.axes[0].pairs { places } else { at(slab.end) }
+    }
+
+    /// The places of an image that a slab of pairs along the depth covers.
+    pub(super) fn window(&self, slab: &Range<usize>) -> Window {
+        let pairs = [slab.len(), self.axes[1].pairs, self.axes[2].pairs];
+        let mut before = self.axes.map(|axis| axis.before(self.image).cast_signed());
+        before[0] -= (self.image.step() * slab.start).cast_signed();
+        Window {
+            size: self.axes.map(|axis| axis.places(self.image)),
+            before,
+            extent: pairs.map(|pairs| self.image.covered(pairs)),
+        }
+    }
+
+    /// Values of the window's first place of a row of pairs.
+    fn first(&self, [layer, row]: [usize; 2]) -> usize {
+        let [_, high, wide] = self.axes.map(|axis| self.image.covered(axis.pairs));
+        self.image.step() * (layer * high + row) * wide * self.row
+    }
+
+    /// The number of a row's first pair in a slab.
+    fn number(&self, [layer, row]: [usize; 2]) -> usize {
+        ((layer + self.front) * self.axes[1].pairs + row) * self.axes[2].pairs
     }
 }
 
-/// Makes the forms or products of a slab of pairs from a channel: along the height, the width and the depth.
+/// Makes all slots of a row of pairs from a window of the image.
 pub(super) struct Spread<'a, T> {
-    pub(super) links: &'a Links,
-    pub(super) channel: &'a [T],
-    /// Pairs along the depth.
-    pub(super) slab: Range<usize>,
-    /// Where the first combination of slots goes, and the distance to the next; each is `[pairs…]`, and slack behind them.
+    pub(super) slots: &'a Slots<T>,
+    /// The window, with its channels last.
+    pub(super) image: &'a [T],
+    /// The layer of the slab, and the row in it.
+    pub(super) row: [usize; 2],
+    /// Where the slots are.
     pub(super) to: *mut T,
-    pub(super) rank: usize,
-    pub(super) scratch: &'a mut Vec<T>,
 }
 
 impl<T: Real> Job<T> for Spread<'_, T> {
     type Output = ();
 
     /// # Safety
-    /// All combinations of slots must have room for the slab and the slack.
+    /// The image must be as long as its window, all slots must have room, and nobody else may write to this row's.
     #[inline(always)]
     unsafe fn run<V: Lane<Element = T>>(self) {
-        let Self { links, channel, slab, to, rank, scratch } = self;
-        let [depth, height, width] = &links.axes;
-        let (slots, high, wide) = (links.image.slots(), height.places(links.image), width.places(links.image));
-        let (layer, places) = (links.layer(), links.reach(&slab, 1));
-        let (line, before) = links.line();
-        let slices = places.len() * slots * slots * layer;
-        scratch.clear();
-        scratch.resize(slices + SLACK + line, T::ZERO);
-        let (sums, line) = scratch.split_at_mut(slices + SLACK);
-        for d in 0..places.len() {
-            for h in 0..slots {
-                let sums = &mut sums[(d * slots + h) * slots * layer..][..slots * layer];
-                for j in 0..height.pairs {
-                    let mut sum = Sum::new(T::ZERO);
-                    for (place, sign) in &links.by_slot[1][h * height.pairs + j] {
-                        sum.add(channel[((places.start + d) * high + place) * wide..][..wide].as_ptr(), *sign);
-                    }
-                    // SAFETY: the rows and the line are as long as the image is wide.
-                    unsafe { sum.run::<V, true>(line[before..before + wide].as_mut_ptr(), wide) };
-                    spread_row(links.image, width.pairs, line, &mut sums[j * width.pairs..], layer);
-                }
-            }
-        }
-        for d in 0..slots {
-            for h in 0..slots {
-                for w in 0..slots {
-                    let to = to.wrapping_add(links.rank(d, h, w) * rank);
-                    for i in slab.clone() {
-                        let mut sum = Sum::new(T::ZERO);
-                        for (place, sign) in &links.by_slot[0][d * depth.pairs + i] {
-                            let at = (((place - places.start) * slots + h) * slots + w) * layer;
-                            sum.add(sums[at..].as_ptr(), *sign);
-                        }
-                        let to = to.wrapping_add((i - slab.start) * layer);
-                        // SAFETY: there is slack behind the sums; the rest is the caller's promise.
-                        unsafe { sum.run::<V, false>(to, layer) };
-                    }
-                }
+        let Self { slots, image, row, to } = self;
+        let (first, number) = (slots.first(row), slots.number(row));
+        for pair in 0..slots.axes[2].pairs {
+            let from = image[first + slots.image.step() * pair * slots.row..].as_ptr();
+            for (sum, [at, step]) in slots.sums.iter().zip(&slots.at) {
+                let to = to.wrapping_add(at + (number + pair) * step);
+                // SAFETY: the caller's promise.
+                unsafe { add::<V>(from, sum, std::ptr::null(), to, slots.row) };
             }
         }
     }
 }
 
-/// Makes the places of a channel of the large image that a slab of pairs completes: along the depth, the width and the height.
+/// Makes a row of the large image along its width, in all channels.
 pub(super) struct Gather<'a, T> {
-    pub(super) links: &'a Links,
-    pub(super) slab: Range<usize>,
-    /// As for [`Spread`], with a layer of pairs in front: the last one of the slab before, whose products reach into this one.
-    pub(super) from: *mut T,
-    pub(super) rank: usize,
-    pub(super) bias: T,
-    pub(super) channel: &'a mut [T],
-    pub(super) scratch: &'a mut Vec<T>,
+    pub(super) slots: &'a Slots<T>,
+    /// The products, and the first pair along the depth.
+    pub(super) from: &'a [T],
+    pub(super) start: usize,
+    /// What the places of the row are sums of: along depth and height, and for each place along the width.
+    pub(super) links: [&'a [Link]; 2],
+    pub(super) width: &'a [Vec<Link>],
+    /// What is added, a row of channels.
+    pub(super) bias: &'a [T],
+    /// Memory for the row with its channels last.
+    pub(super) line: &'a mut [T],
+    /// Where the row of the first channel goes, the distance to the next one, and their number.
+    pub(super) to: *mut T,
+    pub(super) volume: usize,
+    pub(super) channels: usize,
 }
 
 impl<T: Real> Job<T> for Gather<'_, T> {
     type Output = ();
 
     /// # Safety
-    /// All products must be there for the slab and the layer in front, with slack behind them.
+    /// The products must be there for the slab and the layer in front, the image must have room, and nobody else may write to
+    /// this row of it.
     #[inline(always)]
     unsafe fn run<V: Lane<Element = T>>(self) {
-        let Self { links, slab, from, rank, bias, channel, scratch } = self;
-        let [_, height, width] = &links.axes;
-        let (high, wide) = (height.places(links.image), width.places(links.image));
-        let (layer, (line, before)) = (links.layer(), links.line());
-        let row = layer.next_multiple_of(SLACK);
-        scratch.clear();
-        scratch.resize(PARTS * PARTS * row + PARTS * height.pairs * line, T::ZERO);
-        let (sums, lines) = scratch.split_at_mut(PARTS * PARTS * row);
-        for place in links.complete(&slab) {
-            for h in 0..PARTS {
-                let sums = &mut sums[h * PARTS * row..][..PARTS * row];
-                for w in 0..PARTS {
-                    let mut sum = Sum { ahead: layer, ..Sum::new(T::ZERO) };
-                    for (d, i, sign) in &links.by_place[0][place] {
-                        sum.add(from.wrapping_add(links.rank(*d, h, w) * rank + (i + 1 - slab.start) * layer), *sign);
+        let Self { slots, from, start, links: [depth, height], width, bias, line, to, volume, channels } = self;
+        let n = slots.image.slots();
+        for (links, place) in width.iter().zip(line.chunks_exact_mut(slots.row)) {
+            let (mut terms, mut count) = ([(0, T::ZERO); 27], 0);
+            for d in depth {
+                for h in height {
+                    // the layer in front makes room for the pair before the slab's first one
+                    let number = ((d.pair + slots.front - start) * slots.axes[1].pairs + h.pair) * slots.axes[2].pairs;
+                    for w in links {
+                        let [at, step] = slots.at[(d.slot * n + h.slot) * n + w.slot];
+                        let next = from.as_ptr().wrapping_add(at + (number + w.pair + AHEAD) * step);
+                        for x in (0..slots.row).step_by(64 / size_of::<T>()) {
+                            prefetch::to_read::<true, T>(next.wrapping_add(x));
+                        }
+                        terms[count] = (at + (number + w.pair) * step, T::from_f64(d.sign * h.sign * w.sign));
+                        count += 1;
                     }
-                    // SAFETY: rows of sums are whole vectors; the rest is the caller's promise.
-                    unsafe { sum.run::<V, false>(sums[w * row..].as_mut_ptr(), layer) };
-                }
-                for j in 0..height.pairs {
-                    let line = &mut lines[(h * height.pairs + j) * line..][..line];
-                    gather_row(width.pairs, &sums[j * width.pairs..], row, line);
                 }
             }
-            for y in 0..high {
-                let mut sum = Sum::new(bias);
-                for (h, j, sign) in &links.by_place[1][y] {
-                    sum.add(lines[(h * height.pairs + j) * line + before..][..wide].as_ptr(), *sign);
-                }
-                let to = &mut channel[(place * high + y) * wide..][..wide];
-                // SAFETY: the lines and the row are as long as the image is wide.
-                unsafe { sum.run::<V, true>(to.as_mut_ptr(), wide) };
-            }
+            // SAFETY: the caller's promise.
+            unsafe { add::<V>(from.as_ptr(), &terms[..count], bias.as_ptr(), place.as_mut_ptr(), slots.row) };
         }
-        for h in 0..PARTS {
-            for w in 0..PARTS {
-                let at = from.wrapping_add(links.rank(PARTS - 1, h, w) * rank);
-                // SAFETY: the layer in front and the last one are there, and do not overlap.
-                unsafe { std::ptr::copy_nonoverlapping(at.add(slab.len() * layer), at, layer) };
-            }
-        }
+        let turn =
+            Turn { from: line.as_ptr(), from_row: slots.row, to, to_row: volume, extent: [width.len(), channels] };
+        // SAFETY: the line holds a row for each place; the rest is the caller's promise.
+        unsafe { turn.run::<V>() };
     }
 }
 
-/// A sum of up to three rows with signs.
-struct Sum<T> {
-    rows: [*const T; 3],
-    signs: [f64; 3],
-    count: usize,
-    start: T,
-    /// Values by which rows are asked for ahead of their use, if at all.
-    ahead: usize,
-}
-
-impl<T: Real> Sum<T> {
-    fn new(start: T) -> Self {
-        Self { rows: [std::ptr::null(); 3], signs: [0.0; 3], count: 0, start, ahead: 0 }
-    }
-
-    fn add(&mut self, row: *const T, sign: f64) {
-        (self.rows[self.count], self.signs[self.count]) = (row, sign);
-        self.count += 1;
-    }
-
-    /// `to = start + Σ sign · row` over `len` values; what it stores beyond them, up to a vector, has no effect, unless `EXACT`
-    /// says that there is nothing.
-    ///
-    /// # Safety
-    /// The instruction set of `V` must be enabled, and the rows and the destination must be as long as that.
-    #[inline(always)]
-    unsafe fn run<V: Lane<Element = T>, const EXACT: bool>(&self, to: *mut T, len: usize) {
-        // SAFETY: the caller's promise.
-        unsafe {
-            match self.count {
-                0 => self.of::<V, 0, EXACT>(to, len),
-                1 => self.of::<V, 1, EXACT>(to, len),
-                2 => self.of::<V, 2, EXACT>(to, len),
-                _ => self.of::<V, 3, EXACT>(to, len),
-            }
-        }
-    }
-
-    /// # Safety
-    /// As [`Sum::run`].
-    #[inline(always)]
-    unsafe fn of<V: Lane<Element = T>, const N: usize, const EXACT: bool>(&self, to: *mut T, len: usize) {
-        // SAFETY: the caller's promise.
-        unsafe {
-            let start = V::splat(self.start);
-            let mut signs = [start; N];
-            for t in 0..N {
-                signs[t] = V::splat(T::from_f64(self.signs[t]));
-            }
-            let mut x = 0;
-            while x < len {
-                let left = if EXACT { len - x } else { V::WIDTH };
-                let mut sum = start;
-                for t in 0..N {
-                    let row = self.rows[t].add(x);
-                    if self.ahead > 0 {
-                        prefetch::to_read::<true, T>(row.wrapping_add(self.ahead));
-                    }
-                    sum = signs[t].mul_add(V::load_part(row, left), sum);
-                }
-                sum.store_part(to.add(x), left);
-                x += V::WIDTH;
-            }
-        }
-    }
-}
-
-/// The slots of the last axis for a padded row of `count` pairs, `slot` values apart.
+/// `to = start + Σ sign · from[at..]` over a row of whole vectors; a null start is 0.
+///
+/// # Safety
+/// The instruction set of `V` must be enabled, and all rows must be there.
 #[inline(always)]
-fn spread_row<T: Real>(image: Image, count: usize, line: &[T], to: &mut [T], slot: usize) {
-    let (first, rest) = to.split_at_mut(slot);
-    let (second, rest) = rest.split_at_mut(slot);
-    let (first, second) = (&mut first[..count], &mut second[..count]);
-    match image {
-        Image::Small => {
-            let (pairs, third) = (&line.as_chunks::<2>().0[..count], &mut rest[..count]);
-            for i in 0..count {
-                let [a, b] = pairs[i];
-                (first[i], second[i], third[i]) = (a, a + b, b);
+unsafe fn add<V: Lane>(
+    from: *const V::Element,
+    terms: &[(usize, V::Element)],
+    start: *const V::Element,
+    to: *mut V::Element,
+    row: usize,
+) {
+    const TOGETHER: usize = 4;
+    macro_rules! vectors {
+        ($count:expr, $x:expr) => {{
+            let mut sums = [V::splat(V::Element::ZERO); $count];
+            if !start.is_null() {
+                for v in 0..$count {
+                    sums[v] = V::load(start.add($x + v * V::WIDTH));
+                }
             }
+            for &(at, sign) in terms {
+                let (from, sign) = (from.add(at + $x), V::splat(sign));
+                for v in 0..$count {
+                    sums[v] = sign.mul_add(V::load(from.add(v * V::WIDTH)), sums[v]);
+                }
+            }
+            for v in 0..$count {
+                sums[v].store(to.add($x + v * V::WIDTH));
+            }
+        }};
+    }
+    let mut x = 0;
+    // SAFETY: the caller's promise.
+    unsafe {
+        while x + TOGETHER * V::WIDTH <= row {
+            vectors!(TOGETHER, x);
+            x += TOGETHER * V::WIDTH;
         }
-        Image::Large => {
-            let (fours, next) = (&line.as_chunks::<4>().0[..count], &line[4..][..4 * count - 3]);
-            let (third, rest) = rest.split_at_mut(slot);
-            let (fourth, fifth) = rest.split_at_mut(slot);
-            let (third, fourth, fifth) = (&mut third[..count], &mut fourth[..count], &mut fifth[..count]);
-            for i in 0..count {
-                let [a, b, c, d] = fours[i];
-                (first[i], second[i], third[i], fourth[i], fifth[i]) = (a - c, b, c, d, next[4 * i] - c);
-            }
+        while x < row {
+            vectors!(1, x);
+            x += V::WIDTH;
         }
     }
-}
-
-/// The padded row of the large image from the products of the last axis, `count` pairs, which begin `slot` values apart.
-#[inline(always)]
-fn gather_row<T: Real>(count: usize, products: &[T], slot: usize, line: &mut [T]) {
-    let [a, b, c, d, e] = [0, 1, 2, 3, 4].map(|number| &products[number * slot..][..count]);
-    let fours = &mut line.as_chunks_mut::<4>().0[..count];
-    fours[0] = [a[0], b[0], c[0] - a[0] - e[0], d[0]];
-    for i in 1..count {
-        fours[i] = [a[i] + e[i - 1], b[i], c[i] - a[i] - e[i], d[i]];
-    }
-    line[4 * count] = e[count - 1];
 }

@@ -4,16 +4,15 @@ use rayon::prelude::*;
 
 use super::Plan;
 use super::axis::TAPS;
+use super::transform::WIDEST;
 use crate::backend::cpu::convolution::layout::Turn;
 use crate::backend::cpu::{Places, Temporary, buffer, vectorised};
 use crate::scalar::Real;
 
-/// Channels that go through together.
-const BLOCK: usize = 16;
 /// Taps of a kernel.
 const VOLUME: usize = 27;
 
-impl Plan {
+impl<T: Real> Plan<T> {
     /// For each product, in the order in which they are kept, its taps.
     fn taps(&self) -> Vec<Vec<usize>> {
         let of = |[d, h, w]: [usize; 3]| {
@@ -23,28 +22,24 @@ impl Plan {
         self.parts.iter().copied().map(of).collect()
     }
 
-    /// The factors `[products, large channels, small channels]`, the last rounded up to whole vectors, of a weight
-    /// `[small channels, large channels, taps]`.
-    pub(super) fn factors<T: Real>(&self, weight: &[T]) -> Temporary<T> {
-        let ([small, large], row) = (self.channels, self.row);
-        let taps = self.taps();
-        let mut factors = Temporary::new(taps.len() * large * row);
-        let to = Places::of(&mut factors);
-        (0..large).into_par_iter().with_min_len(4).for_each(|l| {
-            for first in (0..small).step_by(BLOCK) {
-                let mut turned = [[T::ZERO; BLOCK]; VOLUME];
-                let extent = [BLOCK.min(small - first), VOLUME];
-                let from = weight[(first * large + l) * VOLUME..].as_ptr();
-                let (from_row, into) = (large * VOLUME, turned.as_mut_ptr().cast());
-                assert!(((first + extent[0] - 1) * large + l + 1) * VOLUME <= weight.len(), "within the weight");
-                vectorised(Turn { from, from_row, to: into, to_row: BLOCK, extent });
-                for (product, taps) in taps.iter().enumerate() {
-                    let mut sum = [T::ZERO; BLOCK];
+    /// The factors of a weight `[small channels, large channels, taps]`.
+    pub(super) fn factors_of(&self, weight: &[T]) -> Temporary<T> {
+        let ([small, large], taps) = (self.channels, self.taps());
+        let mut factors = Temporary::new(taps.len() * small * self.products.row);
+        let (to, length) = (Places::of(&mut factors), large * VOLUME);
+        weight.par_chunks(length).with_min_len(4).enumerate().for_each(|(s, weight)| {
+            for first in (0..large).step_by(WIDEST) {
+                let mut turned = [[T::ZERO; WIDEST]; VOLUME];
+                let extent = [WIDEST.min(large - first), VOLUME];
+                let (from, into) = (weight[first * VOLUME..].as_ptr(), turned.as_mut_ptr().cast());
+                vectorised(Turn { from, from_row: VOLUME, to: into, to_row: WIDEST, extent });
+                for ([at, step], taps) in self.factors.iter().zip(&taps) {
+                    let mut sum = [T::ZERO; WIDEST];
                     for &tap in taps {
                         sum.iter_mut().zip(&turned[tap]).for_each(|(sum, value)| *sum += *value);
                     }
-                    // SAFETY: a block lies within the factors, and is one thread's.
-                    unsafe { to.part((product * large + l) * row + first, BLOCK) }.copy_from_slice(&sum);
+                    // SAFETY: a vector lies within the factors, and is one thread's.
+                    unsafe { to.part(at + s * step + first, WIDEST) }.copy_from_slice(&sum);
                 }
             }
         });
@@ -52,26 +47,24 @@ impl Plan {
     }
 
     /// The weight's slopes of the factors' ones.
-    pub(super) fn slopes<T: Real>(&self, factors: &[T]) -> Vec<T> {
-        let ([small, large], row) = (self.channels, self.row);
+    pub(super) fn slopes_of(&self, factors: &[T]) -> Vec<T> {
+        let ([small, large], length) = (self.channels, self.channels[1] * VOLUME);
         let mut products = vec![Vec::new(); VOLUME];
         self.taps().iter().enumerate().for_each(|(i, taps)| taps.iter().for_each(|&tap| products[tap].push(i)));
-        let mut weight = buffer(small * large * VOLUME);
-        let to = Places::of(&mut weight);
-        (0..large).into_par_iter().with_min_len(4).for_each(|l| {
-            for first in (0..small).step_by(BLOCK) {
-                let mut sums = [[T::ZERO; BLOCK]; VOLUME];
+        let mut weight = buffer(small * length);
+        weight.par_chunks_mut(length).with_min_len(4).enumerate().for_each(|(s, weight)| {
+            for first in (0..large).step_by(WIDEST) {
+                let mut sums = [[T::ZERO; WIDEST]; VOLUME];
                 for (sum, products) in sums.iter_mut().zip(&products) {
-                    for product in products {
-                        let from = &factors[(product * large + l) * row + first..][..BLOCK];
+                    for &product in products {
+                        let [at, step]: [usize; 2] = self.factors[product];
+                        let from = &factors[at + s * step + first..][..WIDEST];
                         sum.iter_mut().zip(from).for_each(|(sum, value)| *sum += *value);
                     }
                 }
-                for (i, s) in (first..small.min(first + BLOCK)).enumerate() {
-                    // SAFETY: the taps of two channels lie within the weight, and are one thread's.
-                    let weight = unsafe { to.part((s * large + l) * VOLUME, VOLUME) };
-                    weight.iter_mut().zip(&sums).for_each(|(weight, sum)| *weight = sum[i]);
-                }
+                let extent = [VOLUME, WIDEST.min(large - first)];
+                let (from, to) = (sums.as_ptr().cast(), weight[first * VOLUME..].as_mut_ptr());
+                vectorised(Turn { from, from_row: WIDEST, to, to_row: VOLUME, extent });
             }
         });
         weight
