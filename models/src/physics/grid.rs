@@ -4,6 +4,8 @@
 //! parallel, then odd ones; within a slab particles keep their order. Every node therefore sums in one fixed order,
 //! whatever the number of threads.
 
+use std::cell::RefCell;
+
 use gradreel::Element;
 use rayon::prelude::*;
 
@@ -12,42 +14,66 @@ use super::denormals::Flush;
 use super::kernel::{scatter, scatter_tangent};
 use super::lattice::{Lattice, SLAB};
 use super::row::{Level, Number};
+use super::state::BLOCK;
 use super::transfer::Record;
 use super::world::World;
 
-/// Particles listed by slab: a stable counting sort of their indices.
+/// Particles listed by slab: for each block of them a list of its own, which threads make side by side.
 #[derive(Debug, Default)]
 pub(crate) struct Buckets {
+    slabs: usize,
+    /// The particles of each block, those of the first slab first; within a slab they keep their order.
     order: Vec<u32>,
-    /// Where each slab's list starts; one more than there are slabs.
-    starts: Vec<usize>,
+    /// For each block, where the list of each slab ends.
+    ends: Vec<u32>,
 }
 
 impl Buckets {
-    /// Lists particles by `slab_of`.
-    pub fn sort(&mut self, slab_of: &[u32], slabs: usize) {
-        self.starts.clear();
-        self.starts.resize(slabs + 2, 0);
-        for &slab in slab_of {
-            self.starts[slab as usize + 2] += 1;
-        }
-        for slab in 2..slabs + 2 {
-            self.starts[slab] += self.starts[slab - 1];
-        }
-        self.order.resize(slab_of.len(), 0);
-        for (particle, &slab) in slab_of.iter().enumerate() {
-            let at = &mut self.starts[slab as usize + 1];
-            self.order[*at] = particle as u32;
-            *at += 1;
-        }
+    /// Lists for so many particles in so many slabs, to be filled: one for each block.
+    pub fn lists(&mut self, particles: usize, slabs: usize) -> impl IndexedParallelIterator<Item = BlockList<'_>> {
+        self.slabs = slabs;
+        self.order.resize(particles, 0);
+        self.ends.resize(particles.div_ceil(BLOCK) * slabs, 0);
+        let lists = self.order.par_chunks_mut(BLOCK).zip(self.ends.par_chunks_exact_mut(slabs)).enumerate();
+        lists.map(|(block, (order, ends))| BlockList { first: block * BLOCK, order, ends })
     }
 
-    fn slab(&self, slab: usize) -> &[u32] {
-        &self.order[self.starts[slab]..self.starts[slab + 1]]
+    /// Makes the list of all particles in a slab.
+    fn of_slab(&self, slab: usize, list: &mut Vec<u32>) {
+        list.clear();
+        for (order, ends) in self.order.chunks(BLOCK).zip(self.ends.chunks_exact(self.slabs)) {
+            let start = slab.checked_sub(1).map_or(0, |before| ends[before]);
+            list.extend_from_slice(&order[start as usize..ends[slab] as usize]);
+        }
     }
+}
 
-    fn slabs(&self) -> usize {
-        self.starts.len().saturating_sub(2)
+/// The lists of one block.
+pub(crate) struct BlockList<'a> {
+    first: usize,
+    order: &'a mut [u32],
+    ends: &'a mut [u32],
+}
+
+impl BlockList<'_> {
+    /// Lists the particles of the block by slab: a stable counting sort.
+    pub fn sort(self, slab: impl Fn(usize) -> usize) {
+        let Self { first, order, ends } = self;
+        let mut slabs = [0; BLOCK];
+        ends.fill(0);
+        for (i, at) in slabs[..order.len()].iter_mut().enumerate() {
+            *at = slab(i);
+            ends[*at] += 1;
+        }
+        let mut start = 0;
+        for end in ends.iter_mut() {
+            (*end, start) = (start, start + *end);
+        }
+        // where a list begins becomes where it ends
+        for (i, slab) in slabs[..order.len()].iter().enumerate() {
+            order[ends[*slab] as usize] = (first + i) as u32;
+            ends[*slab] += 1;
+        }
     }
 }
 
@@ -79,6 +105,11 @@ pub(crate) fn scatter_tangents<T: Number>(
     });
 }
 
+thread_local! {
+    /// The particles of a slab that a thread visits.
+    static LIST: RefCell<Vec<u32>> = const { RefCell::new(Vec::new()) };
+}
+
 /// Clears `grid` and visits each slab's region of it with the slab's first plane and its particles; slabs that could touch
 /// the same node are not visited at once.
 fn by_slabs<T: Number>(
@@ -93,11 +124,14 @@ fn by_slabs<T: Number>(
     let odd_first = (lattice.origin[0].div_euclid(SLAB as i32) & 1) as usize;
     for phase in [odd_first, 1 - odd_first] {
         let Some(rest) = grid.get_mut(phase * slab_len..) else { continue };
-        rest.par_chunks_mut(2 * slab_len).enumerate().for_each(|(pair, region)| {
+        rest.par_chunks_mut(2 * slab_len).with_max_len(1).enumerate().for_each(|(pair, region)| {
             let slab = 2 * pair + phase;
-            if slab < buckets.slabs() {
+            if slab < buckets.slabs {
                 let _flush = Flush::start();
-                visit(slab * SLAB, region, buckets.slab(slab));
+                LIST.with_borrow_mut(|list| {
+                    buckets.of_slab(slab, list);
+                    visit(slab * SLAB, region, list);
+                });
             }
         });
     }
@@ -226,7 +260,6 @@ fn each_plane<T: Number>(lattice: &Lattice<T>, grid: &mut [T], visit: impl Fn([u
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::physics::row::Level;
     use crate::physics::transfer::record;
 
     /// Particles all over a box that spans several slabs, with anything to scatter.
@@ -247,8 +280,8 @@ mod tests {
             Lattice::covering([[-0.9, -0.3, -0.2], [0.9, 0.3, 0.2]].map(|x| x.map(T::from_f64)), 0.05, 1 << 20);
         let lattice = lattice.unwrap();
         let mut buckets = Buckets::default();
-        let slab_of: Vec<u32> = records.iter().map(|r| lattice.slab(r[7]) as u32).collect();
-        buckets.sort(&slab_of, lattice.slabs());
+        let lists = buckets.lists(records.len(), lattice.slabs());
+        lists.zip(records.par_chunks(BLOCK)).for_each(|(list, records)| list.sort(|i| lattice.slab(records[i][7])));
         let mut grid = Vec::new();
         scatter_all(level, &lattice, &mut grid, records, &buckets);
         grid

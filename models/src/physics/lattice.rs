@@ -9,7 +9,7 @@ use gradreel::{Error, ErrorKind, Result};
 
 /// Node planes per slab, the unit of parallel scatter. A stencil reaches two planes into the next slab, so slabs two
 /// apart never touch the same node.
-pub(crate) const SLAB: usize = 4;
+pub(crate) const SLAB: usize = 2;
 
 /// Numbers of the particles sorted by material, then by the cell of their stencil, for grid nodes `dx` \[m\] apart: neighbours
 /// in space are then neighbours in memory. A [`Simulation`](super::Simulation) is fastest in this order; a

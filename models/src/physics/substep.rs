@@ -56,7 +56,6 @@ pub struct Simulation<'a, T: Number> {
     pub(super) obstacles: Vec<Placed>,
     pub(super) scattered: Vec<Record<T>>,
     gathered: Vec<Record<T>>,
-    slab_of: Vec<u32>,
     motions: Vec<Motion<T>>,
     pub(super) buckets: Buckets,
     pub(super) grid: Vec<T>,
@@ -136,7 +135,6 @@ impl<'a, T: Number> Simulation<'a, T> {
             obstacles: Vec::new(),
             scattered: vec![[T::ZERO; 16]; particles],
             gathered: Vec::new(),
-            slab_of: vec![0; particles],
             motions: vec![Motion { extent: [[T::ZERO; 3]; 2], broken: None }; blocks],
             buckets: Buckets::default(),
             grid: Vec::new(),
@@ -381,9 +379,9 @@ impl<'a, T: Number> Simulation<'a, T> {
         now.values
             .par_chunks_exact(stride)
             .zip(next.par_chunks_exact_mut(stride))
-            .zip(self.scattered.par_chunks_mut(BLOCK).zip(self.slab_of.par_chunks_mut(BLOCK)))
+            .zip(self.scattered.par_chunks_mut(BLOCK).zip(self.buckets.lists(particles, lattice.slabs())))
             .enumerate()
-            .for_each(|(block, ((now, next), (records, slabs)))| {
+            .for_each(|(block, ((now, next), (records, list)))| {
                 let _flush = Flush::start();
                 with_scratch(13 * BLOCK, |scratch| {
                     let (affine, q) = scratch.split_at_mut(9 * BLOCK);
@@ -396,9 +394,8 @@ impl<'a, T: Number> Simulation<'a, T> {
                     momenta(level, masses, &now[V * BLOCK..], records.len(), q);
                     assemble(level, now, q, affine, records);
                 });
-                slabs.iter_mut().zip(now).for_each(|(slab, x)| *slab = lattice.slab(*x) as u32);
+                list.sort(|i| lattice.slab(now[i]));
             });
-        self.buckets.sort(&self.slab_of, lattice.slabs());
         scatter_all(self.level, &lattice, &mut self.grid, &self.scattered, &self.buckets);
         Ok(lattice)
     }
