@@ -4,10 +4,10 @@
 use gradreel::scalar::Lanes;
 use gradreel_models::physics::{Law, Number, Simulation, State, ValueGradients, Values, materials};
 
-use crate::scene::{Vectors, close, close_norm};
+use crate::scene::{Vectors, close, close_norm, close_norm_of_most};
 
 /// A material of the vectors, with the chain from its own parameters to those of the vectors.
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Kind {
     Elastic,
     Newtonian,
@@ -257,6 +257,23 @@ fn substep_of_sand() {
     substep::<f32>(Kind::Sand, "substep_sand_sticky", 1e-4, 2e-3);
 }
 
+/// Compares the cotangents at the start of a trajectory.
+pub fn compare_cotangents<T: Number>(kind: Kind, file: &Vectors, cotangent: &State<T>, tolerance: f64) {
+    if !(kind == Kind::Sand && size_of::<T>() == 4) {
+        return compare(file, cotangent, names(|part| format!("grad.{part}0")), [tolerance; 4], close_norm);
+    }
+    let but_f = [tolerance, tolerance, tolerance, f64::INFINITY];
+    compare(file, cotangent, names(|part| format!("grad.{part}0")), but_f, close_norm_of_most);
+    // dry sand at rest sits on the tip of its cone, which takes all of a deformation away: its cotangent is 0 up to rounding, and is
+    // measured by that of the affine velocity, which deforms as much in a substep
+    let found = cotangent.deformation_gradients();
+    let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|x| x * x).sum::<f64>().sqrt();
+    let pairs = found.as_flattened().as_flattened().iter().zip(file.get("grad.F0"));
+    let off = norm(&mut pairs.map(|(a, b)| a.to_f64() - b));
+    let scale = norm(&mut file.get("grad.C0").iter().copied()) / file.number("dt");
+    assert!(off <= tolerance * scale, "grad.F0 of {kind:?}: off by {off:.3e} of {scale:.3e}");
+}
+
 fn trajectory<T: Number>(kind: Kind, name: &str, tolerances: [f64; 4], gradient: f64) {
     let file = Vectors::load(name);
     let (law, world) = (kind.law(), file.world());
@@ -284,9 +301,7 @@ fn trajectory<T: Number>(kind: Kind, name: &str, tolerances: [f64; 4], gradient:
     for now in states.iter().rev() {
         simulation.substep_vjp(now, &mut scratch, &mut cotangent).unwrap();
     }
-    // sand at rest sits on the tip of its cone, where single precision decides by rounding which side it is on
-    let of_f = if kind == Kind::Sand && size_of::<T>() == 4 { f64::INFINITY } else { gradient };
-    compare(&file, &cotangent, names(|part| format!("grad.{part}0")), [gradient, gradient, gradient, of_f], close_norm);
+    compare_cotangents(kind, &file, &cotangent, gradient);
     compare_values(kind, &file, &simulation.value_gradients(), "grad.", gradient);
 }
 
@@ -321,7 +336,5 @@ fn trajectory_of_sand() {
 #[test]
 fn trajectory_of_damp_sand_that_lifts_off() {
     trajectory::<f64>(Kind::Sand, "traj_sand_separate_cohesion", PLASTIC, 1e-7);
-    // in single precision some particles yield a step earlier or later; which, the width of the vectors decides: grad.C0 is off by
-    // 5.2e-3 with AVX2, by less than 5e-3 with AVX-512
-    trajectory::<f32>(Kind::Sand, "traj_sand_separate_cohesion", SINGLE, 6e-3);
+    trajectory::<f32>(Kind::Sand, "traj_sand_separate_cohesion", SINGLE, 5e-3);
 }
