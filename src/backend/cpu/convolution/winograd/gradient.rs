@@ -54,10 +54,8 @@ impl Plan<'_> {
                 images.fill_all(&pixels, &part.slices, &part.rows);
                 results.fill_all(&slopes, &part.slices, &part.rows);
             } else {
-                for (slice, met) in &met {
-                    images.fill(&pixels, *slice, &part.rows);
-                    met.iter().for_each(|(_, slice)| results.fill(&slopes, *slice, &part.rows));
-                }
+                images.fill(&pixels, met.iter().map(|(slice, _)| *slice), &part.rows);
+                results.fill(&slopes, met.iter().flat_map(|(_, met)| met).map(|(_, slice)| *slice), &part.rows);
             }
             let (images, results) = (&images, &results);
             sums.par_chunks_mut(taps * to * from_row).with_max_len(1).enumerate().for_each(|(place, sums)| {

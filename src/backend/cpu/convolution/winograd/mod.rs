@@ -232,7 +232,7 @@ impl<'a> Plan<'a> {
             if self.merged {
                 ring.fill_all(&pixels, &part.slices, &part.rows);
             } else {
-                met.iter().flatten().for_each(|(_, slice)| ring.fill(&pixels, *slice, &part.rows));
+                ring.fill(&pixels, met.iter().flatten().map(|(_, slice)| *slice), &part.rows);
             }
             let (ring, all) = (&ring, part.slices.len() * part.rows.len() * self.tiles[1]);
             let tiles = all / met.len();

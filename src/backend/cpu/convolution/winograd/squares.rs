@@ -23,36 +23,34 @@ pub(super) struct Squares<'a, T> {
 }
 
 impl<T: Real> Squares<'_, T> {
-    /// Transforms some rows of squares of some slices.
-    pub(super) fn transform(&self, slices: Range<usize>, rows: Range<usize>, into: &mut [T]) {
+    /// Transforms a row of squares of a slice. It goes to the squares from number `at` on of the `tiles` that begin at `start`.
+    fn row(&self, [slice, row]: [usize; 2], into: &Shared<T>, start: usize, [tiles, at]: [usize; 2]) {
         let Self { step, pixels, extent, channels, across, by_blocks } = *self;
-        let tiles = slices.len() * rows.len() * across;
         let line = extent[1] * channels;
         let side = if step == Step::Input { 4 } else { 2 };
         let place = tiles * channels;
         let to_next = if by_blocks { BLOCK } else { channels };
         let to_block = if by_blocks { tiles * BLOCK } else { BLOCK };
         let reach = (channels / BLOCK - 1) * to_block + (across - 1) * to_next + BLOCK;
-        let into = Shared::new(into);
-        (0..slices.len() * rows.len()).into_par_iter().with_min_len(2).for_each(|number| {
-            let slice = slices.start + number / rows.len();
-            let first = slice * extent[0] * line + (rows.start + number % rows.len()) * 2 * line;
-            let pixels = &pixels[first..first + side * line];
-            let to = into.at(number * across * to_next, (PLACES - 1) * place + reach);
-            let transform = Transform {
-                step,
-                from: Square { at: pixels.as_ptr(), row: line, column: channels },
-                to: Square { at: to, row: 4 * place, column: place },
-                channels,
-                to_block,
-                count: across,
-                from_next: 2 * channels,
-                to_next,
-            };
-            // SAFETY: the best path is available. `side` lines of pixels and the last place were checked to be there, and
-            // each row of squares is written by one thread.
-            unsafe { T::dispatch(Path::best(), transform) };
-        });
+        let first = slice * extent[0] * line + row * 2 * line;
+        let pixels = &pixels[first..first + side * line];
+        let transform = Transform {
+            step,
+            from: Square { at: pixels.as_ptr(), row: line, column: channels },
+            to: Square {
+                at: into.at(start + at * to_next, (PLACES - 1) * place + reach),
+                row: 4 * place,
+                column: place,
+            },
+            channels,
+            to_block,
+            count: across,
+            from_next: 2 * channels,
+            to_next,
+        };
+        // SAFETY: the best path is available. `side` lines of pixels and the last place were checked to be there, and each row
+        // of squares is written by one thread.
+        unsafe { T::dispatch(Path::best(), transform) };
     }
 }
 
@@ -69,18 +67,28 @@ impl<T: Real> Ring<T> {
         Self { values: Temporary::new(slices * PLACES * tiles * channels), kept: vec![None; slices] }
     }
 
-    /// Transforms a slice that is not there yet, in place of one that is not needed any more.
-    pub(super) fn fill(&mut self, squares: &Squares<'_, T>, slice: usize, rows: &Range<usize>) {
-        let (place, length) = (slice % self.kept.len(), self.values.len() / self.kept.len());
-        if self.kept[place] != Some((slice, rows.start)) {
-            self.kept[place] = Some((slice, rows.start));
-            squares.transform(slice..slice + 1, rows.clone(), &mut self.values[place * length..][..length]);
-        }
+    /// Transforms, all at once, those slices that are not there yet, in place of ones that are not needed any more.
+    pub(super) fn fill(&mut self, squares: &Squares<'_, T>, slices: impl Iterator<Item = usize>, rows: &Range<usize>) {
+        let (parts, length) = (self.kept.len(), self.values.len() / self.kept.len());
+        let kept = &mut self.kept;
+        let missing = |slice: &usize| kept[slice % parts].replace((*slice, rows.start)) != Some((*slice, rows.start));
+        let missing: Vec<_> = slices.filter(missing).collect();
+        let (into, tiles) = (Shared::new(&mut self.values), rows.len() * squares.across);
+        (0..missing.len() * rows.len()).into_par_iter().with_min_len(2).for_each(|number| {
+            let (slice, row) = (missing[number / rows.len()], number % rows.len());
+            let start = slice % parts * length;
+            squares.row([slice, rows.start + row], &into, start, [tiles, row * squares.across]);
+        });
     }
 
     /// Transforms slices that do not depend on others, all at once; the ring has one part, the slice 0.
     pub(super) fn fill_all(&mut self, squares: &Squares<'_, T>, slices: &Range<usize>, rows: &Range<usize>) {
-        squares.transform(slices.clone(), rows.clone(), &mut self.values);
+        let into = Shared::new(&mut self.values);
+        let count = slices.len() * rows.len();
+        (0..count).into_par_iter().with_min_len(2).for_each(|number| {
+            let row = [slices.start + number / rows.len(), rows.start + number % rows.len()];
+            squares.row(row, &into, 0, [count * squares.across, number * squares.across]);
+        });
     }
 
     /// A slice that is there.
