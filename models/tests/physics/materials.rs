@@ -4,7 +4,7 @@
 use gradreel::scalar::Lanes;
 use gradreel_models::physics::{Law, Number, Simulation, State, ValueGradients, Values, materials};
 
-use crate::scene::{Vectors, close, close_norm, close_norm_of_most};
+use crate::scene::{Vectors, close, close_norm, close_norm_of_most, distance_of_most};
 
 /// A material of the vectors, with the chain from its own parameters to those of the vectors.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -267,10 +267,8 @@ pub fn compare_cotangents<T: Number>(kind: Kind, file: &Vectors, cotangent: &Sta
     // dry sand at rest sits on the tip of its cone, which takes all of a deformation away: its cotangent is 0 up to rounding, and is
     // measured by that of the affine velocity, which deforms as much in a substep
     let found = cotangent.deformation_gradients();
-    let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|x| x * x).sum::<f64>().sqrt();
-    let pairs = found.as_flattened().as_flattened().iter().zip(file.get("grad.F0"));
-    let off = norm(&mut pairs.map(|(a, b)| a.to_f64() - b));
-    let scale = norm(&mut file.get("grad.C0").iter().copied()) / file.number("dt");
+    let off = distance_of_most("grad.F0", found.as_flattened().as_flattened(), file.get("grad.F0"));
+    let scale = file.get("grad.C0").iter().map(|g| g * g).sum::<f64>().sqrt() / file.number("dt");
     assert!(off <= tolerance * scale, "grad.F0 of {kind:?}: off by {off:.3e} of {scale:.3e}");
 }
 

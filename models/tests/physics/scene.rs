@@ -143,14 +143,19 @@ pub fn close_norm<T: Number>(what: &str, found: &[T], wanted: &[f64], tolerance:
     assert!(relative <= tolerance, "{what}: relative l2 difference {relative:.3e}, allowed {tolerance:.1e}");
 }
 
-/// As [`close_norm`] without the worst hundredth of the entries: a few grains of sand that are about to yield do so in single
-/// precision only, or do not; which, the width of the vectors decides as well.
+/// The distance of two lists in the Euclidean norm without the worst hundredth of the entries: a few grains of sand that are
+/// about to yield do so in single precision only, or do not; which, the width of the vectors decides as well.
 #[track_caller]
-pub fn close_norm_of_most<T: Number>(what: &str, found: &[T], wanted: &[f64], tolerance: f64) {
+pub fn distance_of_most<T: Number>(what: &str, found: &[T], wanted: &[f64]) -> f64 {
     assert_eq!(found.len(), wanted.len(), "{what}");
     let mut squares: Vec<f64> = found.iter().zip(wanted).map(|(a, b)| (a.to_f64() - b).powi(2)).collect();
     squares.sort_by(f64::total_cmp);
-    let kept: f64 = squares[..squares.len() - squares.len() / 100].iter().sum();
-    let relative = (kept / wanted.iter().map(|b| b * b).sum::<f64>()).sqrt();
+    squares[..squares.len() - squares.len() / 100].iter().sum::<f64>().sqrt()
+}
+
+/// As [`close_norm`], by [`distance_of_most`].
+#[track_caller]
+pub fn close_norm_of_most<T: Number>(what: &str, found: &[T], wanted: &[f64], tolerance: f64) {
+    let relative = distance_of_most(what, found, wanted) / wanted.iter().map(|b| b * b).sum::<f64>().sqrt();
     assert!(relative <= tolerance, "{what}: relative l2 difference {relative:.3e}, allowed {tolerance:.1e}");
 }
