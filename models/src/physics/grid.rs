@@ -5,6 +5,7 @@
 //! whatever the number of threads.
 
 use std::cell::RefCell;
+use std::ops::Range;
 
 use gradreel::Element;
 use rayon::prelude::*;
@@ -24,7 +25,9 @@ pub(crate) struct Buckets {
     slabs: usize,
     /// The particles of each block, those of the first slab first; within a slab they keep their order.
     order: Vec<u32>,
-    /// For each block, where the list of each slab ends.
+    /// For each block, the slabs that its particles are in or between.
+    spans: Vec<Range<usize>>,
+    /// For each block, where the list of each slab of its span ends.
     ends: Vec<u32>,
 }
 
@@ -33,17 +36,21 @@ impl Buckets {
     pub fn lists(&mut self, particles: usize, slabs: usize) -> impl IndexedParallelIterator<Item = BlockList<'_>> {
         self.slabs = slabs;
         self.order.resize(particles, 0);
-        self.ends.resize(particles.div_ceil(BLOCK) * slabs, 0);
-        let lists = self.order.par_chunks_mut(BLOCK).zip(self.ends.par_chunks_exact_mut(slabs)).enumerate();
-        lists.map(|(block, (order, ends))| BlockList { first: block * BLOCK, order, ends })
+        let blocks = particles.div_ceil(BLOCK);
+        self.spans.resize(blocks, 0..0);
+        self.ends.resize(blocks * slabs, 0);
+        let lists = self.order.par_chunks_mut(BLOCK).zip(self.ends.par_chunks_exact_mut(slabs));
+        let lists = lists.zip(&mut self.spans).enumerate();
+        lists.map(|(block, ((order, ends), span))| BlockList { first: block * BLOCK, order, ends, span })
     }
 
     /// Makes the list of all particles in a slab.
     fn of_slab(&self, slab: usize, list: &mut Vec<u32>) {
         list.clear();
-        for (order, ends) in self.order.chunks(BLOCK).zip(self.ends.chunks_exact(self.slabs)) {
-            let start = slab.checked_sub(1).map_or(0, |before| ends[before]);
-            list.extend_from_slice(&order[start as usize..ends[slab] as usize]);
+        for (block, span) in self.spans.iter().enumerate().filter(|(_, span)| span.contains(&slab)) {
+            let ends = &self.ends[block * self.slabs..];
+            let start = if slab > span.start { ends[slab - 1] } else { 0 };
+            list.extend_from_slice(&self.order[block * BLOCK..][start as usize..ends[slab] as usize]);
         }
     }
 }
@@ -53,24 +60,29 @@ pub(crate) struct BlockList<'a> {
     first: usize,
     order: &'a mut [u32],
     ends: &'a mut [u32],
+    span: &'a mut Range<usize>,
 }
 
 impl BlockList<'_> {
     /// Lists the particles of the block by slab: a stable counting sort.
     pub fn sort(self, slab: impl Fn(usize) -> usize) {
-        let Self { first, order, ends } = self;
+        let Self { first, order, ends, span } = self;
         let mut slabs = [0; BLOCK];
-        ends.fill(0);
-        for (i, at) in slabs[..order.len()].iter_mut().enumerate() {
+        let slabs = &mut slabs[..order.len()];
+        let (mut lowest, mut end) = (usize::MAX, 0);
+        for (i, at) in slabs.iter_mut().enumerate() {
             *at = slab(i);
-            ends[*at] += 1;
+            (lowest, end) = (lowest.min(*at), end.max(*at + 1));
         }
+        *span = lowest..end;
+        ends[span.clone()].fill(0);
+        slabs.iter().for_each(|slab| ends[*slab] += 1);
         let mut start = 0;
-        for end in ends.iter_mut() {
+        for end in &mut ends[span.clone()] {
             (*end, start) = (start, start + *end);
         }
         // where a list begins becomes where it ends
-        for (i, slab) in slabs[..order.len()].iter().enumerate() {
+        for (i, slab) in slabs.iter().enumerate() {
             order[ends[*slab] as usize] = (first + i) as u32;
             ends[*slab] += 1;
         }
