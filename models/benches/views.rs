@@ -160,7 +160,7 @@ fn step(name: &str, trained: &str, profile: bool) {
             embedding: given("embedding", &[4, 1, 32]),
             latent: given("image", &[4, 48, 16, 16]),
             elevations: vec![0.5; 4],
-            boxes: vec![Some(ImageBox { low: [0.3; 2], high: [0.6; 2] }); 4],
+            boxes: vec![Some(ImageBox { low: [0.3; 2], high: [0.6; 2] }.into()); 4],
         };
         let [x0, noise] = ["x0", "noise"].map(|name| given(name, &[4, 16, 48, 16, 16]));
         let targets: Vec<Target> = (0..16).map(|i| Target { sample: i / 4, view: i }).collect();

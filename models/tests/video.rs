@@ -14,6 +14,10 @@ mod imagined;
 mod layouts;
 #[path = "video/matting.rs"]
 mod matting;
+#[path = "video/networks.rs"]
+mod networks;
+#[path = "video/onnx_file.rs"]
+mod onnx_file;
 #[path = "video/pac_nerf.rs"]
 mod pac_nerf;
 #[path = "video/refusals.rs"]

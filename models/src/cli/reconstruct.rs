@@ -81,13 +81,14 @@ Examples:
   gradreel reconstruct examples/clips/bird                     the same from seven calibrated cameras
   gradreel reconstruct my.gif                                  one camera of which nothing is known; also .mp4, .mov, or a folder
   gradreel reconstruct frames --fps 240 --masks masks          slow motion as a folder of pictures, with a mask for each
+  gradreel reconstruct my.mp4 --matting u2net.onnx             a matting network tells the object from the background
   gradreel reconstruct my/clip --cameras 0,4 --out runs/two    two cameras only
   gradreel reconstruct my/clip --material plasticine --start yield_stress=500
   gradreel reconstruct my/clip --out runs/two --resume         go on after Ctrl-C
 
 A film must show the object from its first frame on, falling freely in three frames at least: gravity gives the pixels their
-metres. The object is told from the background by the film's transparency, a plain background, or by what is seen while it is
-elsewhere; the camera stands still.
+metres. The object is told from the background by --masks, --matting or --background, by the film's transparency, a plain background, or
+by what is seen while it is elsewhere; the camera stands still.
 
 Look at a clip first with `gradreel check my/clip`. The results are in index.html of the output folder.";
 

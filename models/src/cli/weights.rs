@@ -22,6 +22,8 @@ const EXAMPLES: &str = "\
 Examples:
   gradreel weights check syncdreamer.ckpt                            does it hold the multi-view model, whole?
   gradreel weights convert syncdreamer.ckpt small.safetensors --f16  half the size, for the same model
+  gradreel weights convert own.safetensors on.safetensors --without-input
+                                                                     to train on as a model that sees its input in the UNet alone
 
 Files are safetensors or what PyTorch's torch.save writes. Nothing in a file is ever executed.";
 
@@ -56,6 +58,9 @@ struct Convert {
     to: PathBuf,
     #[command(flatten)]
     floats: Floats,
+    /// Leave out what un-projects the input image, of a small model that was trained with it; in 32 bits
+    #[arg(long, conflicts_with_all = ["f16", "bf16"])]
+    without_input: bool,
     /// Replace a file that is there
     #[arg(long)]
     force: bool,
@@ -209,6 +214,11 @@ fn convert(arguments: &Convert) -> Result<()> {
         })?;
     }
     describe(from, &archive);
+    if arguments.without_input {
+        FileWeights::open(from, &Device::Cpu)?.without_input()?.write(to)?;
+        describe(to, &Archive::open(to)?);
+        return Ok(());
+    }
     let floats = arguments.floats.wanted();
     let stage = Progress::new(arguments.quiet).stage("writing", 1000);
     let told = |done: usize, total: usize| {

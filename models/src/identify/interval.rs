@@ -16,7 +16,7 @@ use crate::video::Flight;
 /// What is known of one unknown.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Interval {
-    /// Name of the parameter, or `velocity_x`, `spin_x` and so on, `contact`.
+    /// Name of the parameter, or `velocity_x`, `spin_x` and so on, `contact`, `lean_right`, `lean_up`.
     pub name: String,
     /// Ends of the interval that holds the truth in nine of ten cases, in the unknown's unit.
     pub interval_90: [f64; 2],
@@ -65,6 +65,7 @@ pub fn intervals(
             Unknown::Spin(axis) => moved.spin[axis],
             Unknown::Parameter(p) => moved.parameters[p],
             Unknown::Contact => moved.contact,
+            Unknown::Lean(axis) => moved.lean[axis],
         }
     };
     let interval = |k: usize| Interval {
@@ -73,6 +74,7 @@ pub fn intervals(
             Unknown::Spin(axis) => SPIN[axis].to_owned(),
             Unknown::Parameter(p) => law.parameters()[p].name.to_owned(),
             Unknown::Contact => "contact".to_owned(),
+            Unknown::Lean(axis) => ["lean_right", "lean_up"][axis].to_owned(),
         },
         interval_90: [end(k, -1.0), end(k, 1.0)],
         determined: student * deviations[k] <= PLAUSIBLE * prior[k] / 3.0,

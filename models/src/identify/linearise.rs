@@ -231,7 +231,7 @@ impl Problem<'_> {
         };
         let list = free.list(&self.law);
         let spins = unknowns.spins() || list.iter().any(|unknown| matches!(unknown, Unknown::Spin(_)));
-        let field = spins.then(|| self.spin_field()?.to_vec()).transpose()?;
+        let field = spins.then(|| self.spin_field(unknowns.lean)?.to_vec()).transpose()?;
         // of each particle if the body turns, `[3]` if all are alike
         let velocity = |common: [f64; 3], spin: [f64; 3]| -> Result<Tensor> {
             let Some(field) = &field else { return tensor(common.to_vec()) };
@@ -241,7 +241,7 @@ impl Problem<'_> {
         };
         let early = std::array::from_fn(|k| unknowns.velocity[k] - 0.5 * self.world.gravity[k] * schedule.dt());
         let density = tensor(opacity.iter().map(|o| o * self.density).collect())?;
-        let mut inputs = vec![self.lowered(unknowns.contact)?, velocity(early, unknowns.spin)?, density];
+        let mut inputs = vec![self.placed(unknowns.contact, unknowns.lean)?, velocity(early, unknowns.spin)?, density];
         for (k, &value) in unknowns.parameters.iter().enumerate() {
             inputs.push(spread(k, value)?);
         }
@@ -258,6 +258,7 @@ impl Problem<'_> {
                     let lower = [0.0, -slope * self.world.dx, 0.0].repeat(opacity.len());
                     direction[0] = Some(Tensor::from_vec(lower, [opacity.len(), 3]).cast(self.dtype)?);
                 }
+                Unknown::Lean(axis) => direction[0] = Some(self.lean_field(axis)?),
             }
             directions.push(direction);
         }
@@ -322,7 +323,8 @@ impl Problem<'_> {
     fn flight_tangents(&self, unknowns: &Unknowns, free: Free, schedule: Schedule) -> Result<(Tensor, Vec<Tensor>)> {
         let (frames, positions) = (schedule.frames, &self.particles.positions);
         let tensor = |values: Vec<f64>| Tensor::from_vec(values, [frames, positions.len(), 3]).cast(self.dtype);
-        let turned = |spin| self.turned(spin, schedule).into_iter().flatten().flatten().collect::<Vec<f64>>();
+        let turned =
+            |spin| self.turned(spin, unknowns.lean, schedule).into_iter().flatten().flatten().collect::<Vec<f64>>();
         let times = || (0..frames).flat_map(|frame| vec![frame as f64 * schedule.frame_dt; 3 * positions.len()]);
         let (v, g) = (unknowns.velocity, self.world.gravity);
         let fallen = times().enumerate().map(|(i, t)| displacement(v, g, t)[i % 3]);
@@ -342,6 +344,7 @@ impl Problem<'_> {
                 let share = unknowns.slope(&self.law, unknown) / (2.0 * NEARBY);
                 tensor(beside(1.0).into_iter().zip(beside(-1.0)).map(|(high, low)| share * (high - low)).collect())
             }
+            Unknown::Lean(axis) => tensor(self.lean_field(axis)?.to_vec()?.repeat(frames)),
             Unknown::Parameter(_) | Unknown::Contact => tensor(vec![0.0; 3 * frames * positions.len()]),
         };
         let tangents = free.list(&self.law).into_iter().map(tangent).collect::<Result<_>>()?;
@@ -349,19 +352,28 @@ impl Problem<'_> {
     }
 
     /// The particles at each frame as far as they are turned, not as they fall.
-    pub(super) fn turned(&self, spin: [f64; 3], schedule: Schedule) -> Vec<Vec<[f64; 3]>> {
-        let (positions, frames) = (&self.particles.positions, schedule.frames);
+    pub(super) fn turned(&self, spin: [f64; 3], lean: [f64; 2], schedule: Schedule) -> Vec<Vec<[f64; 3]>> {
+        let body = self.leaning(lean);
+        let (positions, frames) = (&body.positions, schedule.frames);
         if spin == [0.0; 3] {
             return vec![positions.clone(); frames];
         }
-        let gyration = Gyration::of(self.particles);
+        let gyration = Gyration::of(&body);
         let turned = gyration.turned(spin, schedule.frame_dt, frames);
         turned.iter().map(|turned| positions.iter().map(|x| gyration.place(turned, *x)).collect()).collect()
     }
 
     /// The velocities of all particles for a spin of 1 rad/s about each axis, `[3, 3 particles]` \[m/s\].
-    pub(super) fn spin_field(&self) -> Result<Tensor> {
-        Gyration::of(self.particles).velocities(self.particles, self.world.dx, self.dtype)
+    pub(super) fn spin_field(&self, lean: [f64; 2]) -> Result<Tensor> {
+        let body = self.leaning(lean);
+        Gyration::of(&body).velocities(&body, self.world.dx, self.dtype)
+    }
+
+    /// How the particles move for each unit of the lean to the right (0) or upwards (1), `[particles, 3]` \[m\].
+    fn lean_field(&self, axis: usize) -> Result<Tensor> {
+        let rate = |x: &[f64; 3]| self.observed.sight.map_or([0.0; 3], |sight| sight.rates(*x)[axis]);
+        let values = self.particles.positions.iter().flat_map(rate).collect();
+        Tensor::from_vec(values, [self.particles.len(), 3]).cast(self.dtype)
     }
 }
 

@@ -8,7 +8,7 @@
 //! 2. **velocity**: frames before contact, where the motion does not depend on the material: as the middles of the silhouettes
 //!    move, then by Gauss–Newton;
 //! 3. **family**: if it was not said, which of them foretells the frames that it was not fitted to;
-//! 4. **material**: a scan of what is plausible, Gauss–Newton from the best of it, and on from the best of these, all on the frames
+//! 4. **material**: a scan of what is plausible (and of how the body leans that a single camera saw), Gauss–Newton from the best of it, and on from the best of these, all on the frames
 //!    around the contact where the body is elastic; then, in rounds, the voxels are fitted to the motion and the material to the
 //!    new shape, of these frames first, then of all; of what a single camera saw fall the velocity is fitted again with
 //!    the material, from the pixels after the contact;
@@ -33,6 +33,7 @@ mod flowing;
 mod gauss_newton;
 mod ground;
 mod interval;
+mod lean;
 mod linearise;
 mod loss;
 mod oracle;
@@ -64,6 +65,7 @@ pub use flight::velocity_of_silhouettes;
 pub use flowing::FlowingConfig;
 pub use gauss_newton::{apart, gauss_newton, scan};
 pub use interval::{Interval, intervals};
+pub use lean::Sight;
 pub use linearise::{Linearised, Score};
 pub use loss::LossConfig;
 pub use oracle::{Answer, Listener};

@@ -3,6 +3,7 @@
 use faer::Mat;
 
 use crate::identify::fall::Fallen;
+use crate::identify::lean::LEAN;
 use crate::identify::unknowns::{Unknown, unit};
 use crate::identify::{Free, Unknowns};
 use crate::physics::{Law, Map, Parameter};
@@ -69,6 +70,7 @@ impl<'a> Plausible<'a> {
             let (value, [low, high], slope) = match unknown {
                 Unknown::Parameter(k) => even(&self.law.parameters()[k], at.parameters[k]),
                 Unknown::Contact => (at.contact, self.free.contact().range(), 1.0),
+                Unknown::Lean(axis) => (at.lean[axis], LEAN, 1.0),
                 Unknown::Velocity(k) => {
                     // the components are the first unknowns, in their order
                     let Some(fall) = self.fall else { continue };
@@ -107,6 +109,7 @@ impl<'a> Plausible<'a> {
                 let [low, high] = self.free.contact().range();
                 (high - low) / (2.0 * NINETY)
             }
+            Unknown::Lean(_) => (LEAN[1] - LEAN[0]) / (2.0 * NINETY),
             Unknown::Parameter(k) => {
                 let (_, [low, high], slope) = even(&self.law.parameters()[k], at.parameters[k]);
                 (high - low) / (2.0 * NINETY) / (slope * at.slope(self.law, unknown)).abs().max(f64::MIN_POSITIVE)
@@ -137,7 +140,7 @@ impl<'a> Plausible<'a> {
         };
         let velocity = self.fall.map_or(at.velocity, |fall| fall.middle);
         let parameters = self.law.parameters().iter().map(middle).collect();
-        Unknowns { velocity, spin: at.spin, parameters, contact: 0.0 }.coordinates(self.law, self.free)
+        Unknowns { velocity, spin: at.spin, parameters, ..Unknowns::default() }.coordinates(self.law, self.free)
     }
 
     /// How far a step may move each free unknown's coordinate: half the deviation of a parameter, 0.2 m/s, 2 rad/s.
@@ -145,7 +148,7 @@ impl<'a> Plausible<'a> {
         let longest = |(unknown, deviation): (Unknown, f64)| match unknown {
             Unknown::Velocity(_) => 0.2 / at.slope(self.law, unknown),
             Unknown::Spin(_) => 2.0 / at.slope(self.law, unknown),
-            Unknown::Parameter(_) | Unknown::Contact => 0.5 * deviation,
+            Unknown::Parameter(_) | Unknown::Contact | Unknown::Lean(_) => 0.5 * deviation,
         };
         self.free.list(self.law).into_iter().zip(self.deviations(at)).map(longest).collect()
     }
@@ -156,6 +159,7 @@ impl<'a> Plausible<'a> {
         let limit = |unknown| match unknown {
             Unknown::Velocity(_) | Unknown::Spin(_) => [f64::NEG_INFINITY, f64::INFINITY],
             Unknown::Contact => self.free.contact().range().map(|end| 1.5 * end),
+            Unknown::Lean(_) => LEAN.map(|end| 1.5 * end),
             Unknown::Parameter(k) => {
                 let p = &self.law.parameters()[k];
                 match p.map {
@@ -178,7 +182,7 @@ impl<'a> Plausible<'a> {
             let mut point = start.clone();
             let parameters = self.free.list(self.law).into_iter().filter_map(|unknown| match unknown {
                 Unknown::Parameter(k) => Some(k),
-                Unknown::Velocity(_) | Unknown::Spin(_) | Unknown::Contact => None,
+                Unknown::Velocity(_) | Unknown::Spin(_) | Unknown::Contact | Unknown::Lean(_) => None,
             });
             for (k, base) in parameters.zip(PRIMES) {
                 let parameter = &self.law.parameters()[k];

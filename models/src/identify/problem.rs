@@ -1,11 +1,13 @@
 //! The forward model: from unknowns to a loss, on one tape.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use gradreel::{DType, ErrorKind, Result, Tape, Tensor, Var};
 
 use crate::field::bounding_sphere;
 use crate::identify::flight::displacement;
+use crate::identify::lean::Sight;
 use crate::identify::{Bound, Config, Free, RangePenalty, Unknowns};
 use crate::particles::Particles;
 use crate::physics::{Body, Collider, Law, Parameter, Remat, Schedule, World, rollout};
@@ -31,6 +33,8 @@ pub struct Observed {
     pub frame_dt: f64,
     /// Whether each camera is one that nobody filmed with.
     pub imagined: Vec<bool>,
+    /// The line of sight of a single camera, along which nobody knows how the body lies.
+    pub sight: Option<Sight>,
 }
 
 impl Observed {
@@ -57,6 +61,7 @@ impl Observed {
             targets: targets.collect::<Result<_>>()?,
             frame_dt: clip.frame_dt(),
             imagined: clip.imagined.clone(),
+            sight: Sight::of(clip)?,
         })
     }
 }
@@ -175,13 +180,13 @@ impl<'a> Problem<'a> {
         let velocity = &bound.velocity - &self.half_kick(tape, schedule)?;
         let velocity = match &bound.spin {
             Some(spin) => {
-                let turning = spin.reshape([1, 3]).matmul(&tape.constant(self.spin_field()?));
+                let turning = spin.reshape([1, 3]).matmul(&tape.constant(self.spin_field(bound.lean)?));
                 &velocity + &turning.reshape([self.particles.len(), 3])
             }
             None => velocity,
         };
         let body = Body {
-            positions: tape.constant(self.lowered(bound.contact)?),
+            positions: tape.constant(self.placed(bound.contact, bound.lean)?),
             velocity,
             density: &opacity * self.density,
             parameters: parameters
@@ -208,9 +213,18 @@ impl<'a> Problem<'a> {
             let turned = Tensor::from_vec(turned.into_flattened(), [self.particles.len(), 3]).cast(self.dtype)?;
             Ok(&tape.constant(turned) + &(&bound.velocity * t) + fallen)
         };
-        let frames = self.turned(spin, schedule).into_iter().enumerate().map(frame).collect::<Result<Vec<_>>>()?;
+        let frames =
+            self.turned(spin, bound.lean, schedule).into_iter().enumerate().map(frame).collect::<Result<Vec<_>>>()?;
         let others: Vec<&Var> = frames.iter().skip(1).collect();
         Ok(frames[0].stack(&others, 0))
+    }
+
+    /// The body with this lean.
+    pub(super) fn leaning(&self, lean: [f64; 2]) -> Cow<'_, Particles> {
+        match &self.observed.sight {
+            Some(sight) => sight.leaning(self.particles, lean),
+            None => Cow::Borrowed(self.particles),
+        }
     }
 
     /// The particles as the simulation has them: a ground that is felt `contact` grid spacings higher than it is, is felt
@@ -218,9 +232,9 @@ impl<'a> Problem<'a> {
     ///
     /// # Errors
     /// Never for `f32` and `f64`.
-    pub(crate) fn lowered(&self, contact: f64) -> Result<Tensor> {
-        let shift = contact * self.world.dx;
-        let lower = self.particles.positions.iter().flat_map(|x| [x[0], x[1] - shift, x[2]]);
+    pub(crate) fn placed(&self, contact: f64, lean: [f64; 2]) -> Result<Tensor> {
+        let (shift, body) = (contact * self.world.dx, self.leaning(lean));
+        let lower = body.positions.iter().flat_map(|x| [x[0], x[1] - shift, x[2]]);
         Tensor::from_vec(lower.collect(), [self.particles.len(), 3]).cast(self.dtype)
     }
 

@@ -385,7 +385,11 @@ pub(crate) fn describe(law: &Law, unknowns: &Unknowns) -> String {
             format!("{} {value:.3}{unit}", p.symbol)
         }
     });
-    format!("v ({x:.3}, {y:.3}, {z:.3}) m/s{spin}  {}", parameters.collect::<Vec<_>>().join("  "))
+    let lean = match unknowns.lean {
+        [right, up] if unknowns.lean != [0.0; 2] => format!("  lean ({right:.2}, {up:.2})"),
+        _ => String::new(),
+    };
+    format!("v ({x:.3}, {y:.3}, {z:.3}) m/s{spin}  {}{lean}", parameters.collect::<Vec<_>>().join("  "))
 }
 
 /// The stage that first estimates the whole material.

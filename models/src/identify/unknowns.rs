@@ -42,6 +42,9 @@ pub struct Unknowns {
     /// ground, and a coarse one earlier than a fine one or the real ground.
     #[serde(default)]
     pub contact: f64,
+    /// How much deeper than it was taken to be a body lies that a single camera saw, in metres for each metre to the right, and upwards.
+    #[serde(default)]
+    pub lean: [f64; 2],
 }
 
 /// Which unknowns an optimiser moves.
@@ -65,6 +68,8 @@ pub enum Free {
         parameters: u64,
         /// Whether the height at which the ground is felt is.
         contact: Ground,
+        /// Whether the lean of the body is.
+        lean: bool,
     },
 }
 
@@ -101,11 +106,14 @@ pub enum Unknown {
     Parameter(usize),
     /// The height at which the ground is felt.
     Contact,
+    /// A component of the lean.
+    Lean(usize),
 }
 
 impl Free {
     /// Nothing.
-    pub const NOTHING: Self = Self::Chosen { velocity: false, spin: false, parameters: 0, contact: Ground::Held };
+    pub const NOTHING: Self =
+        Self::Chosen { velocity: false, spin: false, parameters: 0, contact: Ground::Held, lean: false };
 
     fn velocity(self) -> bool {
         matches!(self, Self::Velocity | Self::Both | Self::Chosen { velocity: true, .. })
@@ -128,26 +136,36 @@ impl Free {
     pub fn all_but(law: &Law, held: &[&str], world: bool) -> Self {
         let free = law.parameters().iter().enumerate().take(64).filter(|(_, p)| !held.contains(&p.name));
         let ground = if world { Ground::Known } else { Ground::Held };
-        Self::Chosen { velocity: world, spin: false, parameters: free.map(|(k, _)| 1 << k).sum(), contact: ground }
+        let parameters = free.map(|(k, _)| 1 << k).sum();
+        Self::Chosen { velocity: world, spin: false, parameters, contact: ground, lean: false }
     }
 
     /// The same with the velocity.
     #[must_use]
     pub fn with_velocity(self, law: &Law) -> Self {
-        Self::Chosen { velocity: true, spin: self.spin(), parameters: self.bits(law), contact: self.contact() }
+        let (spin, parameters, contact, lean) = (self.spin(), self.bits(law), self.contact(), self.lean());
+        Self::Chosen { velocity: true, spin, parameters, contact, lean }
     }
 
     /// The same with the spin, if it may have one.
     #[must_use]
     pub fn with_spin(self, law: &Law, spin: bool) -> Self {
-        let spin = spin || self.spin();
-        Self::Chosen { velocity: self.velocity(), spin, parameters: self.bits(law), contact: self.contact() }
+        let (velocity, parameters, contact, lean) = (self.velocity(), self.bits(law), self.contact(), self.lean());
+        Self::Chosen { velocity, spin: spin || self.spin(), parameters, contact, lean }
     }
 
     /// The same with this height at which the ground is felt.
     #[must_use]
     pub fn with_ground(self, law: &Law, contact: Ground) -> Self {
-        Self::Chosen { velocity: self.velocity(), spin: self.spin(), parameters: self.bits(law), contact }
+        let (velocity, spin, parameters, lean) = (self.velocity(), self.spin(), self.bits(law), self.lean());
+        Self::Chosen { velocity, spin, parameters, contact, lean }
+    }
+
+    /// The same with the lean of the body.
+    #[must_use]
+    pub fn with_lean(self, law: &Law) -> Self {
+        let (velocity, spin, parameters, contact) = (self.velocity(), self.spin(), self.bits(law), self.contact());
+        Self::Chosen { velocity, spin, parameters, contact, lean: true }
     }
 
     fn bits(self, law: &Law) -> u64 {
@@ -163,13 +181,18 @@ impl Free {
         }
     }
 
+    fn lean(self) -> bool {
+        matches!(self, Self::Chosen { lean: true, .. })
+    }
+
     /// The free unknowns in the order of their coordinates.
     pub fn list(self, law: &Law) -> Vec<Unknown> {
         let velocity = (0..3).filter(|_| self.velocity()).map(Unknown::Velocity);
         let spin = (0..3).filter(|_| self.spin()).map(Unknown::Spin);
         let parameters = law.parameters().iter().enumerate().filter(|(k, p)| self.parameter(*k, p.map));
         let contact = (self.contact() != Ground::Held).then_some(Unknown::Contact);
-        velocity.chain(spin).chain(parameters.map(|(k, _)| Unknown::Parameter(k))).chain(contact).collect()
+        let lean = (0..2).filter(|_| self.lean()).map(Unknown::Lean);
+        velocity.chain(spin).chain(parameters.map(|(k, _)| Unknown::Parameter(k))).chain(contact).chain(lean).collect()
     }
 }
 
@@ -186,6 +209,8 @@ pub struct Bound {
     pub parameters: Vec<Var>,
     /// How much higher than it is the ground is felt, in grid spacings; never a leaf.
     pub contact: f64,
+    /// The lean; never a leaf.
+    pub lean: [f64; 2],
 }
 
 impl Unknowns {
@@ -199,6 +224,7 @@ impl Unknowns {
                 p.map.raw(self.parameters[k]) / unit(p)
             }
             Unknown::Contact => self.contact,
+            Unknown::Lean(axis) => self.lean[axis],
         };
         free.list(law).into_iter().map(coordinate).collect()
     }
@@ -221,6 +247,7 @@ impl Unknowns {
                     moved.parameters[k] = p.map.value(coordinate * unit(p));
                 }
                 Unknown::Contact => moved.contact = *coordinate,
+                Unknown::Lean(axis) => moved.lean[axis] = *coordinate,
             }
         }
         moved
@@ -235,7 +262,7 @@ impl Unknowns {
                 let p = &law.parameters()[k];
                 p.map.derivative(p.map.raw(self.parameters[k])) * unit(p)
             }
-            Unknown::Contact => 1.0,
+            Unknown::Contact | Unknown::Lean(_) => 1.0,
         }
     }
 
@@ -251,7 +278,7 @@ impl Unknowns {
         let spin = self.spins().then(|| constant(&self.spin)).transpose()?;
         let velocity = constant(&self.velocity)?;
         let turning = (self.spin, false);
-        Ok(Bound { leaves: Vec::new(), turning, velocity, spin, parameters, contact: self.contact })
+        Ok(Bound { leaves: Vec::new(), turning, velocity, spin, parameters, contact: self.contact, lean: self.lean })
     }
 
     /// The same, with the free parameters of the material from their coordinates `[n]` on a tape; what else is free stays as it is.
@@ -300,7 +327,7 @@ impl Unknowns {
             parameters.push(constrained(parameter.map, &(&coordinate * unit)));
         }
         let turning = (self.spin, free.spin());
-        Ok(Bound { leaves, turning, velocity, spin, parameters, contact: self.contact })
+        Ok(Bound { leaves, turning, velocity, spin, parameters, contact: self.contact, lean: self.lean })
     }
 }
 

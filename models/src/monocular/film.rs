@@ -79,7 +79,8 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
             .wanted("the whole object, falling freely in the first three frames at least: gravity gives the pixels their metres")
             .fix(
                 "choose the frame where the object is let go as the first (--first-frame), give --fps if the film is slow \
-                 motion, or masks (--masks) if the background is taken for the object; a clip of calibrated cameras needs no fall",
+                 motion, or masks (--masks) or a matting network (--matting) if the background is taken for the object; a clip of \
+                 calibrated cameras needs no fall",
             ));
     };
     let metres = strength / fall.gravity;

@@ -32,6 +32,8 @@ pub enum Foreground {
     Plain,
     /// Difference against what each pixel shows while the object is elsewhere.
     Still,
+    /// A given matting network.
+    Network,
 }
 
 impl fmt::Display for Foreground {
@@ -45,6 +47,7 @@ impl fmt::Display for Foreground {
             Foreground::White => "difference from white",
             Foreground::Plain => "difference from the background's one colour",
             Foreground::Still => "difference against what is seen while it is elsewhere",
+            Foreground::Network => "a matting network",
         })
     }
 }

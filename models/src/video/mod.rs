@@ -36,8 +36,8 @@
 //! # Films
 //!
 //! A GIF, a video file or a folder of numbered pictures without such a list is a [`Film`] of one camera that nobody calibrated;
-//! [`crate::monocular`] makes a clip of it. The object is told by given masks, the pictures' transparency, a given background, a plain
-//! one, or by what each pixel shows while the object is elsewhere.
+//! [`crate::monocular`] makes a clip of it. The object is told by given masks, a given matting network ([`MattingSettings`]), the pictures'
+//! transparency, a given background, a plain one, or by what each pixel shows while the object is elsewhere.
 //!
 //! # PAC-NeRF
 //!
@@ -72,7 +72,7 @@ mod select;
 
 pub use camera::Camera;
 pub use clip::{Around, Clip, Flight, Frame, OpenOptions, PixelRect};
-pub use film::{Film, FilmSettings};
+pub use film::{Film, FilmSettings, MattingSettings};
 pub use foreground::Foreground;
 pub(crate) use image::Image;
 pub use inspect::{CameraInventory, Inventory, inspect};

@@ -4,7 +4,7 @@ use gradreel::{Result, Tape, Tensor, Var};
 use serde::{Deserialize, Serialize};
 
 use super::spatial_aware::Surroundings;
-use super::{ImageBox, Ring, Schedule, SpatialAware, SpatialAwareSizes, Unet, UnetSizes, VolumePath, VolumeSizes};
+use super::{Detection, Ring, Schedule, SpatialAware, SpatialAwareSizes, Unet, UnetSizes, VolumePath, VolumeSizes};
 use crate::layers::{Linear, Scope, TimeEmbedding};
 
 /// The sizes of the multi-view model.
@@ -59,8 +59,8 @@ pub struct Condition {
     pub latent: Var,
     /// Elevation of its camera in radians, one for each of the batch.
     pub elevations: Vec<f64>,
-    /// Box around the object in it, for the spatial-aware module: one for each of the batch, or none at all.
-    pub boxes: Vec<Option<ImageBox>>,
+    /// Where the object is, for the spatial-aware module: one for each of the batch, or none at all.
+    pub boxes: Vec<Option<Detection>>,
 }
 
 /// The trained parts of the diffusion: UNet, volume side, time embedding, projection of the context token.

@@ -4,7 +4,7 @@ use gradreel::io::TensorFile;
 use gradreel::{DType, Error, ErrorKind, Result, Tensor};
 use serde::{Deserialize, Serialize};
 
-use super::{ImageBox, SamplerSettings, Sampling, Subject};
+use super::{Detection, ImageBox, SamplerSettings, Sampling, Subject};
 
 /// The key of the whole numbers in the file's metadata.
 const METADATA: &str = "gradreel.sampling";
@@ -19,7 +19,8 @@ struct Numbers {
 
 impl Sampling {
     /// Everything that the run needs to go on, predictions of an unfinished step included: `latents`, `embedding`,
-    /// `latent`, `elevation`, `seen` (left, top, right, bottom of the box, if there is one), `guidance`, `predicted.<view>`, and whole numbers in the metadata.
+    /// `latent`, `elevation`, `seen` (left, top, right, bottom of the box and
+    /// the depth of the object, as far as they are known), `guidance`, `predicted.<view>`, and whole numbers in the metadata.
     pub fn to_file(&self) -> TensorFile {
         let mut file = TensorFile::default();
         let Self { subject, settings: SamplerSettings { steps, guidance, seed }, done, .. } = self;
@@ -33,8 +34,9 @@ impl Sampling {
         // as tensors: decimal text may lose the last bit
         put("elevation", &Tensor::from_vec(vec![subject.elevation], [1]));
         put("guidance", &Tensor::from_vec(vec![*guidance], [1]));
-        if let Some(ImageBox { low: [left, top], high: [right, bottom] }) = subject.seen {
-            put("seen", &Tensor::from_vec(vec![left, top, right, bottom], [4]));
+        if let Some(Detection { outline: ImageBox { low, high }, depth }) = subject.seen {
+            let known: Vec<f64> = low.into_iter().chain(high).chain(depth).collect();
+            put("seen", &Tensor::from_vec(known.clone(), [known.len()]));
         }
         for (view, noise) in self.predicted.iter().enumerate() {
             if let Some(noise) = noise {
@@ -71,7 +73,10 @@ impl Sampling {
             seen: match file.tensors.get("seen") {
                 None => None,
                 Some(tensor) => match tensor.to_vec()?[..] {
-                    [left, top, right, bottom] => Some(ImageBox { low: [left, top], high: [right, bottom] }),
+                    [left, top, right, bottom, ref depth @ ..] if depth.len() < 2 => Some(Detection {
+                        outline: ImageBox { low: [left, top], high: [right, bottom] },
+                        depth: depth.first().copied(),
+                    }),
                     _ => return Err(damaged("seen", format!("{:?}", tensor.spec()))),
                 },
             },

@@ -68,7 +68,7 @@ impl ModelSizes {
             frustum: volumes,
             voxels: 16,
             depth: 16,
-            input: true,
+            input: false,
         };
         let unet = UnetSizes {
             inputs: 2 * channels,

@@ -3,7 +3,7 @@
 use gradreel::{Device, Key, Result, Tape, Tensor, Var};
 
 use super::frozen::Frozen;
-use super::{Bicubic, ClipTower, Condition, ImageBox, Model, ModelSizes, on_cpu};
+use super::{Bicubic, ClipTower, Condition, Detection, ImageBox, Model, ModelSizes, on_cpu};
 use crate::layers::{Scope, Weights};
 
 /// The input picture as the sampler sees it, in plain tensors on the CPU.
@@ -15,8 +15,8 @@ pub struct Subject {
     pub latent: Tensor,
     /// Elevation of its camera in radians.
     pub elevation: f64,
-    /// The box around the object, for a model that places it where the picture shows it.
-    pub seen: Option<ImageBox>,
+    /// Where the object is, for a model that places it where the picture shows it.
+    pub seen: Option<Detection>,
 }
 
 impl Subject {
@@ -46,7 +46,7 @@ impl Subject {
         let embedding = embed(&scope, sizes, &picture)?;
         let latent = Model::coder(&scope, sizes)?.encode(&picture, Some(key))?;
         let seen = match sizes.denoiser.spatial_aware {
-            Some(_) => ImageBox::of_picture(&on_cpu(&picture)?)?,
+            Some(_) => ImageBox::of_picture(&on_cpu(&picture)?)?.map(Detection::from),
             None => None,
         };
         Ok(Self { embedding: on_cpu(&embedding)?, latent: on_cpu(&latent)?, elevation, seen })

@@ -2,7 +2,8 @@
 
 use std::fs;
 
-use crate::scene::{Scene, bundled, text};
+use crate::onnx_file::Network;
+use crate::scene::{QUICK, Scene, bundled, text};
 
 /// A folder of the bundled clip's first camera, without any calibration.
 fn film() -> Scene {
@@ -23,6 +24,31 @@ fn a_film_is_looked_at() {
         assert!(printed.contains(part), "no {part:?} in: {printed}");
     }
     scene.refuses("check film", &["film", "--fps"]);
+}
+
+/// The bird has less green than red and blue, its surroundings as much; the weights undo the usual normalisation, too.
+#[test]
+fn a_network_tells_the_object() {
+    let scene = film();
+    scene.write("colours.onnx", Network::of(Some(192), [13.74, -26.88, 13.5], -7.26).bytes());
+    let printed = scene.succeeds("check film --fps 24 --matting colours.onnx");
+    for part in ["by a matting network", "colours.onnx", "192 × 192 pixels", "ready to open"] {
+        assert!(printed.contains(part), "no {part:?} in: {printed}");
+    }
+    scene.write("page.onnx", "<html><body>404 Not Found</body></html>");
+    scene.refuses("check film --fps 24 --matting page.onnx", &["page.onnx", "an ONNX file", "--matting"]);
+    scene.refuses("check film --fps 24 --matting nothing.onnx", &["nothing.onnx", "--matting"]);
+    let both = scene.run("check film --fps 24 --matting colours.onnx --masks film");
+    assert!(both.status.code() == Some(2) && text(&both.stderr).contains("cannot be used with"));
+
+    // what the settings say of a network holds for the one that is given, and for the run that goes on
+    scene.write("matting.toml", format!("{QUICK}[clip.film.matting]\nmodel = \"elsewhere.onnx\"\nsize = 192\n"));
+    scene.refuses("reconstruct film --fps 24 --config matting.toml --out out", &["elsewhere.onnx"]);
+    scene.succeeds("reconstruct film --fps 24 --frames 8 --matting colours.onnx --config matting.toml --out out");
+    let config = fs::read_to_string(scene.path("out/config.toml")).unwrap();
+    assert!(config.contains("[clip.film.matting]") && config.contains("size = 192"), "{config}");
+    assert!(config.contains("colours.onnx") && !config.contains("elsewhere.onnx"), "{config}");
+    scene.succeeds("reconstruct film --out out --resume");
 }
 
 #[test]

@@ -15,6 +15,8 @@ mod killed;
 mod mesh_files;
 mod meshes;
 mod model;
+#[path = "../video/onnx_file.rs"]
+mod onnx_file;
 mod resumed;
 mod results;
 mod scene;

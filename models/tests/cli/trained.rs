@@ -97,13 +97,48 @@ fn both_stages_and_what_they_leave() {
     let state = TensorFile::read(scene.path("views/state.safetensors")).unwrap();
     let seen = state.get("seen").unwrap().to_vec().unwrap();
     assert!(seen.len() == 4 && seen[0] < 0.5 && seen[2] > 0.5, "{seen:?}");
+    scene.succeeds(&format!("{synthesize} --elevation 30 --distance 1.25 --out lifted"));
+    let state = TensorFile::read(scene.path("lifted/state.safetensors")).unwrap();
+    assert_eq!(state.get("seen").unwrap().to_vec().unwrap(), [&seen[..], &[1.25]].concat());
+    let refused = "synthesize ball.png --weights base/model.safetensors --elevation 30 --distance 1 --out none";
+    scene.refuses(refused, &["--distance", "spatial-aware module"]);
+    scene.refuses(&format!("{synthesize} --elevation 30 --distance 0 --out none"), &["far away", "1.5"]);
     let evaluate = "train novel-view --quiet --weights aware/model.safetensors --config more.toml --evaluate 2";
     let table = scene.succeeds(&format!("{evaluate} --out measured"));
-    for part in ["2 unseen objects", "with the module", "without", "factor"] {
+    for part in ["2 unseen objects", "box and distance", "without the module", "factor"] {
         assert!(table.contains(part), "no {part:?} in {table}");
     }
     let rows = fs::read_to_string(scene.path("measured/objects.csv")).unwrap();
-    assert_eq!(rows.lines().count(), 1 + 2 * 2);
+    assert_eq!(rows.lines().count(), 1 + 2 * 3);
+}
+
+/// A model that un-projects its input is trained on as one that does not.
+#[test]
+fn a_training_goes_on_without_the_input_in_space() {
+    let scene = scene();
+    scene.write("with.toml", TINY.replace("depth = 8", "depth = 8\ninput = true"));
+    scene.succeeds("train novel-view --quiet --config with.toml --steps 1 --out with");
+    scene.succeeds("weights convert with/model.safetensors without.safetensors --without-input");
+    let [with, without] = ["with/model.safetensors", "without.safetensors"].map(|name| {
+        let file = TensorFile::read(scene.path(name)).unwrap();
+        let sizes = ModelSizes::from_json(&file.metadata[ModelSizes::METADATA]).unwrap();
+        (file, sizes.denoiser.volume.input)
+    });
+    assert!(with.1 && !without.1);
+    for (name, tensor) in &with.0.tensors {
+        match without.0.tensors.get(name) {
+            None => assert!(name.starts_with("spatial_volume.input_encoder."), "{name}"),
+            Some(kept) if name == "spatial_volume.spatial_volume_feats.init_conv.weight" => {
+                // four views of four features, and then the input's
+                assert_eq!((tensor.dims()[1], kept.dims()[1]), (20, 16));
+                let rows = tensor.slice::<f32>().chunks(20 * 27).map(|row| &row[..16 * 27]);
+                assert!(rows.eq(kept.slice::<f32>().chunks(16 * 27)));
+            }
+            Some(kept) => assert_eq!(tensor.slice::<f32>(), kept.slice::<f32>(), "{name}"),
+        }
+    }
+    scene.succeeds(&format!("{BASE} --weights without.safetensors --steps 1 --out on"));
+    scene.refuses("weights convert without.safetensors again.safetensors --without-input", &["un-project"]);
 }
 
 #[cfg(unix)]

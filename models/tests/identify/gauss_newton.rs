@@ -1,10 +1,12 @@
 //! Least squares over the pixels: derivatives against the tape and against differences, and five materials recovered.
 
 use gradreel::DType;
-use gradreel_models::identify::{Answer, Evaluation, Free, Ground, Problem, Unknowns, apart, gauss_newton, scan};
+use gradreel_models::identify::{
+    Answer, Evaluation, Free, Ground, Observed, Problem, Sight, Unknowns, apart, gauss_newton, scan,
+};
 use gradreel_models::physics::Map;
 
-use crate::scene::{block, film, film_of, problem, problem_of, quick};
+use crate::scene::{block, camera, film, film_of, problem, problem_of, quick};
 
 #[test]
 fn forward_mode_agrees_with_the_tape_and_with_differences_of_pictures() {
@@ -76,6 +78,46 @@ fn contact_height(problem: &Problem<'_>, truth: &Unknowns, frames: usize) {
     assert!((here.gradient[0] - difference).abs() < 1e-5 * difference.abs(), "{} {difference}", here.gradient[0]);
     let taped = problem.evaluate(&at(-0.1), Free::Velocity, frames, &mut 0, &mut |_| ()).unwrap().0;
     assert!((here.loss - taped).abs() < 1e-12 * taped && here.loss > 1e-4, "{} {taped}", here.loss);
+}
+
+/// What leans away from its only camera looks the same in the first frame and falls another way; derivatives along the lean against
+/// differences, simulated and in flight, and forward mode against the tape there.
+#[test]
+fn a_body_leans_along_the_rays_of_its_camera() {
+    const FRAMES: usize = 5;
+    let config = quick();
+    let particles = block(5, 0.04);
+    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], ..Unknowns::default() };
+    let seen_by_three = film(&particles, &truth, &config, FRAMES, 20, DType::F64);
+    let middle = particles.centre_of_mass();
+    let observed = Observed { sight: Sight::at(&camera(1, 2.5, 20), middle), ..seen_by_three };
+    let problem = problem(&particles, &observed, &config, DType::F64);
+    let leaning = |lean: [f64; 2]| Unknowns { lean, ..truth.clone() };
+    let positions = |lean| problem.positions(&leaning(lean)).unwrap().slice::<f64>().to_vec();
+    let (upright, leans) = (positions([0.0; 2]), positions([0.4, -0.3]));
+    let own = camera(1, 2.5, 20);
+    for (x, moved) in upright.chunks_exact(3).zip(leans.chunks_exact(3)).take(particles.len()) {
+        let of = |x: &[f64]| own.project([x[0], x[1], x[2]]).unwrap();
+        let ([u, v, depth], [u2, v2, deeper]) = (of(x), of(moved));
+        assert!((u - u2).abs() < 1e-9 && (v - v2).abs() < 1e-9, "({u}, {v}) became ({u2}, {v2})");
+        // tangents of angles, right and up
+        let [mu, mv, _] = own.project(middle).unwrap();
+        let wanted = depth * (1.0 + 0.4 * (u - mu) / own.fx + 0.3 * (v - mv) / own.fy);
+        assert!((deeper - wanted).abs() < 1e-9, "{deeper}, not {wanted} m away");
+    }
+    let free = Free::NOTHING.with_lean(&problem.law);
+    for problem in [&problem, &problem.flying()] {
+        let at = |lean| problem.linearise(&leaning(lean), free, FRAMES, &mut 0, &mut |_| ()).unwrap();
+        let here = at([0.2, -0.1]);
+        for (axis, step) in [[1e-6, 0.0], [0.0, 1e-6]].into_iter().enumerate() {
+            let [plus, minus] = [1.0, -1.0].map(|sign| at([0.2 + sign * step[0], -0.1 + sign * step[1]]).loss);
+            let difference = (plus - minus) / 2e-6;
+            let found = here.gradient[axis];
+            assert!((found - difference).abs() < 1e-5 * difference.abs(), "axis {axis}: {found}, {difference}");
+        }
+        let taped = problem.evaluate(&leaning([0.2, -0.1]), Free::Velocity, FRAMES, &mut 0, &mut |_| ()).unwrap().0;
+        assert!((here.loss - taped).abs() < 1e-12 * taped && here.loss > 1e-4, "{} {taped}", here.loss);
+    }
 }
 
 #[test]

@@ -47,7 +47,7 @@ fn a_sample_follows_from_its_key() {
     for key in (0..12).map(Key::new) {
         let sample = draw(&roomy, key);
         assert!(sample == alone.install(|| draw(&scarce, key)) && sample == draw(&single, key));
-        assert!(sample.seen().is_some());
+        assert!(sample.seen(&ring).is_some());
         assert!(all.iter().all(|other| *other != sample), "no two alike");
         all.push(sample);
     }

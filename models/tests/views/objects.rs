@@ -112,7 +112,7 @@ fn an_input_from_elsewhere_has_its_own_view() {
     let sample = Sample::draw(Key::new(5), &ring, SIZE, &above);
     assert!((sample.elevation.to_degrees() - 60.0).abs() < 1e-9);
     assert!(sample.input != sample.views[0]);
-    assert!(sample.seen().is_some());
+    assert!(sample.seen(&ring).is_some());
     for wrong in [
         SampleSettings { scale: [0.5, 0.2], ..settings() },
         SampleSettings { reach: 1.5, ..settings() },

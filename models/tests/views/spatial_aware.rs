@@ -9,8 +9,8 @@ use gradreel::{DType, Device, Result, Shape, Tensor, Var};
 use gradreel_models::layers::{Init, Scope, Weights, listing};
 use gradreel_models::views::spatial_aware::{EpipolarAttention, EpipolarLines, combine, gather};
 use gradreel_models::views::{
-    Batch, Denoiser, DenoiserSizes, FileWeights, ImageBox, ModelSizes, Plan, Ring, SpatialAwareSizes, Training,
-    UnetSizes, VolumeSizes,
+    Batch, Denoiser, DenoiserSizes, Detection, FileWeights, ImageBox, ModelSizes, Plan, Ring, SpatialAwareSizes,
+    Training, UnetSizes, VolumeSizes,
 };
 
 use crate::harness::{Case, Tolerance, check, close, load, places};
@@ -30,9 +30,9 @@ fn vector_sizes(case: &Case<'_>) -> SpatialAwareSizes {
 }
 
 /// The box of the vectors, which is in pixels of 256.
-fn vector_box(case: &Case<'_>) -> ImageBox {
+fn vector_box(case: &Case<'_>) -> Detection {
     let [left, top, right, bottom] = case.numbers("box_xyxy")[..] else { panic!("four sides") };
-    ImageBox { low: [left / 256.0, top / 256.0], high: [right / 256.0, bottom / 256.0] }
+    ImageBox { low: [left / 256.0, top / 256.0], high: [right / 256.0, bottom / 256.0] }.into()
 }
 
 #[test]
@@ -99,7 +99,7 @@ fn lines_boxes_and_one_neighbour() {
     // of ones and nothing else the weights are left
     let [ones, nothing] = [1.0, 0.0].map(|v| case.tape.constant(Tensor::full(v, [1, 1, 8, 8, 8], DType::F64)));
     let maps = &nothing.reshape([1, 8, 1, 8, 8]) * 0.0;
-    let phi = |boxes: &[Option<ImageBox>]| combine(&ring, &sizes, &ones, &maps, &[elevation], boxes).unwrap();
+    let phi = |boxes: &[Option<Detection>]| combine(&ring, &sizes, &ones, &maps, &[elevation], boxes).unwrap();
     close("phi", &phi(&[Some(seen)]).reshape([8, 8, 8]).value().unwrap().clone(), file.get("mid.phi").unwrap(), 1e-6);
     for without in [&[None][..], &[]] {
         assert!(phi(without).value().unwrap().slice::<f64>().iter().all(|weight| *weight == 1.0));
@@ -112,6 +112,38 @@ fn lines_boxes_and_one_neighbour() {
     let found = &attention.forward(&ring, &features).unwrap() - &features;
     let of_view = found.select(1, 0).reshape([16, 8, 8]).permute(&[1, 2, 0]);
     close("A", of_view.value().unwrap(), file.get("mid.view0_first_neighbour.A").unwrap(), 5e-5);
+}
+
+#[test]
+fn a_known_distance_bounds_the_box_in_depth() {
+    let (ring, elevation, size) = (Ring::published(16), 0.4, 32);
+    let outline = ImageBox { low: [0.4, 0.45], high: [0.6, 0.55] };
+    let covered = |depth| ring.covered(size, elevation, &Detection { outline, depth });
+    let (flat, near, far) = (covered(None), covered(Some(1.3)), covered(Some(1.6)));
+    let pose = ring.input_pose(elevation);
+    let half = |depth: f64| 0.1 * depth / ring.focal;
+    for (i, voxel) in ring.voxels(size).enumerate() {
+        let [_, _, depth] = ring.project(&pose, voxel, 1);
+        for (lifted, middle) in [(&near, 1.3), (&far, 1.6)] {
+            assert_eq!(lifted[i], flat[i] && (depth - middle).abs() <= half(middle), "voxel {i} at {depth}");
+        }
+    }
+    assert!(near.iter().filter(|inside| **inside).count() > 20 && near.iter().zip(&far).all(|(a, b)| !(a & b)));
+    let sizes = SpatialAwareSizes::published();
+    let tape = gradreel::Tape::new();
+    let zeros = |shape: &[usize]| tape.constant(Tensor::zeros(shape, DType::F32));
+    for depth in [0.0, -1.0, f64::NAN] {
+        let seen = [Some(Detection { outline, depth: Some(depth) })];
+        let (volume, maps) = (zeros(&[1, 1, 8, 8, 8]), zeros(&[1, 16, 1, 8, 8]));
+        let error = combine(&ring, &sizes, &volume, &maps, &[elevation], &seen).expect_err("refused");
+        assert!(error.to_string().contains("far away"), "{error}");
+    }
+    // errors of a detector: the distance by its own share, and sides as they are without one
+    let seen = Detection { outline, depth: Some(1.5) };
+    let jittered = seen.jittered(0.02, 0.1, gradreel::Key::new(3));
+    assert_eq!(jittered.outline, outline.jittered(0.02, gradreel::Key::new(3)));
+    assert!(jittered.depth != seen.depth && (jittered.depth.unwrap() - 1.5).abs() < 0.6);
+    assert_eq!(seen.jittered(0.0, 0.0, gradreel::Key::new(3)), seen);
 }
 
 const SEED: &str = "spatial aware";
@@ -172,7 +204,7 @@ fn batch(seen: Option<ImageBox>) -> Batch {
         embeddings: input("embeddings", &[2, 1, 8]),
         images: input("images", &[2, 4, 8, 8]),
         elevations: vec![0.3, 0.5],
-        boxes: vec![seen; 2],
+        boxes: vec![seen.map(Detection::from); 2],
     }
 }
 

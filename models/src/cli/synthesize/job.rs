@@ -15,8 +15,8 @@ use crate::report::progress::Progress;
 use crate::report::run_folder::RunFolder;
 use crate::report::synthesis::{self, Synthesis, picture_of};
 use crate::views::{
-    Ensemble, FileWeights, Footprint, LatentColours, ModelSizes, SamplerSettings, Sampling, Subject, decode, megabytes,
-    open_picture,
+    Detection, Ensemble, FileWeights, Footprint, LatentColours, ModelSizes, SamplerSettings, Sampling, Subject, decode,
+    megabytes, open_picture,
 };
 
 /// What was asked for, as the folder of the run keeps it.
@@ -42,6 +42,9 @@ struct Settings {
     guidance: f64,
     seed: u64,
     crop: usize,
+    /// Units of the model.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    distance: Option<f64>,
     device: Place,
 }
 
@@ -78,8 +81,16 @@ impl Job {
             guidance: arguments.guidance.unwrap_or(usual.guidance),
             seed: arguments.seed.unwrap_or(usual.seed),
             crop: arguments.crop.unwrap_or(sizes.crop),
+            distance: arguments.distance,
             device: arguments.device.unwrap_or(Place::Cpu),
         };
+        if settings.distance.is_some() && sizes.denoiser.spatial_aware.is_none() {
+            return Err(Error::new(ErrorKind::Input, "this model cannot be told how far away the object is")
+                .at("--distance")
+                .found(format!("{} without a spatial-aware module", weights.display()))
+                .wanted("weights that were trained with `train novel-view --stage spatial-aware`")
+                .fix("leave --distance away, or give such weights to --weights"));
+        }
         if settings.elevation.is_nan() || settings.elevation.abs() > 90.0 {
             return Err(Error::new(ErrorKind::Input, "there is no such elevation")
                 .at("--elevation")
@@ -87,6 +98,7 @@ impl Job {
                 .wanted("−90 to 90 degrees above the horizon")
                 .fix("0 if the camera is level with the object; 20 to 30 if it looks down a little"));
         }
+        settings.distance.map_or(Ok(()), Detection::check_depth).map_err(|e| e.at("--distance"))?;
         settings.sampler().check()?;
         Self::prepare(arguments, weights, settings, |settings| {
             let text = toml::to_string(settings).expect("settings are numbers and text");
@@ -214,6 +226,12 @@ impl Job {
         let device = self.weights.device();
         let subject =
             Subject::encode(&self.weights, &self.sizes, &self.picture, elevation, sampler.picture_key(), device)?;
+        let seen = match (self.settings.crop, self.settings.distance) {
+            // what was put in the middle is where the model has it by itself
+            (1.., None) => None,
+            (_, depth) => subject.seen.map(|seen| Detection { depth, ..seen }),
+        };
+        let subject = Subject { seen, ..subject };
         let run = Sampling::begin(subject, sampler, self.sizes.denoiser.ring.views)?;
         self.save(&run)?;
         stage.finish("");

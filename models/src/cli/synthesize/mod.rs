@@ -49,6 +49,11 @@ pub(super) struct Arguments {
     /// 200 for the published one]
     #[arg(long, value_name = "PIXELS", conflicts_with = "resume")]
     crop: Option<usize>,
+    /// Distance of the object's middle along the camera's axis, for a model with a spatial-aware module: in units in which the
+    /// model's cameras are 1.5 from the middle. With --crop 0, which keeps the picture's framing, the object appears where the picture
+    /// has it, and this far away; cropped, in the middle [default: not known]
+    #[arg(long, value_name = "UNITS", conflicts_with = "resume")]
+    distance: Option<f64>,
     /// Memory for sampling, beside the weights; decides how many views run at once, not what they show [default: 4GB]
     #[arg(long, value_name = "SIZE")]
     memory: Option<Size>,

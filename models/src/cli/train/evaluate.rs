@@ -39,8 +39,8 @@ pub(super) fn run(arguments: &NovelView, count: usize, progress: &Progress) -> R
     let bare =
         ModelSizes { denoiser: DenoiserSizes { spatial_aware: None, ..sizes.denoiser.clone() }, ..sizes.clone() };
     let models = match sizes.denoiser.spatial_aware {
-        Some(_) => vec![("with the module", sizes), ("without", &bare)],
-        None => vec![("the model", sizes)],
+        Some(_) => vec![("box and distance", sizes, true), ("box", sizes, false), ("without the module", &bare, false)],
+        None => vec![("the model", sizes, false)],
     };
     let at_once = settings.device.at_once(sizes.denoiser.ring.views);
     let folder = match &arguments.out {
@@ -52,7 +52,8 @@ pub(super) fn run(arguments: &NovelView, count: usize, progress: &Progress) -> R
     if let Some(told) = objects.described().filter(|_| !arguments.quiet) {
         eprintln!("{told}");
     }
-    let ensembles = models.iter().map(|(_, sizes)| Ensemble::new(&weights, &sizes.denoiser, weights.device(), at_once));
+    let ensembles =
+        models.iter().map(|(_, sizes, _)| Ensemble::new(&weights, &sizes.denoiser, weights.device(), at_once));
     let ensembles = ensembles.collect::<Result<Vec<_>>>()?;
     let stage = progress.stage("sampling", (count * models.len()) as u64);
     let mut scores: Vec<Vec<Score>> = vec![Vec::new(); models.len()];
@@ -60,13 +61,13 @@ pub(super) fn run(arguments: &NovelView, count: usize, progress: &Progress) -> R
     let columns = 8.min(sizes.denoiser.ring.views);
     for (number, sample) in unseen(&settings, &objects, count)?.iter().enumerate() {
         let mut shown = Vec::new();
-        for (which, ((name, sizes), ensemble)) in models.iter().zip(&ensembles).enumerate() {
+        for (which, ((name, sizes, lifted), ensemble)) in models.iter().zip(&ensembles).enumerate() {
             let sampler = SamplerSettings {
                 steps: settings.validation.steps,
                 guidance: settings.validation.guidance,
                 seed: number as u64,
             };
-            let found = sampled(&weights, sizes, ensemble, sample, sampler)?;
+            let found = sampled(&weights, sizes, ensemble, sample, *lifted, sampler)?;
             let found_score = score(&found, sample)?;
             let Score { centre, overlap, psnr, silhouette } = found_score;
             table += &format!("{number},{name},{centre},{overlap},{psnr},{silhouette}\n");
@@ -86,7 +87,7 @@ pub(super) fn run(arguments: &NovelView, count: usize, progress: &Progress) -> R
     Ok(())
 }
 
-fn print(models: &[(&str, &ModelSizes)], scores: &[Vec<Score>], data: SampleSettings, image: usize) {
+fn print(models: &[(&str, &ModelSizes, bool)], scores: &[Vec<Score>], data: SampleSettings, image: usize) {
     say!(
         "\n{} unseen objects, scales {} to {}, reach {}, images of {image} pixels\n",
         scores[0].len(),
@@ -103,7 +104,7 @@ fn print(models: &[(&str, &ModelSizes)], scores: &[Vec<Score>], data: SampleSett
         "PSNR [dB]",
         "silhouette IoU"
     );
-    for ((name, _), scores) in models.iter().zip(scores) {
+    for ((name, ..), scores) in models.iter().zip(scores) {
         let Score { centre, overlap, psnr, silhouette } = Score::mean(scores);
         let mut each: Vec<f64> = scores.iter().map(|score| score.centre).collect();
         each.sort_by(f64::total_cmp);
@@ -114,8 +115,11 @@ fn print(models: &[(&str, &ModelSizes)], scores: &[Vec<Score>], data: SampleSett
             100.0 * median
         );
     }
-    if let [with, without] = scores {
-        let ratio = Score::mean(without).centre / Score::mean(with).centre.max(1e-9);
-        say!("\nthe module cuts the distance of the middles by a factor of {ratio:.2}");
+    if let [lifted, flat, without] = scores {
+        let factor = |with: &[Score]| Score::mean(without).centre / Score::mean(with).centre.max(1e-9);
+        let (lifted, flat) = (factor(lifted), factor(flat));
+        say!(
+            "\nthe module, told box and distance, cuts the centre error by a factor of {lifted:.2}; told the box alone, {flat:.2}"
+        );
     }
 }

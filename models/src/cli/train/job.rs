@@ -204,7 +204,7 @@ impl Job {
         for (seed, sample) in unseen[..validation.shapes].iter().enumerate() {
             let settings =
                 SamplerSettings { steps: validation.steps, guidance: validation.guidance, seed: seed as u64 };
-            let found = sampled(&self.weights, model, &ensemble, sample, settings)?;
+            let found = sampled(&self.weights, model, &ensemble, sample, true, settings)?;
             scores.push(score(&found, sample)?);
             shown.extend(rows(&found, sample, columns)?);
         }

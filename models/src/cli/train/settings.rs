@@ -75,14 +75,18 @@ pub(super) struct Optimiser {
     pub dropped: f64,
 }
 
-/// How boxes around objects are found in training.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// What is known of the objects' places in training.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Found {
     /// Deviation of each side in shares of the box.
     pub jitter: f64,
     /// Share of the samples without a box.
     pub missed: f64,
+    /// Deviation of the distance in shares of it.
+    pub depth_jitter: f64,
+    /// Share of the boxes without a distance.
+    pub depth_missed: f64,
 }
 
 /// How the model is looked at in between.
@@ -109,6 +113,7 @@ impl Settings {
         };
         let centred = SampleSettings { scale: [0.3, 0.7], reach: 0.0, ..SampleSettings::default() };
         let data = if stage == Stage::Base { centred } else { SampleSettings::default() };
+        let usual = model.sampler();
         Self {
             stage,
             seed: 0,
@@ -132,8 +137,14 @@ impl Settings {
             },
             data: SampleSettings { nodes: (model.image * 3 / 4).clamp(24, 256), ..data },
             objects: None,
-            detector: Found { jitter: 0.02, missed: 0.1 },
-            validation: Validation { every: 1000, samples: 16, shapes: 4, steps: 25, guidance: 1.5 },
+            detector: Found { jitter: 0.02, missed: 0.1, depth_jitter: 0.01, depth_missed: 0.3 },
+            validation: Validation {
+                every: 1000,
+                samples: 16,
+                shapes: 4,
+                steps: usual.steps.min(25),
+                guidance: usual.guidance.min(1.5),
+            },
             model,
             weights: None,
         }
@@ -207,7 +218,9 @@ impl Settings {
             ("optimiser.side_by_side", (1..=1 << 10).contains(&optimiser.side_by_side), "1 to 1024"),
             ("optimiser.dropped", (0.0..=0.25).contains(&optimiser.dropped), "0 to 0.25"),
             ("optimiser.weight_decay", (0.0..1.0).contains(&optimiser.weight_decay), "0 to below 1"),
-            ("detector", share(detector.missed) && (0.0..=0.5).contains(&detector.jitter), "shares"),
+            ("detector", share(detector.missed) && share(detector.depth_missed), "shares"),
+            ("detector.jitter", (0.0..=0.5).contains(&detector.jitter), "0 to 0.5"),
+            ("detector.depth_jitter", (0.0..=0.3).contains(&detector.depth_jitter), "0 to 0.3"),
             ("validation.steps", (1..=1000).contains(&validation.steps), "1 to 1000"),
             ("validation.guidance", validation.guidance.is_finite(), "a number"),
             (
@@ -259,7 +272,8 @@ impl Settings {
 
     /// What training is told of boxes.
     pub fn detector(&self) -> Detector {
-        Detector { jitter: self.detector.jitter, missed: self.detector.missed }
+        let Found { jitter, missed, depth_jitter, depth_missed } = self.detector;
+        Detector { jitter, missed, depth_jitter, depth_missed }
     }
 }
 

@@ -45,8 +45,8 @@ pub(super) fn frames(path: &Path, mattes: &[Matte], foreground: Foreground, want
             Flight::LEAST_FRAMES
         ))
         .fix(if still {
-            "give a picture of the background without the object (--background FILE), or masks (--masks FOLDER); the camera \
-             must stand still, and the object must leave every place once"
+            "give a picture of the background without the object (--background FILE), masks (--masks FOLDER) or a matting network \
+             (--matting FILE); without them the camera must stand still, and the object must leave every place once"
         } else {
             "choose the frames that show it (--first-frame, --frames), or give masks (--masks FOLDER)"
         }))

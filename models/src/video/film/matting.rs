@@ -6,7 +6,7 @@ use gradreel::{Error, ErrorKind, Result};
 use ndarray::{Array2, Array3};
 use rayon::prelude::*;
 
-use super::{Decoded, FilmSettings, Wanted, backdrop, corrected, lost, pictures};
+use super::{Decoded, FilmSettings, Wanted, backdrop, corrected, lost, network, pictures};
 use crate::video::clip::Frame;
 use crate::video::foreground::{Foreground, masked, on_white};
 use crate::video::image::Image;
@@ -31,9 +31,20 @@ pub(super) struct Found {
     pub hueless: Option<Vec<Frame>>,
     /// Frames in which it was not found; nothing in them counts.
     pub lost: Vec<usize>,
+    /// What else there is to say of how it was found.
+    pub said: Vec<String>,
 }
 
-/// The object in the pictures of a film, and what tells it: given masks, the pictures' own transparency, a given
+/// What tells the object, and how it is seen by that.
+struct Told {
+    foreground: Foreground,
+    mattes: Vec<Matte>,
+    /// The mattes with parts in the background's hue.
+    hueless: Option<Vec<Matte>>,
+    said: Vec<String>,
+}
+
+/// The object in the pictures of a film, and what tells it: given masks, a given network, the pictures' own transparency, a given
 /// background, a plain one (white, or a colour), or what stays the same while the object moves.
 pub(super) fn frames(path: &Path, pictures: &Decoded, settings: &FilmSettings, wanted: Wanted) -> Result<Found> {
     let images = &pictures.images;
@@ -47,7 +58,7 @@ pub(super) fn frames(path: &Path, pictures: &Decoded, settings: &FilmSettings, w
             .wanted(format!("{width} × {height} pixels, like the first"))
             .fix("export all frames at one size"));
     }
-    let (foreground, mattes, hueless) = mattes(pictures, settings, wanted)?;
+    let Told { foreground, mattes, hueless, said } = mattes(pictures, settings, wanted)?;
     let lost = lost::frames(path, &mattes, foreground, wanted)?;
     let frame = |(k, (rgb, alpha)): (usize, Matte)| match lost.contains(&k) {
         true => lost::nothing(width, height),
@@ -59,15 +70,11 @@ pub(super) fn frames(path: &Path, pictures: &Decoded, settings: &FilmSettings, w
         },
     };
     let frames = |mattes: Vec<Matte>| mattes.into_iter().enumerate().map(frame).collect::<Vec<_>>();
-    Ok(Found { foreground, frames: frames(mattes), hueless: hueless.map(frames), lost })
+    Ok(Found { foreground, frames: frames(mattes), hueless: hueless.map(frames), lost, said })
 }
 
-/// What tells the object, the mattes, and those with parts in the background's hue.
-fn mattes(
-    pictures: &Decoded,
-    settings: &FilmSettings,
-    wanted: Wanted,
-) -> Result<(Foreground, Vec<Matte>, Option<Vec<Matte>>)> {
+/// What tells the object in the pictures of a film.
+fn mattes(pictures: &Decoded, settings: &FilmSettings, wanted: Wanted) -> Result<Told> {
     let images = &pictures.images;
     let against = |plate: &Image| {
         if pictures.few_colours {
@@ -78,10 +85,14 @@ fn mattes(
         let weight = vec![1.0; plate.pixels.len()];
         (images.par_iter().map(|image| matte::against_plate(image, plate, &weight)).collect(), None)
     };
-    let only = |foreground, mattes| Ok((foreground, mattes, None));
+    let only = |foreground, mattes| Ok(Told { foreground, mattes, hueless: None, said: vec![] });
+    let under = |masks: &[Image]| images.iter().zip(masks).map(|(image, mask)| masked(image, mask)).collect();
     if let Some(folder) = &settings.masks {
-        let masks = masks(folder, images, wanted)?;
-        return only(Foreground::Mask, images.iter().zip(&masks).map(|(image, mask)| masked(image, mask)).collect());
+        return only(Foreground::Mask, under(&masks(folder, images, wanted)?));
+    }
+    if let Some(settings) = &settings.matting {
+        let (masks, said) = network::masks(settings, images)?;
+        return Ok(Told { foreground: Foreground::Network, mattes: under(&masks), hueless: None, said });
     }
     if images.iter().any(Image::is_transparent_somewhere) {
         return only(Foreground::ImageAlpha, images.iter().map(on_white).collect());
@@ -110,7 +121,7 @@ fn mattes(
             }
         }
     };
-    Ok((foreground, mattes, hueless))
+    Ok(Told { foreground, mattes, hueless, said: vec![] })
 }
 
 /// The colour of the border of all frames, if it is one.

@@ -7,7 +7,11 @@ mod grain;
 mod lens;
 mod lost;
 mod matting;
+mod network;
+mod onnx;
 mod pictures;
+mod resample;
+mod runtime;
 mod stream;
 
 use std::path::{Path, PathBuf};
@@ -16,6 +20,7 @@ use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
 use self::matting::Found;
+pub use self::network::MattingSettings;
 use super::clip::{Frame, OpenOptions};
 use super::foreground::Foreground;
 use super::image::Image;
@@ -41,6 +46,8 @@ pub struct FilmSettings {
     pub masks: Option<PathBuf>,
     /// A picture of the background without the object.
     pub background: Option<PathBuf>,
+    /// A network that tells the object from the background.
+    pub matting: Option<MattingSettings>,
 }
 
 impl FilmSettings {
@@ -61,9 +68,17 @@ impl FilmSettings {
                 "0, or 1 to 150 degrees",
             ),
             (self.elevation.is_none_or(|e| (-85.0..=85.0).contains(&e)), "elevation", "-85 to 85 degrees"),
-            (self.masks.is_none() || self.background.is_none(), "masks", "masks or a background, not both"),
+            (
+                usize::from(self.masks.is_some())
+                    + usize::from(self.background.is_some())
+                    + usize::from(self.matting.is_some())
+                    <= 1,
+                "masks",
+                "one of masks, background and matting",
+            ),
         ];
-        match rules.into_iter().find(|(holds, ..)| !holds) {
+        let of_matting = self.matting.iter().flat_map(MattingSettings::rules);
+        match rules.into_iter().chain(of_matting).find(|(holds, ..)| !holds) {
             None => Ok(()),
             Some((_, name, wanted)) => {
                 Err(Error::new(ErrorKind::Input, format!("the setting clip.film.{name} is outside its range"))
@@ -173,8 +188,9 @@ impl Film {
             assumptions.push("the grain of the pictures is that of a palette of few colours: it was smoothed".into());
             decoded = Decoded { images: smooth, few_colours: false, ..decoded };
         }
-        let Found { foreground, frames, hueless, lost } = matting::frames(path, &decoded, settings, wanted)?;
+        let Found { foreground, frames, hueless, lost, said } = matting::frames(path, &decoded, settings, wanted)?;
         assumptions.push(format!("the object is told from the background by {foreground}"));
+        assumptions.extend(said);
         if !lost.is_empty() {
             let numbers: Vec<String> = lost.iter().map(|k| (wanted.first + k).to_string()).collect();
             assumptions.push(format!("nothing in frame {} counts: the object was not found there", numbers.join(", ")));

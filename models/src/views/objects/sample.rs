@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{Object, Placement, View};
-use crate::views::{ImageBox, Ring};
+use crate::views::{Detection, ImageBox, Ring};
 
 /// How objects are put and filmed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -97,8 +97,10 @@ impl Sample {
         Self { views, input, elevation, placement }
     }
 
-    /// The box around the object in the input image.
-    pub fn seen(&self) -> Option<ImageBox> {
-        ImageBox::of_coverage(&self.input.coverage, self.input.size)
+    /// Where the object is: its box in the input image, and the depth of its middle before the input camera of a ring.
+    pub fn seen(&self, ring: &Ring) -> Option<Detection> {
+        let outline = ImageBox::of_coverage(&self.input.coverage, self.input.size)?;
+        let [_, _, depth] = ring.project(&ring.input_pose(self.elevation), self.placement.shift, 1);
+        Some(Detection { outline, depth: Some(depth) })
     }
 }

@@ -20,7 +20,7 @@ pub use epipolar::{EpipolarAttention, EpipolarLines};
 
 use self::epipolar::ALIGNED;
 use self::region::NEAR;
-use super::{EncoderSizes, ImageBox, Ring, SpatialNet, SpatialSizes, TargetEncoder, VolumeSizes, constant};
+use super::{Detection, EncoderSizes, Ring, SpatialNet, SpatialSizes, TargetEncoder, VolumeSizes, constant};
 use crate::layers::{Convolution, GroupNorm, Kernel, Scope};
 
 /// The sizes of the module. Its features are as many as the channels of the spatial volume.
@@ -109,9 +109,8 @@ pub struct Surroundings<'a> {
     pub viewpoints: &'a Var,
     /// Elevations of the input cameras in radians.
     pub elevations: &'a [f64],
-    /// Boxes in the input images: one for each of the batch, or none at all. A sample without a box is weighed alike
-    /// everywhere.
-    pub boxes: &'a [Option<ImageBox>],
+    /// Where the objects are: one for each of the batch, or none at all. A sample without is weighed alike everywhere.
+    pub boxes: &'a [Option<Detection>],
 }
 
 /// The module (`spatial_aware`).
@@ -191,11 +190,11 @@ pub fn combine(
     volume: &Var,
     maps: &Var,
     elevations: &[f64],
-    boxes: &[Option<ImageBox>],
+    boxes: &[Option<Detection>],
 ) -> Result<Var> {
     let (batch, size) = (volume.dims()[0], volume.dims()[4]);
     assert!(boxes.is_empty() || boxes.len() == batch, "one box for each of the batch");
-    boxes.iter().flatten().try_for_each(ImageBox::check)?;
+    boxes.iter().flatten().try_for_each(Detection::check)?;
     let gathered = gather(ring, maps, size)?;
     let sum = volume + &gathered;
     if boxes.iter().all(Option::is_none) {

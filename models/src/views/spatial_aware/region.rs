@@ -1,20 +1,26 @@
 //! The box in the input image lifted into space, and the weights that it gives to voxels.
 
-use crate::views::{ImageBox, Ring};
+use crate::views::{Detection, Ring};
 
 /// Nearest depth that a camera sees.
 pub(super) const NEAR: f64 = 1e-4;
 
 impl Ring {
-    /// Which of `size³` voxels an image's box covers, in the order of [`Ring::voxels`]: the part of the cube that the input
-    /// camera at this elevation (radians, azimuth 0) sees through the box. Nothing bounds the depth.
-    pub fn covered(&self, size: usize, elevation: f64, seen: &ImageBox) -> Vec<bool> {
-        let pose = self.input_pose(elevation);
-        let within = |at: f64, axis: usize| (seen.low[axis]..=seen.high[axis]).contains(&at);
+    /// Which of `size³` voxels the object may fill, in the order of [`Ring::voxels`]: the part of the cube that the input
+    /// camera at this elevation (radians, azimuth 0) sees through the box, as far away as the object is, if that is known.
+    pub fn covered(&self, size: usize, elevation: f64, seen: &Detection) -> Vec<bool> {
+        self.covered_widely(size, elevation, seen, 0.0)
+    }
+
+    /// As [`Ring::covered`], with a margin on all sides, in shares of the image.
+    fn covered_widely(&self, size: usize, elevation: f64, seen: &Detection, margin: f64) -> Vec<bool> {
+        let (pose, outline) = (self.input_pose(elevation), seen.outline.padded(margin));
+        let [near, far] = seen.depths(self, margin).unwrap_or([NEAR, f64::INFINITY]);
+        let within = |at: f64, axis: usize| (outline.low[axis]..=outline.high[axis]).contains(&at);
         self.voxels(size)
             .map(|voxel| {
                 let [u, v, depth] = self.project(&pose, voxel, 1);
-                depth > NEAR && within(u, 0) && within(v, 1)
+                depth > NEAR && (near..=far).contains(&depth) && within(u, 0) && within(v, 1)
             })
             .collect()
     }
@@ -24,14 +30,14 @@ impl Ring {
 pub(super) fn weights(
     ring: &Ring,
     size: usize,
-    seen: Option<&ImageBox>,
+    seen: Option<&Detection>,
     elevation: f64,
     [margin, least]: [f64; 2],
 ) -> Vec<f64> {
     match seen {
         None => vec![1.0; size * size * size],
         Some(seen) => {
-            let covered = ring.covered(size, elevation, &seen.padded(margin));
+            let covered = ring.covered_widely(size, elevation, seen, margin);
             covered.into_iter().map(|inside| if inside { 1.0 } else { least }).collect()
         }
     }

@@ -3,7 +3,7 @@
 use gradreel::{DType, Error, ErrorKind, Key, Result, Tensor};
 
 use super::Plan;
-use crate::views::ImageBox;
+use crate::views::Detection;
 use crate::views::denoiser::Told;
 use crate::views::schedule::TIMES;
 
@@ -19,8 +19,8 @@ pub struct Batch {
     pub images: Tensor,
     /// Elevations of the input cameras in radians.
     pub elevations: Vec<f64>,
-    /// Boxes around the objects in the input images, for the spatial-aware module: one for each sample, or none at all.
-    pub boxes: Vec<Option<ImageBox>>,
+    /// Where the objects are, for the spatial-aware module: one for each sample, or none at all.
+    pub boxes: Vec<Option<Detection>>,
 }
 
 impl Batch {

@@ -7,26 +7,31 @@ use crate::layers::Scope;
 use crate::views::frozen::Frozen;
 use crate::views::objects::{Sample, View};
 use crate::views::subject::embed;
-use crate::views::{FileWeights, ImageBox, Model, ModelSizes, Subject, on_cpu};
+use crate::views::{Detection, FileWeights, Model, ModelSizes, Subject, on_cpu};
 
-/// What a detector might do to a box: the deviation of each side in shares of the box, and the probability that nothing is
-/// found.
+/// What a detector might do to a box and a film to a distance: how far both are off, and how often they are not known.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Detector {
     /// Deviation of each side, in shares of the box.
     pub jitter: f64,
     /// Probability that there is no box.
     pub missed: f64,
+    /// Deviation of the distance, in shares of it.
+    pub depth_jitter: f64,
+    /// Probability that the distance of what was found is not known.
+    pub depth_missed: f64,
 }
 
 impl Detector {
-    /// Finds every box exactly.
-    pub const EXACT: Self = Self { jitter: 0.0, missed: 0.0 };
+    /// Finds every box and every distance exactly.
+    pub const EXACT: Self = Self { jitter: 0.0, missed: 0.0, depth_jitter: 0.0, depth_missed: 0.0 };
 
-    fn finds(self, seen: Option<ImageBox>, key: Key) -> Option<ImageBox> {
+    fn finds(self, seen: Option<Detection>, key: Key) -> Option<Detection> {
         let [miss, move_by] = key.split();
-        let chance = miss.uniform(1).next().expect("one number");
-        seen.filter(|_| chance >= self.missed).map(|seen| seen.jittered(self.jitter, move_by))
+        let chances: Vec<f64> = miss.uniform(2).collect();
+        let seen = seen.filter(|_| chances[0] >= self.missed)?;
+        let depth = seen.depth.filter(|_| chances[1] >= self.depth_missed);
+        Some(Detection { depth, ..seen }.jittered(self.jitter, self.depth_jitter, move_by))
     }
 }
 
@@ -80,14 +85,16 @@ pub fn encode(
         boxes: match sizes.denoiser.spatial_aware {
             None => Vec::new(),
             Some(_) => {
-                let find = |(i, sample): (usize, &Sample)| detector.finds(sample.seen(), boxes.fold(i as u64));
+                let find = |(i, sample): (usize, &Sample)| {
+                    detector.finds(sample.seen(&sizes.denoiser.ring), boxes.fold(i as u64))
+                };
                 samples.iter().enumerate().map(find).collect()
             }
         },
     })
 }
 
-/// What the sampler is given of one sample's input image.
+/// What the sampler is given of one sample's input image; of a detection, the depth only where it is `lifted`.
 ///
 /// # Errors
 /// As [`encode`].
@@ -95,8 +102,15 @@ pub fn encode(
 /// # Panics
 /// As [`encode`].
 #[track_caller]
-pub fn subject_of(weights: &FileWeights, sizes: &ModelSizes, sample: &Sample, key: Key) -> Result<Subject> {
+pub fn subject_of(
+    weights: &FileWeights,
+    sizes: &ModelSizes,
+    sample: &Sample,
+    lifted: bool,
+    key: Key,
+) -> Result<Subject> {
     let picture = images(&[&sample.input]);
     let found = Subject::encode(weights, sizes, &picture, sample.elevation, key, weights.device())?;
-    Ok(Subject { seen: sample.seen(), ..found })
+    let seen = sample.seen(&sizes.denoiser.ring);
+    Ok(Subject { seen: seen.map(|seen| Detection { depth: seen.depth.filter(|_| lifted), ..seen }), ..found })
 }

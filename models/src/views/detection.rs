@@ -1,0 +1,73 @@
+//! Where the object is, as far as a detector and a film know it: what the spatial-aware module is told.
+
+use gradreel::{Error, ErrorKind, Key, Result};
+
+use super::{ImageBox, Ring};
+
+/// The object in the input image, and how far away it is, if that is known.
+///
+/// A box alone tells the direction. The distance lifts it into space: the object is taken to be as deep as its box is wide or
+/// high, whichever is more.
+///
+/// ```
+/// use gradreel_models::views::{Detection, ImageBox, Ring};
+///
+/// let (ring, outline) = (Ring::published(16), ImageBox { low: [0.4; 2], high: [0.6; 2] });
+/// let covered = |depth| {
+///     let found = ring.covered(16, 0.5, &Detection { outline, depth });
+///     found.into_iter().filter(|inside| *inside).count()
+/// };
+/// assert!(covered(Some(1.5)) > 0 && covered(Some(1.5)) < covered(None));
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Detection {
+    /// The box in the input image.
+    pub outline: ImageBox,
+    /// Depth of the object's middle along the axis of the input camera, in units of the model (the cube of voxels has
+    /// side 1); `None` where only the direction is known.
+    pub depth: Option<f64>,
+}
+
+impl From<ImageBox> for Detection {
+    fn from(outline: ImageBox) -> Self {
+        Self { outline, depth: None }
+    }
+}
+
+impl Detection {
+    /// The least and the greatest depth of the object, with a margin in shares of the image.
+    pub(super) fn depths(&self, ring: &Ring, margin: f64) -> Option<[f64; 2]> {
+        let side = (0..2).map(|axis| self.outline.high[axis] - self.outline.low[axis]).fold(0.0, f64::max);
+        self.depth.map(|middle| {
+            let half = (0.5 * side + margin) * middle / ring.focal;
+            [middle - half, middle + half]
+        })
+    }
+
+    /// With the sides of the box and the distance moved by normal numbers: `sides` in shares of the box, `depth` of the
+    /// distance.
+    #[must_use]
+    pub fn jittered(self, sides: f64, depth: f64, key: Key) -> Self {
+        let outline = self.outline.jittered(sides, key);
+        // numbers 0 to 3 move the sides
+        let by = key.normal(5).nth(4).expect("five numbers");
+        Self { outline, depth: self.depth.map(|middle| middle * (1.0 + depth * by).max(0.1)) }
+    }
+
+    /// Refuses what is nowhere.
+    pub(super) fn check(&self) -> Result<()> {
+        self.outline.check()?;
+        self.depth.map_or(Ok(()), Self::check_depth)
+    }
+
+    /// Refuses a depth that is none.
+    pub(crate) fn check_depth(depth: f64) -> Result<()> {
+        if depth > 0.0 && depth.is_finite() {
+            return Ok(());
+        }
+        Err(Error::new(ErrorKind::Input, "no object is this far away")
+            .found(depth)
+            .wanted("a distance in front of the camera, in units of the model, whose cameras are 1.5 from the middle of the cube")
+            .fix("give 1.5 for an object in the middle, or leave the distance away if it is not known"))
+    }
+}
