@@ -77,4 +77,4 @@ pub use reconstruct::{Reconstruction, reconstruct};
 pub use run::{ClipIdentity, HistoryRow, Run, Search, State};
 pub use temporal_start::TemporalConfig;
 pub use tracks::{TANGENT_COST, Tracks, TracksFit};
-pub use unknowns::{Bound, Free, Ground, SPIN, Unknown, Unknowns, VELOCITY};
+pub use unknowns::{Bound, Chosen, Free, Ground, SPIN, Unknown, Unknowns, VELOCITY};

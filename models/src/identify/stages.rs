@@ -181,15 +181,14 @@ impl Stages<'_> {
         self.clip.cameras.len() == 1 || run.config.world.find_ground
     }
 
-    /// What the later searches move, and what is known of it: the same, and of what a single camera saw the velocity, too, and the lean if it
-    /// has one. The pixels
-    /// after the contact tell how fast it came nearer, which its fall hardly does; what the fall says of it counts as well.
-    fn plausible<'a>(&'a self, run: &Run, fall: Option<&'a Fallen>) -> Result<Plausible<'a>> {
+    /// What the later searches move from there, and what is known of it: the same, and of what a single camera saw the velocity, too, and
+    /// the lean if it has one. The pixels after the contact tell how fast it came nearer, which its fall hardly does; what the fall says of
+    /// it counts as well.
+    fn plausible<'a>(&'a self, run: &Run, from: &Unknowns, fall: Option<&'a Fallen>) -> Result<Plausible<'a>> {
         let free = self.free(run, &run.config)?;
         let free = if self.clip.flight.is_some() { self.thrown(&run.config, free) } else { free };
         // of what was not seen to lean, it would only be taken for a velocity along the line of sight
-        let leaning = run.state.unknowns.as_ref().is_some_and(|found| found.lean != [0.0; 2]);
-        let free = if self.leans(run) && leaning { free.with_lean(self.law) } else { free };
+        let free = if self.leans(run) && from.lean != [0.0; 2] { free.with_lean(self.law) } else { free };
         Ok(Plausible::new(self.law, free).after(fall))
     }
 
@@ -245,7 +244,7 @@ impl Stages<'_> {
         unknowns: &mut Unknowns,
     ) -> Result<()> {
         let fall = self.fall()?;
-        let mut plausible = self.plausible(run, fall.as_ref())?;
+        let mut plausible = self.plausible(run, unknowns, fall.as_ref())?;
         let free = plausible.free;
         let mut first = None;
         if !run.has_finished(effort.stage) {
@@ -323,7 +322,7 @@ impl Stages<'_> {
             return self.weighed(run, &effort, &particles, Weighed::All, frames, unknowns);
         }
         let fall = self.fall()?;
-        let plausible = self.plausible(run, fall.as_ref())?;
+        let plausible = self.plausible(run, unknowns, fall.as_ref())?;
         let free = plausible.free;
         let bias = self.bias(run, free, unknowns)?;
         self.search(run, &effort, &particles, unknowns, &mut |problem, search, each, notes| {

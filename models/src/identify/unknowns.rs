@@ -58,19 +58,23 @@ pub enum Free {
     Material,
     /// Velocity and material.
     Both,
-    /// Some parameters of the material, with or without velocity and spin.
-    Chosen {
-        /// Whether the velocity is free.
-        velocity: bool,
-        /// Whether the spin is.
-        spin: bool,
-        /// Bit `k` says whether parameter `k` is; parameters beyond the 64th are held.
-        parameters: u64,
-        /// Whether the height at which the ground is felt is.
-        contact: Ground,
-        /// Whether the lean of the body is.
-        lean: bool,
-    },
+    /// One by one.
+    Chosen(Chosen),
+}
+
+/// What is free, one by one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Chosen {
+    /// Whether the velocity is free.
+    pub velocity: bool,
+    /// Whether the spin is.
+    pub spin: bool,
+    /// Bit `k` says whether parameter `k` is; parameters beyond the 64th are held.
+    pub parameters: u64,
+    /// Whether the height at which the ground is felt is.
+    pub contact: Ground,
+    /// Whether the lean of the body is.
+    pub lean: bool,
 }
 
 /// What is known of the height at which the ground is felt.
@@ -113,14 +117,14 @@ pub enum Unknown {
 impl Free {
     /// Nothing.
     pub const NOTHING: Self =
-        Self::Chosen { velocity: false, spin: false, parameters: 0, contact: Ground::Held, lean: false };
+        Self::Chosen(Chosen { velocity: false, spin: false, parameters: 0, contact: Ground::Held, lean: false });
 
     fn velocity(self) -> bool {
-        matches!(self, Self::Velocity | Self::Both | Self::Chosen { velocity: true, .. })
+        matches!(self, Self::Velocity | Self::Both | Self::Chosen(Chosen { velocity: true, .. }))
     }
 
     fn spin(self) -> bool {
-        matches!(self, Self::Chosen { spin: true, .. })
+        matches!(self, Self::Chosen(Chosen { spin: true, .. }))
     }
 
     fn parameter(self, index: usize, map: Map) -> bool {
@@ -128,7 +132,7 @@ impl Free {
             Self::Velocity => false,
             Self::Magnitudes => map == Map::Log10,
             Self::Material | Self::Both => true,
-            Self::Chosen { parameters, .. } => index < 64 && parameters >> index & 1 == 1,
+            Self::Chosen(Chosen { parameters, .. }) => index < 64 && parameters >> index & 1 == 1,
         }
     }
 
@@ -137,52 +141,51 @@ impl Free {
         let free = law.parameters().iter().enumerate().take(64).filter(|(_, p)| !held.contains(&p.name));
         let ground = if world { Ground::Known } else { Ground::Held };
         let parameters = free.map(|(k, _)| 1 << k).sum();
-        Self::Chosen { velocity: world, spin: false, parameters, contact: ground, lean: false }
+        Self::Chosen(Chosen { velocity: world, spin: false, parameters, contact: ground, lean: false })
     }
 
     /// The same with the velocity.
     #[must_use]
     pub fn with_velocity(self, law: &Law) -> Self {
-        let (spin, parameters, contact, lean) = (self.spin(), self.bits(law), self.contact(), self.lean());
-        Self::Chosen { velocity: true, spin, parameters, contact, lean }
+        Self::Chosen(Chosen { velocity: true, ..self.chosen(law) })
     }
 
     /// The same with the spin, if it may have one.
     #[must_use]
     pub fn with_spin(self, law: &Law, spin: bool) -> Self {
-        let (velocity, parameters, contact, lean) = (self.velocity(), self.bits(law), self.contact(), self.lean());
-        Self::Chosen { velocity, spin: spin || self.spin(), parameters, contact, lean }
+        Self::Chosen(Chosen { spin: spin || self.spin(), ..self.chosen(law) })
     }
 
     /// The same with this height at which the ground is felt.
     #[must_use]
     pub fn with_ground(self, law: &Law, contact: Ground) -> Self {
-        let (velocity, spin, parameters, lean) = (self.velocity(), self.spin(), self.bits(law), self.lean());
-        Self::Chosen { velocity, spin, parameters, contact, lean }
+        Self::Chosen(Chosen { contact, ..self.chosen(law) })
     }
 
     /// The same with the lean of the body.
     #[must_use]
     pub fn with_lean(self, law: &Law) -> Self {
-        let (velocity, spin, parameters, contact) = (self.velocity(), self.spin(), self.bits(law), self.contact());
-        Self::Chosen { velocity, spin, parameters, contact, lean: true }
+        Self::Chosen(Chosen { lean: true, ..self.chosen(law) })
     }
 
-    fn bits(self, law: &Law) -> u64 {
+    /// The same, one by one.
+    fn chosen(self, law: &Law) -> Chosen {
         let free = law.parameters().iter().enumerate().take(64).filter(|(k, p)| self.parameter(*k, p.map));
-        free.map(|(k, _)| 1 << k).sum()
+        let parameters = free.map(|(k, _)| 1 << k).sum();
+        let (velocity, spin, contact, lean) = (self.velocity(), self.spin(), self.contact(), self.lean());
+        Chosen { velocity, spin, parameters, contact, lean }
     }
 
     /// What is known of the height at which the ground is felt.
     pub fn contact(self) -> Ground {
         match self {
-            Self::Chosen { contact, .. } => contact,
+            Self::Chosen(Chosen { contact, .. }) => contact,
             _ => Ground::Held,
         }
     }
 
     fn lean(self) -> bool {
-        matches!(self, Self::Chosen { lean: true, .. })
+        matches!(self, Self::Chosen(Chosen { lean: true, .. }))
     }
 
     /// The free unknowns in the order of their coordinates.

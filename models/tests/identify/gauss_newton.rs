@@ -2,19 +2,27 @@
 
 use gradreel::DType;
 use gradreel_models::identify::{
-    Answer, Evaluation, Free, Ground, Observed, Problem, Sight, Unknowns, apart, gauss_newton, scan,
+    Answer, Config, Evaluation, Free, Ground, Observed, Problem, Sight, Unknowns, apart, gauss_newton, scan,
 };
+use gradreel_models::particles::Particles;
 use gradreel_models::physics::Map;
 
 use crate::scene::{block, camera, film, film_of, problem, problem_of, quick};
 
-#[test]
-fn forward_mode_agrees_with_the_tape_and_with_differences_of_pictures() {
-    const FRAMES: usize = 5;
+const FRAMES: usize = 5;
+
+/// A block of rubber that is thrown down, and the film of it.
+fn thrown() -> (Config, Particles, Unknowns, Observed) {
     let config = quick();
     let particles = block(5, 0.04);
     let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], ..Unknowns::default() };
     let observed = film(&particles, &truth, &config, FRAMES, 20, DType::F64);
+    (config, particles, truth, observed)
+}
+
+#[test]
+fn forward_mode_agrees_with_the_tape_and_with_differences_of_pictures() {
+    let (config, particles, truth, observed) = thrown();
     let mut problem = problem(&particles, &observed, &config, DType::F64);
     contact_height(&problem, &truth, FRAMES);
     let unknowns = Unknowns { velocity: [0.25, -1.1, 0.15], parameters: vec![4e4, 0.22], ..Unknowns::default() };
@@ -84,11 +92,7 @@ fn contact_height(problem: &Problem<'_>, truth: &Unknowns, frames: usize) {
 /// differences, simulated and in flight, and forward mode against the tape there.
 #[test]
 fn a_body_leans_along_the_rays_of_its_camera() {
-    const FRAMES: usize = 5;
-    let config = quick();
-    let particles = block(5, 0.04);
-    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], ..Unknowns::default() };
-    let seen_by_three = film(&particles, &truth, &config, FRAMES, 20, DType::F64);
+    let (config, particles, truth, seen_by_three) = thrown();
     let middle = particles.centre_of_mass();
     let observed = Observed { sight: Sight::at(&camera(1, 2.5, 20), middle), ..seen_by_three };
     let problem = problem(&particles, &observed, &config, DType::F64);
@@ -122,11 +126,7 @@ fn a_body_leans_along_the_rays_of_its_camera() {
 
 #[test]
 fn derivatives_of_a_search_that_stands_still_reach_less_far() {
-    const FRAMES: usize = 5;
-    let config = quick();
-    let particles = block(5, 0.04);
-    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], ..Unknowns::default() };
-    let observed = film(&particles, &truth, &config, FRAMES, 20, DType::F64);
+    let (config, particles, truth, observed) = thrown();
     let mut problem = problem(&particles, &observed, &config, DType::F64);
     let exact = problem.linearise(&truth, Free::Material, FRAMES, &mut 0, &mut |_| ()).unwrap().curvature;
     // from the truth there is nowhere to go

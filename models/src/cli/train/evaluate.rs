@@ -15,7 +15,7 @@ use crate::report::progress::Progress;
 use crate::report::run_folder::RunFolder;
 use crate::report::synthesis::sheet;
 use crate::views::objects::SampleSettings;
-use crate::views::{DenoiserSizes, Ensemble, FileWeights, ModelSizes, SamplerSettings, Score};
+use crate::views::{DenoiserSizes, Detector, Ensemble, FileWeights, ModelSizes, SamplerSettings, Score};
 
 /// Objects of which the pictures are kept.
 const SHOWN: usize = 8;
@@ -38,10 +38,6 @@ pub(super) fn run(arguments: &NovelView, count: usize, progress: &Progress) -> R
     weights.check(&sizes.weights()?).into_result()?;
     let bare =
         ModelSizes { denoiser: DenoiserSizes { spatial_aware: None, ..sizes.denoiser.clone() }, ..sizes.clone() };
-    let models = match sizes.denoiser.spatial_aware {
-        Some(_) => vec![("box and distance", sizes, true), ("box", sizes, false), ("without the module", &bare, false)],
-        None => vec![("the model", sizes, false)],
-    };
     let at_once = settings.device.at_once(sizes.denoiser.ring.views);
     let folder = match &arguments.out {
         Some(folder) => RunFolder::create(folder)?,
@@ -52,22 +48,30 @@ pub(super) fn run(arguments: &NovelView, count: usize, progress: &Progress) -> R
     if let Some(told) = objects.described().filter(|_| !arguments.quiet) {
         eprintln!("{told}");
     }
-    let ensembles =
-        models.iter().map(|(_, sizes, _)| Ensemble::new(&weights, &sizes.denoiser, weights.device(), at_once));
-    let ensembles = ensembles.collect::<Result<Vec<_>>>()?;
+    let ensemble = |sizes: &ModelSizes| Ensemble::new(&weights, &sizes.denoiser, weights.device(), at_once);
+    let whole = ensemble(sizes)?;
+    let without = sizes.denoiser.spatial_aware.as_ref().map(|_| ensemble(&bare)).transpose()?;
+    let models = match &without {
+        Some(without) => vec![
+            ("box and distance", sizes, &whole, Detector::EXACT),
+            ("box", sizes, &whole, Detector::FLAT),
+            ("without the module", &bare, without, Detector::FLAT),
+        ],
+        None => vec![("the model", sizes, &whole, Detector::FLAT)],
+    };
     let stage = progress.stage("sampling", (count * models.len()) as u64);
     let mut scores: Vec<Vec<Score>> = vec![Vec::new(); models.len()];
     let mut table = "object,model,centre_error,box_iou,psnr_db,silhouette_iou\n".to_owned();
     let columns = 8.min(sizes.denoiser.ring.views);
     for (number, sample) in unseen(&settings, &objects, count)?.iter().enumerate() {
         let mut shown = Vec::new();
-        for (which, ((name, sizes, lifted), ensemble)) in models.iter().zip(&ensembles).enumerate() {
+        for (which, (name, sizes, ensemble, detector)) in models.iter().enumerate() {
             let sampler = SamplerSettings {
                 steps: settings.validation.steps,
                 guidance: settings.validation.guidance,
                 seed: number as u64,
             };
-            let found = sampled(&weights, sizes, ensemble, sample, *lifted, sampler)?;
+            let found = sampled(&weights, sizes, ensemble, sample, *detector, sampler)?;
             let found_score = score(&found, sample)?;
             let Score { centre, overlap, psnr, silhouette } = found_score;
             table += &format!("{number},{name},{centre},{overlap},{psnr},{silhouette}\n");
@@ -82,12 +86,12 @@ pub(super) fn run(arguments: &NovelView, count: usize, progress: &Progress) -> R
         folder.write("objects.csv", table.as_bytes())?;
     }
     stage.finish("");
-    print(&models, &scores, settings.data, sizes.image);
+    print(&models.iter().map(|(name, ..)| *name).collect::<Vec<_>>(), &scores, settings.data, sizes.image);
     say!("\n  {}", folder.path("objects.csv").display());
     Ok(())
 }
 
-fn print(models: &[(&str, &ModelSizes, bool)], scores: &[Vec<Score>], data: SampleSettings, image: usize) {
+fn print(names: &[&str], scores: &[Vec<Score>], data: SampleSettings, image: usize) {
     say!(
         "\n{} unseen objects, scales {} to {}, reach {}, images of {image} pixels\n",
         scores[0].len(),
@@ -104,7 +108,7 @@ fn print(models: &[(&str, &ModelSizes, bool)], scores: &[Vec<Score>], data: Samp
         "PSNR [dB]",
         "silhouette IoU"
     );
-    for ((name, ..), scores) in models.iter().zip(scores) {
+    for (name, scores) in names.iter().zip(scores) {
         let Score { centre, overlap, psnr, silhouette } = Score::mean(scores);
         let mut each: Vec<f64> = scores.iter().map(|score| score.centre).collect();
         each.sort_by(f64::total_cmp);

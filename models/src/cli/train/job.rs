@@ -155,7 +155,7 @@ impl Job {
             }
             let samples = feed.next()?;
             let key = chance(&self.settings, made);
-            let batch = encode(&self.weights, &sizes, &samples, self.settings.detector(), key)?;
+            let batch = encode(&self.weights, &sizes, &samples, self.settings.detector, key)?;
             let step = self.training.step(&batch)?;
             self.log.step(step.loss, &step.update);
             let average = shown.map_or(step.loss, |old: f64| old + NEWEST * (step.loss - old));
@@ -204,7 +204,7 @@ impl Job {
         for (seed, sample) in unseen[..validation.shapes].iter().enumerate() {
             let settings =
                 SamplerSettings { steps: validation.steps, guidance: validation.guidance, seed: seed as u64 };
-            let found = sampled(&self.weights, model, &ensemble, sample, true, settings)?;
+            let found = sampled(&self.weights, model, &ensemble, sample, Detector::EXACT, settings)?;
             scores.push(score(&found, sample)?);
             shown.extend(rows(&found, sample, columns)?);
         }

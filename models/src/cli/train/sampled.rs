@@ -6,10 +6,10 @@ use crate::report::animation::Picture;
 use crate::report::interrupt;
 use crate::report::synthesis::picture_of;
 use crate::views::objects::{Sample, View};
-use crate::views::{Ensemble, FileWeights, ModelSizes, SamplerSettings, Sampling, Score, decode, subject_of};
+use crate::views::{Detector, Ensemble, FileWeights, ModelSizes, SamplerSettings, Sampling, Score, decode, subject_of};
 
 /// Samples all views of an object from its input image: pictures `[3, s, s]` in about −1..1, one for each camera. A
-/// spatial-aware module knows the object's box, and its distance if it is `lifted`.
+/// spatial-aware module is told what the detector finds.
 ///
 /// # Errors
 /// When the user asked to stop, or the model cannot be evaluated.
@@ -18,11 +18,11 @@ pub(super) fn sampled(
     sizes: &ModelSizes,
     ensemble: &Ensemble,
     sample: &Sample,
-    lifted: bool,
+    detector: Detector,
     settings: SamplerSettings,
 ) -> Result<Vec<Tensor>> {
     let views = sizes.denoiser.ring.views;
-    let subject = subject_of(weights, sizes, sample, lifted, settings.picture_key())?;
+    let subject = subject_of(weights, sizes, sample, detector, settings.picture_key())?;
     let mut run = Sampling::begin(subject, settings, views)?;
     while !run.is_finished() {
         run.step(ensemble, &mut |_| interrupt::check())?;

@@ -37,7 +37,8 @@ pub(super) struct Settings {
     /// Meshes from files in place of procedural objects.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub objects: Option<Meshes>,
-    pub detector: Found,
+    /// What is known of the objects' places in training.
+    pub detector: Detector,
     pub validation: Validation,
     pub model: ModelSizes,
     /// The file that the training starts from.
@@ -73,20 +74,6 @@ pub(super) struct Optimiser {
     pub recomputed: bool,
     /// Probability of each of four ways of telling the model less.
     pub dropped: f64,
-}
-
-/// What is known of the objects' places in training.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct Found {
-    /// Deviation of each side in shares of the box.
-    pub jitter: f64,
-    /// Share of the samples without a box.
-    pub missed: f64,
-    /// Deviation of the distance in shares of it.
-    pub depth_jitter: f64,
-    /// Share of the boxes without a distance.
-    pub depth_missed: f64,
 }
 
 /// How the model is looked at in between.
@@ -137,7 +124,7 @@ impl Settings {
             },
             data: SampleSettings { nodes: (model.image * 3 / 4).clamp(24, 256), ..data },
             objects: None,
-            detector: Found { jitter: 0.02, missed: 0.1, depth_jitter: 0.01, depth_missed: 0.3 },
+            detector: Detector { jitter: 0.02, missed: 0.1, depth_jitter: 0.01, depth_missed: 0.3 },
             validation: Validation {
                 every: 1000,
                 samples: 16,
@@ -268,12 +255,6 @@ impl Settings {
             dropped,
             seed: self.seed,
         }
-    }
-
-    /// What training is told of boxes.
-    pub fn detector(&self) -> Detector {
-        let Found { jitter, missed, depth_jitter, depth_missed } = self.detector;
-        Detector { jitter, missed, depth_jitter, depth_missed }
     }
 }
 

@@ -69,9 +69,10 @@ impl FilmSettings {
             ),
             (self.elevation.is_none_or(|e| (-85.0..=85.0).contains(&e)), "elevation", "-85 to 85 degrees"),
             (
-                usize::from(self.masks.is_some())
-                    + usize::from(self.background.is_some())
-                    + usize::from(self.matting.is_some())
+                [self.masks.is_some(), self.background.is_some(), self.matting.is_some()]
+                    .iter()
+                    .filter(|x| **x)
+                    .count()
                     <= 1,
                 "masks",
                 "one of masks, background and matting",

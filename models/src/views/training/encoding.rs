@@ -1,6 +1,7 @@
 //! From samples of objects to batches of latents.
 
 use gradreel::{Device, Key, Result, Tape, Tensor};
+use serde::{Deserialize, Serialize};
 
 use super::Batch;
 use crate::layers::Scope;
@@ -10,7 +11,8 @@ use crate::views::subject::embed;
 use crate::views::{Detection, FileWeights, Model, ModelSizes, Subject, on_cpu};
 
 /// What a detector might do to a box and a film to a distance: how far both are off, and how often they are not known.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Detector {
     /// Deviation of each side, in shares of the box.
     pub jitter: f64,
@@ -25,6 +27,9 @@ pub struct Detector {
 impl Detector {
     /// Finds every box and every distance exactly.
     pub const EXACT: Self = Self { jitter: 0.0, missed: 0.0, depth_jitter: 0.0, depth_missed: 0.0 };
+
+    /// Finds every box exactly, and no distance.
+    pub const FLAT: Self = Self { depth_missed: 1.0, ..Self::EXACT };
 
     fn finds(self, seen: Option<Detection>, key: Key) -> Option<Detection> {
         let [miss, move_by] = key.split();
@@ -94,7 +99,7 @@ pub fn encode(
     })
 }
 
-/// What the sampler is given of one sample's input image; of a detection, the depth only where it is `lifted`.
+/// What the sampler is given of one sample's input image.
 ///
 /// # Errors
 /// As [`encode`].
@@ -106,11 +111,10 @@ pub fn subject_of(
     weights: &FileWeights,
     sizes: &ModelSizes,
     sample: &Sample,
-    lifted: bool,
+    detector: Detector,
     key: Key,
 ) -> Result<Subject> {
     let picture = images(&[&sample.input]);
     let found = Subject::encode(weights, sizes, &picture, sample.elevation, key, weights.device())?;
-    let seen = sample.seen(&sizes.denoiser.ring);
-    Ok(Subject { seen: seen.map(|seen| Detection { depth: seen.depth.filter(|_| lifted), ..seen }), ..found })
+    Ok(Subject { seen: detector.finds(sample.seen(&sizes.denoiser.ring), key.fold(1)), ..found })
 }
