@@ -1,58 +1,74 @@
-//! What the free fall says of the velocity of what a single camera saw, before the pixels after it are asked.
+//! What the free fall says of the velocity and the distance of what a single camera saw, before the pixels after it are asked.
 
 use faer::{Mat, Side};
 use gradreel::{Error, ErrorKind, Result};
 
-use crate::vector::{dot, minus};
+use crate::vector::minus;
 use crate::video::Flight;
 
-/// A velocity that is known to a covariance: a middle, and three directions at right angles along which it is unsure
+/// A velocity, and with it a distance, known to a covariance: what is expected, and directions at right angles along which it is unsure
 /// independently.
 #[derive(Debug, Clone)]
 pub(super) struct Fallen {
-    /// The expected velocity \[m/s\].
+    /// The expected velocity \[m/s\]; the distance is expected to be what it was taken to be.
     pub middle: [f64; 3],
-    /// Unit vectors.
-    directions: [[f64; 3]; 3],
-    /// Standard deviations along them \[m/s\].
-    deviations: [f64; 3],
+    /// Unit vectors of three components of the velocity and, if it may be another, the distance as a share of it.
+    directions: Vec<Vec<f64>>,
+    /// Standard deviations along them.
+    deviations: Vec<f64>,
 }
 
 /// A velocity is nowhere surer than this \[m/s\]: what a silhouette's outline is wrong by.
 const LEAST: f64 = 1e-3;
 
 impl Fallen {
-    /// What a fall says.
+    /// What a fall says of the velocity, and, if asked, of the distance with it: whoever is farther away falls as many pixels faster. Alone, the
+    /// velocity is as unsure as it is with any distance.
     ///
     /// # Errors
     /// [`ErrorKind::NonFinite`] for a covariance that is not finite.
-    pub fn of(flight: &Flight) -> Result<Self> {
-        let covariance = Mat::from_fn(3, 3, |i, j| flight.velocity_covariance[i][j]);
+    pub fn of(flight: &Flight, distance: bool) -> Result<Self> {
+        let count = if distance { 4 } else { 3 };
+        let entry = |i: usize, j: usize| match (i.min(j), i.max(j)) {
+            (3, 3) => flight.deviation * flight.deviation,
+            (axis, 3) => flight.velocity_with_distance[axis],
+            (i, j) => flight.velocity_covariance[i][j],
+        };
+        let covariance = Mat::from_fn(count, count, entry);
         let not_finite = || Error::new(ErrorKind::NonFinite, "the covariance of the velocity is not finite").at("fall");
-        if !flight.velocity_covariance.iter().flatten().all(|value| value.is_finite()) {
+        if !covariance.as_ref().is_all_finite() {
             return Err(not_finite());
         }
         let eigen = covariance.self_adjoint_eigen(Side::Lower).map_err(|_| not_finite())?;
         let (u, s) = (eigen.U(), eigen.S().column_vector());
-        let directions = std::array::from_fn(|k| std::array::from_fn(|i| u[(i, k)]));
-        let deviations = std::array::from_fn(|k| s[k].max(0.0).sqrt().max(LEAST));
+        let directions = (0..count).map(|k| (0..count).map(|i| u[(i, k)]).collect()).collect();
+        let deviations = (0..count).map(|k| s[k].max(0.0).sqrt().max(LEAST)).collect();
         Ok(Self { middle: flight.velocity, directions, deviations })
     }
 
-    /// How far a velocity is from the middle along each direction, in standard deviations.
-    pub fn standard(&self, velocity: [f64; 3]) -> [f64; 3] {
-        let off = minus(velocity, self.middle);
-        std::array::from_fn(|k| dot(self.directions[k], off) / self.deviations[k])
+    /// How many unknowns it tells of: the components of the velocity and, perhaps, the distance.
+    pub fn count(&self) -> usize {
+        self.deviations.len()
     }
 
-    /// The derivative of direction `k`'s standard distance with respect to each component.
-    pub fn rate(&self, k: usize) -> [f64; 3] {
-        self.directions[k].map(|along| along / self.deviations[k])
+    /// How far a velocity and a distance (as a share farther) are from what is expected along each direction, in standard deviations.
+    pub fn standard(&self, velocity: [f64; 3], farther: f64) -> Vec<f64> {
+        let [x, y, z] = minus(velocity, self.middle);
+        let off = [x, y, z, farther];
+        let along = |(direction, deviation): (&Vec<f64>, &f64)| {
+            direction.iter().zip(off).map(|(a, b)| a * b).sum::<f64>() / deviation
+        };
+        self.directions.iter().zip(&self.deviations).map(along).collect()
     }
 
-    /// How far one standard deviation along direction `k` leads \[m/s\].
-    pub fn step(&self, k: usize) -> [f64; 3] {
-        self.directions[k].map(|along| along * self.deviations[k])
+    /// The derivative of direction `k`'s standard distance with respect to each of them.
+    pub fn rate(&self, k: usize) -> Vec<f64> {
+        self.directions[k].iter().map(|along| along / self.deviations[k]).collect()
+    }
+
+    /// How far one standard deviation along direction `k` leads.
+    pub fn step(&self, k: usize) -> Vec<f64> {
+        self.directions[k].iter().map(|along| along * self.deviations[k]).collect()
     }
 }
 
@@ -63,28 +79,44 @@ mod tests {
     /// Steps and rates are inverse, and steps make up the covariance.
     #[test]
     fn a_covariance_in_directions() {
-        let covariance = [[0.05, 0.01, -0.02], [0.01, 0.02, 0.0], [-0.02, 0.0, 0.09]];
+        let of_velocity = [[0.05, 0.01, -0.02], [0.01, 0.02, 0.0], [-0.02, 0.0, 0.09]];
         let flight = Flight {
             centre: [0.0; 3],
             velocity: [1.0, -2.0, 0.5],
-            velocity_covariance: covariance,
+            velocity_covariance: of_velocity,
+            velocity_with_distance: [0.002, -0.004, 0.001],
             gravity: [0.0, -9.8, 0.0],
             frames: 4,
             deviation: 0.05,
+            scales_world: false,
         };
-        let fallen = Fallen::of(&flight).unwrap();
-        for i in 0..3 {
-            for j in 0..3 {
-                let made: f64 = (0..3).map(|k| fallen.step(k)[i] * fallen.step(k)[j]).sum();
-                approx::assert_relative_eq!(made, covariance[i][j], epsilon = 1e-12);
-                approx::assert_relative_eq!(dot(fallen.step(i), fallen.rate(j)), f64::from(i == j), epsilon = 1e-12);
+        let [a, b, c] = flight.velocity_with_distance;
+        let whole: Vec<Vec<f64>> = (0..3)
+            .map(|i| of_velocity[i].into_iter().chain([flight.velocity_with_distance[i]]).collect())
+            .chain([vec![a, b, c, 0.05 * 0.05]])
+            .collect();
+        for distance in [false, true] {
+            let fallen = Fallen::of(&flight, distance).unwrap();
+            let count = fallen.count();
+            assert_eq!(count, if distance { 4 } else { 3 });
+            let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+            for i in 0..count {
+                for j in 0..count {
+                    let made: f64 = (0..count).map(|k| fallen.step(k)[i] * fallen.step(k)[j]).sum();
+                    approx::assert_relative_eq!(made, whole[i][j], epsilon = 1e-12);
+                    let product = dot(&fallen.step(i), &fallen.rate(j));
+                    approx::assert_relative_eq!(product, f64::from(i == j), epsilon = 1e-12);
+                }
             }
+            let (step, farther) = (fallen.step(1), fallen.step(1).get(3).map_or(0.0, |share| 2.0 * share));
+            let there = [0, 1, 2].map(|i| flight.velocity[i] + 2.0 * step[i]);
+            let z = fallen.standard(there, farther);
+            approx::assert_relative_eq!(z[1], 2.0, max_relative = 1e-9);
+            assert!((0..count).all(|k| k == 1 || z[k].abs() < 1e-9), "{z:?}");
         }
-        let there = [0, 1, 2].map(|i| flight.velocity[i] + 2.0 * fallen.step(1)[i]);
-        let z = fallen.standard(there);
-        approx::assert_relative_eq!(z[1], 2.0, max_relative = 1e-9);
-        assert!(z[0].abs() < 1e-9 && z[2].abs() < 1e-9);
         let lost = Flight { velocity_covariance: [[f64::NAN; 3]; 3], ..flight };
-        assert_eq!(Fallen::of(&lost).unwrap_err().kind(), ErrorKind::NonFinite);
+        assert_eq!(Fallen::of(&lost, false).unwrap_err().kind(), ErrorKind::NonFinite);
+        let lost = Flight { deviation: f64::INFINITY, ..flight };
+        assert_eq!(Fallen::of(&lost, true).unwrap_err().kind(), ErrorKind::NonFinite);
     }
 }

@@ -84,8 +84,7 @@ impl Stages<'_> {
             let mut unknowns = Unknowns { parameters: own.starting_values(&law)?, ..start.clone() };
             let stages = Stages { law: &law, ..*self };
             let stage = format!("{AUTO} {family}");
-            let early = own.early_of(&law, contact, self.observed).min(seen);
-            stages.explore(run, &own, &stage, early, &mut unknowns)?;
+            let early = stages.explore(run, &own, &stage, [contact, seen], &mut unknowns)?;
             if early < seen {
                 stages.short_search(run, &own, &format!("{stage}: later"), seen, &mut unknowns)?;
             }

@@ -94,11 +94,11 @@ impl Config {
     }
 
     /// The frames that the first searches for the material of this law see of what was filmed, which touch the ground from `contact` on.
-    /// A single camera tells the velocity by all of them, and by the early ones little.
-    pub fn early_of(&self, law: &Law, contact: usize, observed: &Observed) -> usize {
+    /// A single camera tells the velocity by all of them, and by the early ones little; but how what leans tips over and rolls on misleads it more.
+    pub fn early_of(&self, law: &Law, contact: usize, observed: &Observed, leans: bool) -> usize {
         let frames = observed.targets.len();
         let early = contact as f64 + self.estimate.early * frames.saturating_sub(contact) as f64;
-        let all = observed.views.len() == 1 || self.flows(law) || !law.is_elastic();
+        let all = observed.views.len() == 1 && !leans || self.flows(law) || !law.is_elastic();
         if all { frames } else { (early.ceil() as usize).clamp(1, frames) }
     }
 }

@@ -16,7 +16,7 @@ use crate::video::Flight;
 /// What is known of one unknown.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Interval {
-    /// Name of the parameter, or `velocity_x`, `spin_x` and so on, `contact`, `lean_right`, `lean_up`.
+    /// Name of the parameter, or `velocity_x`, `spin_x` and so on, `contact`, `lean_right`, `lean_up`, `farther`.
     pub name: String,
     /// Ends of the interval that holds the truth in nine of ten cases, in the unknown's unit.
     pub interval_90: [f64; 2],
@@ -50,7 +50,7 @@ pub fn intervals(
 ) -> Result<Vec<Interval>> {
     let list = free.list(law);
     let n = list.len();
-    let fall = flight.map(Fallen::of).transpose()?;
+    let fall = flight.map(|flight| Fallen::of(flight, free.distance())).transpose()?;
     let plausible = Plausible::new(law, free).after(fall.as_ref());
     let prior = plausible.deviations(at);
     let deviations = Known::of(linearised, plausible.factor(at))?.but(wider, bias).deviations()?;
@@ -74,7 +74,7 @@ pub fn intervals(
             Unknown::Spin(axis) => SPIN[axis].to_owned(),
             Unknown::Parameter(p) => law.parameters()[p].name.to_owned(),
             Unknown::Contact => "contact".to_owned(),
-            Unknown::Lean(axis) => ["lean_right", "lean_up"][axis].to_owned(),
+            Unknown::Lean(axis) => LEAN_NAMES[axis].to_owned(),
         },
         interval_90: [end(k, -1.0), end(k, 1.0)],
         determined: student * deviations[k] <= PLAUSIBLE * prior[k] / 3.0,
@@ -94,7 +94,7 @@ pub(super) fn valleys(
     linearised: &Linearised,
     flight: Option<&Flight>,
 ) -> Result<Vec<Option<Valley>>> {
-    let fall = flight.map(Fallen::of).transpose()?;
+    let fall = flight.map(|flight| Fallen::of(flight, free.distance())).transpose()?;
     let plausible = Plausible::new(law, free).after(fall.as_ref());
     let n = linearised.gradient.len();
     let known = Known::of(linearised, plausible.factor(at))?;
@@ -110,6 +110,9 @@ pub(super) fn valleys(
     };
     Ok(free.list(law).into_iter().enumerate().map(valley).collect())
 }
+
+/// Names of the lean's components.
+const LEAN_NAMES: [&str; 3] = ["lean_right", "lean_up", "farther"];
 
 /// The end of what is plausible, in deviations: that of an interval of 90 %.
 const PLAUSIBLE: f64 = 1.645;

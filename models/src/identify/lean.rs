@@ -1,4 +1,4 @@
-//! How a body that a single camera saw leans away from it, to the side or upwards.
+//! How a body that a single camera saw leans away from it, to the side or upwards, and how far away it is.
 
 use std::borrow::Cow;
 
@@ -13,9 +13,9 @@ use crate::video::{Camera, Clip};
 /// The only camera of a clip, and where it sees the middle of the object in the first frame.
 ///
 /// What lies how deep in that frame, nobody saw. A body that leans has every point moved along its own ray,
-/// `x' = e + (x − e) (1 + a u + b v)` with the camera at `e` and the tangents `u` (to the right) and `v` (upwards) of the angles between
-/// the point and the middle, so that the frame stays as it is, and depth grows by `a` metres for each metre to the right and by `b`
-/// for each upwards.
+/// `x' = e + (x − e) (1 + a u + b v + c)` with the camera at `e` and the tangents `u` (to the right) and `v` (upwards) of the angles between
+/// the point and the middle, so that the frame stays as it is, and depth grows by `a` metres for each metre to the right, by `b`
+/// for each upwards, and by `c` for each of the distance, with which the body grows as well.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sight {
     eye: [f64; 3],
@@ -51,20 +51,21 @@ impl Sight {
         (away > 0.0).then(|| [right / away - self.middle[0], up / away - self.middle[1]])
     }
 
-    /// How a point moves for each unit of lean, to the right and upwards.
-    pub fn rates(&self, point: [f64; 3]) -> [[f64; 3]; 2] {
+    /// How a point moves for each unit of lean, to the right, upwards and in distance.
+    pub fn rates(&self, point: [f64; 3]) -> [[f64; 3]; 3] {
         let ray = minus(point, self.eye);
-        self.tangents(point).unwrap_or_default().map(|tangent| ray.map(|x| x * tangent))
+        let [right, up] = self.tangents(point).unwrap_or_default();
+        [right, up, 1.0].map(|share| ray.map(|x| x * share))
     }
 
     /// The body with this lean.
-    pub fn leaning<'a>(&self, body: &'a Particles, lean: [f64; 2]) -> Cow<'a, Particles> {
-        if lean == [0.0; 2] {
+    pub fn leaning<'a>(&self, body: &'a Particles, lean: [f64; 3]) -> Cow<'a, Particles> {
+        if lean == [0.0; 3] {
             return Cow::Borrowed(body);
         }
         let moved = |x: &[f64; 3]| {
-            let [right, up] = self.rates(*x);
-            std::array::from_fn(|axis| x[axis] + lean[0] * right[axis] + lean[1] * up[axis])
+            let rates = self.rates(*x);
+            std::array::from_fn(|axis| x[axis] + (0..3).map(|k| lean[k] * rates[k][axis]).sum::<f64>())
         };
         Cow::Owned(Particles { positions: body.positions.iter().map(moved).collect(), ..body.clone() })
     }
@@ -72,12 +73,20 @@ impl Sight {
 
 /// The range in which a lean is expected, in metres of depth for each to the right or upwards: 90 % of bodies that are no deeper
 /// than they are wide, turned anyhow, lean less (root mean square 0.34 over seven filmed bodies).
-pub(super) const LEAN: [f64; 2] = [-0.6, 0.6];
+const LEAN: [f64; 2] = [-0.6, 0.6];
+
+/// The range in which the distance of a body is expected to differ from what its fall says, as a share, where nothing more is said of it.
+const FARTHER: [f64; 2] = [-0.15, 0.15];
+
+/// The range in which a component of the lean is expected.
+pub(super) fn range_of(axis: usize) -> [f64; 2] {
+    if axis < 2 { LEAN } else { FARTHER }
+}
 
 /// Bodies that lean to all sides by three quarters of that, otherwise alike.
 pub(super) fn leans(start: &Unknowns) -> Vec<Unknowns> {
     let far = LEAN.map(|end| 0.75 * end);
     let steps = [far[0], 0.0, far[1]];
-    let all = steps.into_iter().flat_map(|right| steps.map(|up| [right, up]));
-    all.filter(|lean| *lean != [0.0; 2]).map(|lean| Unknowns { lean, ..start.clone() }).collect()
+    let all = steps.into_iter().flat_map(|right| steps.map(|up| [right, up, start.lean[2]]));
+    all.filter(|lean| lean[..2] != [0.0; 2]).map(|lean| Unknowns { lean, ..start.clone() }).collect()
 }

@@ -352,7 +352,7 @@ impl Problem<'_> {
     }
 
     /// The particles at each frame as far as they are turned, not as they fall.
-    pub(super) fn turned(&self, spin: [f64; 3], lean: [f64; 2], schedule: Schedule) -> Vec<Vec<[f64; 3]>> {
+    pub(super) fn turned(&self, spin: [f64; 3], lean: [f64; 3], schedule: Schedule) -> Vec<Vec<[f64; 3]>> {
         let body = self.leaning(lean);
         let (positions, frames) = (&body.positions, schedule.frames);
         if spin == [0.0; 3] {
@@ -364,12 +364,12 @@ impl Problem<'_> {
     }
 
     /// The velocities of all particles for a spin of 1 rad/s about each axis, `[3, 3 particles]` \[m/s\].
-    pub(super) fn spin_field(&self, lean: [f64; 2]) -> Result<Tensor> {
+    pub(super) fn spin_field(&self, lean: [f64; 3]) -> Result<Tensor> {
         let body = self.leaning(lean);
         Gyration::of(&body).velocities(&body, self.world.dx, self.dtype)
     }
 
-    /// How the particles move for each unit of the lean to the right (0) or upwards (1), `[particles, 3]` \[m\].
+    /// How the particles move for each unit of the lean to the right (0), upwards (1), or in distance (2), `[particles, 3]` \[m\].
     fn lean_field(&self, axis: usize) -> Result<Tensor> {
         let rate = |x: &[f64; 3]| self.observed.sight.map_or([0.0; 3], |sight| sight.rates(*x)[axis]);
         let values = self.particles.positions.iter().flat_map(rate).collect();

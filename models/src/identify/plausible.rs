@@ -3,7 +3,7 @@
 use faer::Mat;
 
 use crate::identify::fall::Fallen;
-use crate::identify::lean::LEAN;
+use crate::identify::lean;
 use crate::identify::unknowns::{Unknown, unit};
 use crate::identify::{Free, Unknowns};
 use crate::physics::{Law, Map, Parameter};
@@ -60,31 +60,27 @@ impl<'a> Plausible<'a> {
         self
     }
 
+    /// Where the free unknowns are that the fall tells of, in its order.
+    fn told(&self) -> Vec<usize> {
+        let list = self.free.list(self.law);
+        let place = |unknown: Unknown| list.iter().position(|other| *other == unknown);
+        let all = (0..3).map(Unknown::Velocity).chain([Unknown::Lean(2)]);
+        all.take(self.fall.map_or(0, Fallen::count)).filter_map(place).collect()
+    }
+
     /// The penalty, its gradient and its curvature in the coordinates of the free unknowns.
     pub fn penalty(&self, at: &Unknowns) -> (f64, Vec<f64>, Vec<Vec<f64>>) {
-        let list = self.free.list(self.law);
+        let (list, told) = (self.free.list(self.law), self.told());
+        let noise_of = |i: usize| self.noise.get(i).copied().unwrap_or(0.0);
         let (mut total, mut gradient) = (0.0, vec![0.0; list.len()]);
         let mut curvature = vec![vec![0.0; list.len()]; list.len()];
-        for (i, unknown) in list.into_iter().enumerate() {
-            let noise = self.noise.get(i).copied().unwrap_or(0.0);
+        for (i, &unknown) in list.iter().enumerate() {
+            let noise = noise_of(i);
             let (value, [low, high], slope) = match unknown {
                 Unknown::Parameter(k) => even(&self.law.parameters()[k], at.parameters[k]),
                 Unknown::Contact => (at.contact, self.free.contact().range(), 1.0),
-                Unknown::Lean(axis) => (at.lean[axis], LEAN, 1.0),
-                Unknown::Velocity(k) => {
-                    // the components are the first unknowns, in their order
-                    let Some(fall) = self.fall else { continue };
-                    let z = fall.standard(at.velocity)[k];
-                    let rate: [f64; 3] =
-                        std::array::from_fn(|j| fall.rate(k)[j] * at.slope(self.law, Unknown::Velocity(j)));
-                    total += 0.5 * noise * z * z;
-                    for j in 0..3 {
-                        gradient[j] += noise * z * rate[j];
-                        (0..3).for_each(|l| curvature[j][l] += noise * rate[j] * rate[l]);
-                    }
-                    continue;
-                }
-                Unknown::Spin(_) => continue,
+                Unknown::Lean(axis) if !told.contains(&i) => (at.lean[axis], lean::range_of(axis), 1.0),
+                Unknown::Velocity(_) | Unknown::Spin(_) | Unknown::Lean(_) => continue,
             };
             let quarter = 0.25 * (high - low);
             let excess = ((value - high).max(0.0) + (value - low).min(0.0)) / quarter;
@@ -95,6 +91,19 @@ impl<'a> Plausible<'a> {
             gradient[i] = 2.0 * PENALTY * excess * rate + noise * z * z_rate;
             let beyond = if excess == 0.0 { 0.0 } else { 2.0 * PENALTY * rate * rate };
             curvature[i][i] = beyond + noise * z_rate * z_rate;
+        }
+        if let Some(fall) = self.fall {
+            let standard = fall.standard(at.velocity, at.lean[2]);
+            for (k, &i) in told.iter().enumerate() {
+                let (noise, z) = (noise_of(i), standard[k]);
+                let along = fall.rate(k).into_iter().zip(&told);
+                let rate: Vec<f64> = along.map(|(rate, &j)| rate * at.slope(self.law, list[j])).collect();
+                total += 0.5 * noise * z * z;
+                for (a, &j) in told.iter().enumerate() {
+                    gradient[j] += noise * z * rate[a];
+                    told.iter().enumerate().for_each(|(b, &l)| curvature[j][l] += noise * rate[a] * rate[b]);
+                }
+            }
         }
         (total, gradient, curvature)
     }
@@ -109,7 +118,10 @@ impl<'a> Plausible<'a> {
                 let [low, high] = self.free.contact().range();
                 (high - low) / (2.0 * NINETY)
             }
-            Unknown::Lean(_) => (LEAN[1] - LEAN[0]) / (2.0 * NINETY),
+            Unknown::Lean(axis) => {
+                let [low, high] = lean::range_of(axis);
+                (high - low) / (2.0 * NINETY)
+            }
             Unknown::Parameter(k) => {
                 let (_, [low, high], slope) = even(&self.law.parameters()[k], at.parameters[k]);
                 (high - low) / (2.0 * NINETY) / (slope * at.slope(self.law, unknown)).abs().max(f64::MIN_POSITIVE)
@@ -121,11 +133,10 @@ impl<'a> Plausible<'a> {
     /// What was known before the clip was seen, the fall in it apart: a matrix `L` of which `L Lᵀ` is the covariance of the free
     /// unknowns' coordinates, and whose column `k` is one standard deviation of what [`Plausible::noise`] counts as the `k`-th.
     pub fn factor(&self, at: &Unknowns) -> Mat<f64> {
-        let (list, deviations) = (self.free.list(self.law), self.deviations(at));
-        Mat::from_fn(list.len(), list.len(), |i, k| match (list[i], list[k], self.fall) {
-            (Unknown::Velocity(axis), Unknown::Velocity(along), Some(fall)) => {
-                fall.step(along)[axis] / at.slope(self.law, list[i])
-            }
+        let (list, deviations, told) = (self.free.list(self.law), self.deviations(at), self.told());
+        let of_fall = |unknown: usize| told.iter().position(|i| *i == unknown);
+        Mat::from_fn(list.len(), list.len(), |i, k| match (of_fall(i), of_fall(k), self.fall) {
+            (Some(a), Some(along), Some(fall)) => fall.step(along)[a] / at.slope(self.law, list[i]),
             _ if i == k => deviations[k],
             _ => 0.0,
         })
@@ -159,7 +170,7 @@ impl<'a> Plausible<'a> {
         let limit = |unknown| match unknown {
             Unknown::Velocity(_) | Unknown::Spin(_) => [f64::NEG_INFINITY, f64::INFINITY],
             Unknown::Contact => self.free.contact().range().map(|end| 1.5 * end),
-            Unknown::Lean(_) => LEAN.map(|end| 1.5 * end),
+            Unknown::Lean(axis) => lean::range_of(axis).map(|end| 1.5 * end),
             Unknown::Parameter(k) => {
                 let p = &self.law.parameters()[k];
                 match p.map {
@@ -257,35 +268,50 @@ mod tests {
         let law = materials::find("neo_hookean").unwrap();
         let velocity_covariance = [[0.05, 0.01, -0.02], [0.01, 0.02, 0.0], [-0.02, 0.0, 0.09]];
         let (centre, velocity, gravity) = ([0.0; 3], [1.0, -2.0, 0.5], [0.0, -9.8, 0.0]);
-        let flight =
-            crate::video::Flight { centre, velocity, velocity_covariance, gravity, frames: 4, deviation: 0.05 };
-        let fall = Fallen::of(&flight).unwrap();
-        let noise = vec![0.3, 0.1, 0.7, 0.0, 0.0];
-        let plausible = Plausible::new(&law, Free::Both).after(Some(&fall)).pulling(noise.clone());
+        let flight = crate::video::Flight {
+            centre,
+            velocity,
+            velocity_covariance,
+            velocity_with_distance: [0.002, -0.004, 0.001],
+            gravity,
+            frames: 4,
+            deviation: 0.05,
+            scales_world: false,
+        };
         let expected = Unknowns { velocity, parameters: vec![1e5, 0.2], ..Unknowns::default() };
-        assert_eq!(plausible.penalty(&expected).0, 0.0);
-        assert_eq!(plausible.expected(&Unknowns { velocity: [0.0; 3], ..expected.clone() })[..3], [10.0, -20.0, 5.0]);
-        let x = expected.coordinates(&law, Free::Both);
-        let factor = plausible.factor(&expected);
-        for (k, noise) in noise[..3].iter().enumerate() {
-            let moved: Vec<f64> = (0..5).map(|i| x[i] + factor[(i, k)]).collect();
-            let penalty = plausible.penalty(&expected.moved(&law, Free::Both, &moved)).0;
-            approx::assert_relative_eq!(penalty, 0.5 * noise, max_relative = 1e-9);
-        }
-        let far: Vec<f64> = x.iter().enumerate().map(|(i, x)| x + 0.3 * (i as f64 - 1.5)).collect();
-        let at = |x: &[f64]| plausible.penalty(&expected.moved(&law, Free::Both, x));
-        let (_, gradient, curvature) = at(&far);
-        for k in 0..5 {
-            let moved = |step: f64| {
-                let mut x = far.clone();
-                x[k] += step;
-                at(&x)
-            };
-            let (plus, minus) = (moved(1e-5), moved(-1e-5));
-            approx::assert_relative_eq!(gradient[k], (plus.0 - minus.0) / 2e-5, max_relative = 1e-6, epsilon = 1e-9);
-            for l in 0..3 {
-                let slope = (plus.1[l] - minus.1[l]) / 2e-5;
-                approx::assert_relative_eq!(curvature[k][l], slope, max_relative = 1e-6, epsilon = 1e-7);
+        // alone, and with the distance, which stands last
+        let with_distance = (true, Free::Both.with_distance(&law), vec![0.3, 0.1, 0.7, 0.0, 0.0, 0.4]);
+        for (distance, free, noise) in [(false, Free::Both, vec![0.3, 0.1, 0.7, 0.0, 0.0]), with_distance] {
+            let fall = Fallen::of(&flight, distance).unwrap();
+            let plausible = Plausible::new(&law, free).after(Some(&fall)).pulling(noise.clone());
+            assert_eq!(plausible.penalty(&expected).0, 0.0);
+            assert_eq!(
+                plausible.expected(&Unknowns { velocity: [0.0; 3], ..expected.clone() })[..3],
+                [10.0, -20.0, 5.0]
+            );
+            let x = expected.coordinates(&law, free);
+            let (count, factor) = (x.len(), plausible.factor(&expected));
+            for k in plausible.told() {
+                let moved: Vec<f64> = (0..count).map(|i| x[i] + factor[(i, k)]).collect();
+                let penalty = plausible.penalty(&expected.moved(&law, free, &moved)).0;
+                approx::assert_relative_eq!(penalty, 0.5 * noise[k], max_relative = 1e-9);
+            }
+            let far: Vec<f64> = x.iter().enumerate().map(|(i, x)| x + 0.3 * (i as f64 - 1.5)).collect();
+            let at = |x: &[f64]| plausible.penalty(&expected.moved(&law, free, x));
+            let (_, gradient, curvature) = at(&far);
+            for k in 0..count {
+                let moved = |step: f64| {
+                    let mut x = far.clone();
+                    x[k] += step;
+                    at(&x)
+                };
+                let (plus, minus) = (moved(1e-5), moved(-1e-5));
+                let slope = (plus.0 - minus.0) / 2e-5;
+                approx::assert_relative_eq!(gradient[k], slope, max_relative = 1e-6, epsilon = 1e-9);
+                for l in plausible.told() {
+                    let slope = (plus.1[l] - minus.1[l]) / 2e-5;
+                    approx::assert_relative_eq!(curvature[k][l], slope, max_relative = 1e-6, epsilon = 1e-7);
+                }
             }
         }
     }

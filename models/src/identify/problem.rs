@@ -125,6 +125,13 @@ impl<'a> Problem<'a> {
         }
     }
 
+    /// The same body on a grid of so many times the spacing.
+    #[must_use]
+    pub(super) fn on_grid(mut self, times: f64) -> Self {
+        self.world.dx *= times;
+        self
+    }
+
     /// The same in free flight.
     #[must_use]
     pub fn flying(&self) -> Self {
@@ -220,7 +227,7 @@ impl<'a> Problem<'a> {
     }
 
     /// The body with this lean.
-    pub(super) fn leaning(&self, lean: [f64; 2]) -> Cow<'_, Particles> {
+    pub(super) fn leaning(&self, lean: [f64; 3]) -> Cow<'_, Particles> {
         match &self.observed.sight {
             Some(sight) => sight.leaning(self.particles, lean),
             None => Cow::Borrowed(self.particles),
@@ -232,7 +239,7 @@ impl<'a> Problem<'a> {
     ///
     /// # Errors
     /// Never for `f32` and `f64`.
-    pub(crate) fn placed(&self, contact: f64, lean: [f64; 2]) -> Result<Tensor> {
+    pub(crate) fn placed(&self, contact: f64, lean: [f64; 3]) -> Result<Tensor> {
         let (shift, body) = (contact * self.world.dx, self.leaning(lean));
         let lower = body.positions.iter().flat_map(|x| [x[0], x[1] - shift, x[2]]);
         Tensor::from_vec(lower.collect(), [self.particles.len(), 3]).cast(self.dtype)

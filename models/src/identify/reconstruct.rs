@@ -85,23 +85,25 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
         stages.choose_surface(run)?;
         stages.shape(run, "shape of what stays", iterations, flying)?;
     }
-    let early = run.config.early_of(&law, flight, &observed);
-    match run.state.candidates.iter().find(|candidate| candidate.family == run.config.material.name) {
-        Some(candidate) => unknowns = candidate.unknowns.clone(),
+    let early = match run.state.candidates.iter().find(|candidate| candidate.family == run.config.material.name) {
+        Some(candidate) => {
+            unknowns = candidate.unknowns.clone();
+            run.config.early_of(&law, flight, &observed, unknowns.leans())
+        }
         None => {
             unknowns.parameters = run.config.starting_values(&law)?;
             let config = run.config.clone();
-            stages.explore(run, &config, "", early, &mut unknowns)?;
+            stages.explore(run, &config, "", [flight, frames], &mut unknowns)?
         }
-    }
-    let effort = Effort { stage: MATERIAL, budget: run.config.fine_of(&law) };
+    };
+    let effort = Effort::new(MATERIAL, run.config.fine_of(&law));
     stages.fine(run, &effort, early, &mut unknowns)?;
     if clip.flight.is_some() {
         let effort = Effort { stage: MOVING, ..effort };
         stages.finer(run, &effort, early, &mut unknowns)?;
     }
     stages.refine(run, [early, frames], &mut unknowns)?;
-    stages.otherwise(run, frames, &unknowns)?;
+    stages.otherwise(run, early, &unknowns)?;
     stages.weigh(run, frames, &mut unknowns)?;
     stages.intervals(run, frames, &unknowns)?;
     if flight >= frames {
@@ -146,7 +148,7 @@ impl Stages<'_> {
             if rounds > 0 {
                 self.round(run, "early frames", early, &fitted, unknowns)?;
             }
-            let effort = Effort { stage: LATER, budget: run.config.fine_of(self.law) };
+            let effort = Effort::new(LATER, run.config.fine_of(self.law));
             self.finer(run, &effort, all, unknowns)?;
             fitted = LATER.to_owned();
         }
@@ -188,7 +190,7 @@ impl Stages<'_> {
             Ok(moved) => {
                 *unknowns = moved;
                 // the new shape changes little
-                let effort = Effort { stage: &material, budget: run.config.fine_of(self.law).div_ceil(2) };
+                let effort = Effort::new(&material, run.config.fine_of(self.law).div_ceil(2));
                 self.finer(run, &effort, frames, unknowns)?;
                 let (_, loss_after) = run.best_of(&material).unwrap_or((before.clone(), f64::INFINITY));
                 if loss_after < loss_before {
@@ -386,7 +388,7 @@ pub(crate) fn describe(law: &Law, unknowns: &Unknowns) -> String {
         }
     });
     let lean = match unknowns.lean {
-        [right, up] if unknowns.lean != [0.0; 2] => format!("  lean ({right:.2}, {up:.2})"),
+        lean @ [right, up, farther] if lean != [0.0; 3] => format!("  lean ({right:.2}, {up:.2}, {farther:.3})"),
         _ => String::new(),
     };
     format!("v ({x:.3}, {y:.3}, {z:.3}) m/s{spin}  {}{lean}", parameters.collect::<Vec<_>>().join("  "))

@@ -22,10 +22,18 @@ use crate::particles::Particles;
 use crate::physics::Map;
 use crate::report::interrupt;
 
-/// A stage that moves unknowns: its name, and how much it may do.
+/// A stage that moves unknowns: its name, how much it may do, and the spacing of its grid as a multiple of the full one's.
 pub(super) struct Effort<'a> {
     pub stage: &'a str,
     pub budget: usize,
+    pub grid: f64,
+}
+
+impl<'a> Effort<'a> {
+    /// On the full grid.
+    pub fn new(stage: &'a str, budget: usize) -> Self {
+        Self { stage, budget, grid: 1.0 }
+    }
 }
 
 /// What a search weighs with what the pictures say.
@@ -51,7 +59,7 @@ impl Stages<'_> {
         let free = if fallen { Free::NOTHING } else { Free::Velocity }.with_spin(self.law, run.config.estimate.spin);
         let budget = run.config.estimate.velocity;
         let particles = self.particles(run)?;
-        self.search(run, &Effort { stage, budget }, &particles, unknowns, &mut |problem, search, each, notes| {
+        self.search(run, &Effort::new(stage, budget), &particles, unknowns, &mut |problem, search, each, notes| {
             let Search { start, answers, .. } = search;
             let flying = problem.flying();
             gauss_newton(&flying, start, free, frames, budget, answers, each, notes)
@@ -59,15 +67,18 @@ impl Stages<'_> {
     }
 
     /// The material from nothing: a scan of what is plausible, short searches from the best of it if several stand out. The names
-    /// of the stages begin with `prefix`; the best of the searches' ends is what is left in `unknowns`.
+    /// of the stages begin with `prefix`; the best of the searches' ends is what is left in `unknowns`. The searches see those of
+    /// `all` frames that tell the material best ([`Config::early_of`]) where the ground is met at `contact`; how many is returned.
     pub fn explore(
         &self,
         run: &mut Run,
         config: &Config,
         prefix: &str,
-        frames: usize,
+        [contact, all]: [usize; 2],
         unknowns: &mut Unknowns,
-    ) -> Result<()> {
+    ) -> Result<usize> {
+        let early = |leans| config.early_of(self.law, contact, self.observed, leans).min(all);
+        let mut frames = early(unknowns.leans());
         let named = |stage: &str| [prefix, stage].join(if prefix.is_empty() { "" } else { ": " });
         let scanned = named(SCAN);
         let free = self.free(run, config)?;
@@ -84,9 +95,9 @@ impl Stages<'_> {
             if losses[1] >= LEANS * losses[0] {
                 *unknowns = upright;
             } else {
-                tried.extend(self.tried(run, &leaning));
+                frames = early(true);
                 self.scan(run, &again, free, frames, unknowns, &|start| plausible.points(start, count))?;
-                tried.extend(self.tried(run, &again));
+                tried = self.tried(run, &again);
             }
         }
         let best = tried.iter().map(|point| point.loss).fold(f64::INFINITY, f64::min);
@@ -100,7 +111,7 @@ impl Stages<'_> {
         if let ([only], true) = (&starts[..], prefix.is_empty() && config.estimate.starts > 1) {
             // nothing to choose between: the stage that follows goes on from here; after the searches of a family none does
             *unknowns = only.clone();
-            return Ok(());
+            return Ok(frames);
         }
         for (index, start) in starts.iter().enumerate() {
             self.short_search(run, config, &named(&format!("{START} {}", index + 1)), frames, &mut start.clone())?;
@@ -109,7 +120,7 @@ impl Stages<'_> {
         if let Some((best, _)) = ends.min_by(|a, b| a.1.total_cmp(&b.1)) {
             *unknowns = best;
         }
-        Ok(())
+        Ok(frames)
     }
 
     /// The loss at the start and at some points that follow from it; the best is what is left in `unknowns`.
@@ -123,7 +134,7 @@ impl Stages<'_> {
         others: &dyn Fn(&Unknowns) -> Vec<Unknowns>,
     ) -> Result<()> {
         let particles = self.particles(run)?;
-        let effort = Effort { stage, budget: 1 + others(unknowns).len() };
+        let effort = Effort::new(stage, 1 + others(unknowns).len());
         self.search(run, &effort, &particles, unknowns, &mut |problem, search, each, notes| {
             let mut points = vec![search.start.clone()];
             points.extend(others(&search.start));
@@ -144,7 +155,7 @@ impl Stages<'_> {
     ) -> Result<()> {
         let (free, budget) = (self.free(run, config)?, config.estimate.first);
         let particles = self.particles(run)?;
-        self.search(run, &Effort { stage, budget }, &particles, unknowns, &mut |problem, search, each, notes| {
+        self.search(run, &Effort::new(stage, budget), &particles, unknowns, &mut |problem, search, each, notes| {
             gauss_newton(problem, &search.start, free, frames, budget, &search.answers, each, notes)
         })
     }
@@ -165,7 +176,8 @@ impl Stages<'_> {
         Ok(if self.unsure_ground(run) { all.with_ground(self.law, Ground::Unsure) } else { all })
     }
 
-    /// Whether it is not known how the body lies along the line of sight. That the spin of a body depends on it is not differentiated.
+    /// Whether it is not known how the body lies along the line of sight. That the spin of a body depends on it is not differentiated, so that
+    /// one that may spin is taken to lie as it was taken to.
     fn leans(&self, run: &Run) -> bool {
         self.observed.sight.is_some() && !run.config.estimate.spin
     }
@@ -188,17 +200,18 @@ impl Stages<'_> {
         let free = self.free(run, &run.config)?;
         let free = if self.clip.flight.is_some() { self.thrown(&run.config, free) } else { free };
         // of what was not seen to lean, it would only be taken for a velocity along the line of sight
-        let free = if self.leans(run) && from.lean != [0.0; 2] { free.with_lean(self.law) } else { free };
+        let free = if self.leans(run) && from.leans() { free.with_lean(self.law) } else { free };
+        let free = if self.distance_is_open(run) { free.with_distance(self.law) } else { free };
         Ok(Plausible::new(self.law, free).after(fall))
     }
 
     /// The material from near it, in so many Gauss–Newton steps or twice as many evaluations of a descent.
     pub fn fine(&self, run: &mut Run, effort: &Effort<'_>, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
         let particles = self.particles(run)?;
-        if run.config.estimate.method == Method::GaussNewton {
-            return self.held(run, effort, &particles, frames, unknowns);
-        }
         let free = self.free(run, &run.config)?;
+        if run.config.estimate.method == Method::GaussNewton {
+            return self.held(run, effort, &particles, free, frames, unknowns);
+        }
         self.search(run, effort, &particles, unknowns, &mut |problem, search, each, notes| {
             estimate(problem, &search.start, free, frames, 2 * effort.budget, &search.answers, each, notes)
         })
@@ -224,10 +237,10 @@ impl Stages<'_> {
         run: &mut Run,
         effort: &Effort<'_>,
         particles: &Particles,
+        free: Free,
         frames: usize,
         unknowns: &mut Unknowns,
     ) -> Result<()> {
-        let free = self.free(run, &run.config)?;
         self.search(run, effort, particles, unknowns, &mut |problem, search, each, notes| {
             gauss_newton(problem, &search.start, free, frames, effort.budget, &search.answers, each, notes)
         })
@@ -243,13 +256,13 @@ impl Stages<'_> {
         frames: usize,
         unknowns: &mut Unknowns,
     ) -> Result<()> {
-        let fall = self.fall()?;
+        let fall = self.fall(run)?;
         let mut plausible = self.plausible(run, unknowns, fall.as_ref())?;
         let free = plausible.free;
         let mut first = None;
         if !run.has_finished(effort.stage) {
             let start = run.search(effort.stage, unknowns).start.clone();
-            let problem = Problem::new(particles, self.observed, self.law.clone(), &run.config, DTYPE);
+            let problem = self.problem(run, effort, particles);
             let (mut notes, mut substeps) = (Vec::new(), 0);
             let here = problem.linearise(&start, free, frames, &mut substeps, &mut |note| notes.push(note))?;
             let noise = interval::noise(&plausible, &start, &here)?.into_iter().zip(free.list(self.law));
@@ -266,34 +279,47 @@ impl Stages<'_> {
     }
 
     /// What the fall of what a single camera saw says of its velocity.
-    fn fall(&self) -> Result<Option<Fallen>> {
-        self.clip.flight.as_ref().map(Fallen::of).transpose()
+    fn fall(&self, run: &Run) -> Result<Option<Fallen>> {
+        self.clip.flight.as_ref().map(|flight| Fallen::of(flight, self.distance_is_open(run))).transpose()
+    }
+
+    /// Whether only the fall says how far away the body is, in a world that is known. Where the world's metres follow from the fall as well,
+    /// nothing is seen to be nearer or farther than it was taken to be.
+    fn distance_is_open(&self, run: &Run) -> bool {
+        self.leans(run) && self.clip.flight.is_some_and(|flight| !flight.scales_world)
     }
 
     /// What the material would be on a grid of twice the spacing, and, of what a single camera saw, if the body were thinner.
     pub fn otherwise(&self, run: &mut Run, frames: usize, unknowns: &Unknowns) -> Result<()> {
         let particles = self.particles(run)?;
-        self.other(run, COARSE, &particles.coarsened(), frames, unknowns)?;
+        let budget = run.config.estimate.coarse;
+        let coarse = Effort { grid: 2.0, ..Effort::new(COARSE, budget) };
+        self.other(run, &coarse, &particles, frames, unknowns)?;
         if let Some(thin) = self.thinner(&particles)? {
-            self.other(run, THIN, &thin, frames, unknowns)?;
+            self.other(run, &Effort::new(THIN, budget), &thin, frames, unknowns)?;
         }
         Ok(())
     }
 
-    /// What the material would be of another body.
+    /// What the material would be of another body, or on another grid.
     fn other(
         &self,
         run: &mut Run,
-        stage: &str,
+        effort: &Effort<'_>,
         particles: &Particles,
         frames: usize,
         unknowns: &Unknowns,
     ) -> Result<()> {
-        let effort = Effort { stage, budget: run.config.estimate.coarse };
-        let mut there = unknowns.clone();
+        let mut there = Unknowns { contact: unknowns.contact / effort.grid, ..unknowns.clone() };
         match self.clip.flight {
-            Some(_) => self.weighed(run, &effort, particles, Weighed::Velocity, frames, &mut there)?,
-            None => self.held(run, &effort, particles, frames, &mut there)?,
+            Some(_) => self.weighed(run, effort, particles, Weighed::Velocity, frames, &mut there)?,
+            None => {
+                // a coarse grid stops a body a share of its wider cells earlier: that is no material
+                let free = self.free(run, &run.config)?;
+                let held = free.contact() == Ground::Held;
+                let free = if held { free.with_ground(self.law, Ground::Known) } else { free };
+                self.held(run, effort, particles, free, frames, &mut there)?;
+            }
         }
         run.state.unknowns = Some(unknowns.clone());
         run.save()
@@ -313,7 +339,7 @@ impl Stages<'_> {
     /// have in common is no reason to leave what they show together. Where a single camera made the shape, that is the most of what
     /// makes an unknown unsure, and pixels that are wrong alike need not be asked again.
     pub fn weigh(&self, run: &mut Run, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
-        let effort = Effort { stage: WEIGHED, budget: run.config.estimate.weigh };
+        let effort = Effort::new(WEIGHED, run.config.estimate.weigh);
         if effort.budget == 0 {
             return Ok(());
         }
@@ -321,7 +347,7 @@ impl Stages<'_> {
         if self.clip.cameras.len() > 1 {
             return self.weighed(run, &effort, &particles, Weighed::All, frames, unknowns);
         }
-        let fall = self.fall()?;
+        let fall = self.fall(run)?;
         let plausible = self.plausible(run, unknowns, fall.as_ref())?;
         let free = plausible.free;
         let bias = self.bias(run, free, unknowns)?;
@@ -354,7 +380,10 @@ impl Stages<'_> {
         let magnitudes =
             || list.iter().zip(&grid).filter(|(unknown, _)| self.is_magnitude(**unknown)).map(|(_, x)| x * x);
         let typical = (magnitudes().sum::<f64>() / magnitudes().count().max(1) as f64).sqrt();
-        let length = flight.map_or(0.0, |flight| flight.deviation);
+        let length = match flight {
+            Some(_) if free.distance() => DISTANCE_ERROR,
+            flight => flight.map_or(0.0, |flight| flight.deviation),
+        };
         let lasts = run.state.contact.unwrap_or(1).max(1) as f64 * self.observed.frame_dt;
         let filmed = self.observed.targets.len().saturating_sub(1).max(1) as f64 * self.observed.frame_dt;
         let of_outlines = OUTLINE_ERROR * 2.0 * self.spacing / lasts;
@@ -365,6 +394,7 @@ impl Stages<'_> {
             let least = if self.is_magnitude(unknown) { CHANCE * typical } else { 0.0 };
             let other = (share * grid[k].max(least)).hypot(SHAPE_ERROR * shape[k]).hypot(depth[k]);
             match unknown {
+                Unknown::Lean(2) => DISTANCE_ERROR,
                 Unknown::Contact | Unknown::Lean(_) => 0.0,
                 Unknown::Spin(_) => other.hypot(of_outlines / radius / fitted.slope(self.law, unknown)),
                 Unknown::Velocity(axis) => {
@@ -405,6 +435,7 @@ impl Stages<'_> {
             Free::all_but(self.law, &run.config.held(self.law)?, true).with_spin(self.law, run.config.estimate.spin);
         let free = if self.unsure_ground(run) { all.with_ground(self.law, Ground::Unsure) } else { all };
         let free = if self.leans(run) { free.with_lean(self.law) } else { free };
+        let free = if self.distance_is_open(run) { free.with_distance(self.law) } else { free };
         let particles = self.particles(run)?;
         let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
         let mut notes = Vec::new();
@@ -433,6 +464,11 @@ impl Stages<'_> {
         run.finish(INTERVALS, since)
     }
 
+    /// What a stage searches.
+    fn problem<'a>(&'a self, run: &Run, effort: &Effort<'_>, particles: &'a Particles) -> Problem<'a> {
+        Problem::new(particles, self.observed, self.law.clone(), &run.config, DTYPE).on_grid(effort.grid)
+    }
+
     /// Runs a search unless it is finished, keeps every evaluation, and moves the unknowns to the best.
     fn search(
         &self,
@@ -450,7 +486,7 @@ impl Stages<'_> {
             return Ok(());
         }
         let since = Instant::now();
-        let problem = Problem::new(particles, self.observed, self.law.clone(), &run.config, DTYPE);
+        let problem = self.problem(run, effort, particles);
         let bar = self.progress.stage(stage, budget as u64);
         let search = run.search(stage, unknowns).clone();
         let notes = RefCell::new(Vec::new());
@@ -536,6 +572,9 @@ const OUTLINE_ERROR: f64 = 0.1;
 /// Deviation of how much nearer a single camera sees an object come than it does, from the first frame to the last, in grid cells: on
 /// a grid of twice the spacing it was three cells.
 const DEPTH_ERROR: f64 = 2.0;
+
+/// Deviation of the distance that a single camera's pictures tell together with the ground, as a share: that of lengths.
+const DISTANCE_ERROR: f64 = 0.02;
 
 /// The share of its depth that a body seen from one side is tried with: what a deviation of it may be.
 const THINNESS: f64 = 0.6;

@@ -42,9 +42,10 @@ pub struct Unknowns {
     /// ground, and a coarse one earlier than a fine one or the real ground.
     #[serde(default)]
     pub contact: f64,
-    /// How much deeper than it was taken to be a body lies that a single camera saw, in metres for each metre to the right, and upwards.
+    /// How much deeper than it was taken to be a body lies that a single camera saw, in metres for each metre to the right, upwards, and
+    /// of its distance.
     #[serde(default)]
-    pub lean: [f64; 2],
+    pub lean: [f64; 3],
 }
 
 /// Which unknowns an optimiser moves.
@@ -73,8 +74,10 @@ pub struct Chosen {
     pub parameters: u64,
     /// Whether the height at which the ground is felt is.
     pub contact: Ground,
-    /// Whether the lean of the body is.
+    /// Whether the lean of the body to the right and upwards is.
     pub lean: bool,
+    /// Whether its distance is.
+    pub distance: bool,
 }
 
 /// What is known of the height at which the ground is felt.
@@ -110,14 +113,20 @@ pub enum Unknown {
     Parameter(usize),
     /// The height at which the ground is felt.
     Contact,
-    /// A component of the lean.
+    /// A component of the lean: to the right, upwards, or the distance.
     Lean(usize),
 }
 
 impl Free {
     /// Nothing.
-    pub const NOTHING: Self =
-        Self::Chosen(Chosen { velocity: false, spin: false, parameters: 0, contact: Ground::Held, lean: false });
+    pub const NOTHING: Self = Self::Chosen(Chosen {
+        velocity: false,
+        spin: false,
+        parameters: 0,
+        contact: Ground::Held,
+        lean: false,
+        distance: false,
+    });
 
     fn velocity(self) -> bool {
         matches!(self, Self::Velocity | Self::Both | Self::Chosen(Chosen { velocity: true, .. }))
@@ -141,7 +150,7 @@ impl Free {
         let free = law.parameters().iter().enumerate().take(64).filter(|(_, p)| !held.contains(&p.name));
         let ground = if world { Ground::Known } else { Ground::Held };
         let parameters = free.map(|(k, _)| 1 << k).sum();
-        Self::Chosen(Chosen { velocity: world, spin: false, parameters, contact: ground, lean: false })
+        Self::Chosen(Chosen { velocity: world, spin: false, parameters, contact: ground, lean: false, distance: false })
     }
 
     /// The same with the velocity.
@@ -168,12 +177,18 @@ impl Free {
         Self::Chosen(Chosen { lean: true, ..self.chosen(law) })
     }
 
+    /// The same with the distance of the body.
+    #[must_use]
+    pub fn with_distance(self, law: &Law) -> Self {
+        Self::Chosen(Chosen { distance: true, ..self.chosen(law) })
+    }
+
     /// The same, one by one.
     fn chosen(self, law: &Law) -> Chosen {
         let free = law.parameters().iter().enumerate().take(64).filter(|(k, p)| self.parameter(*k, p.map));
         let parameters = free.map(|(k, _)| 1 << k).sum();
-        let (velocity, spin, contact, lean) = (self.velocity(), self.spin(), self.contact(), self.lean());
-        Chosen { velocity, spin, parameters, contact, lean }
+        let (velocity, spin, contact) = (self.velocity(), self.spin(), self.contact());
+        Chosen { velocity, spin, parameters, contact, lean: self.lean(), distance: self.distance() }
     }
 
     /// What is known of the height at which the ground is felt.
@@ -188,6 +203,11 @@ impl Free {
         matches!(self, Self::Chosen(Chosen { lean: true, .. }))
     }
 
+    /// Whether the distance is free.
+    pub fn distance(self) -> bool {
+        matches!(self, Self::Chosen(Chosen { distance: true, .. }))
+    }
+
     /// The free unknowns in the order of their coordinates.
     pub fn list(self, law: &Law) -> Vec<Unknown> {
         let velocity = (0..3).filter(|_| self.velocity()).map(Unknown::Velocity);
@@ -195,7 +215,8 @@ impl Free {
         let parameters = law.parameters().iter().enumerate().filter(|(k, p)| self.parameter(*k, p.map));
         let contact = (self.contact() != Ground::Held).then_some(Unknown::Contact);
         let lean = (0..2).filter(|_| self.lean()).map(Unknown::Lean);
-        velocity.chain(spin).chain(parameters.map(|(k, _)| Unknown::Parameter(k))).chain(contact).chain(lean).collect()
+        let body = contact.into_iter().chain(lean).chain(self.distance().then_some(Unknown::Lean(2)));
+        velocity.chain(spin).chain(parameters.map(|(k, _)| Unknown::Parameter(k))).chain(body).collect()
     }
 }
 
@@ -213,7 +234,7 @@ pub struct Bound {
     /// How much higher than it is the ground is felt, in grid spacings; never a leaf.
     pub contact: f64,
     /// The lean; never a leaf.
-    pub lean: [f64; 2],
+    pub lean: [f64; 3],
 }
 
 impl Unknowns {
@@ -235,6 +256,11 @@ impl Unknowns {
     /// Whether the body spins.
     pub fn spins(&self) -> bool {
         self.spin != [0.0; 3]
+    }
+
+    /// Whether the body leans, wherever it is.
+    pub fn leans(&self) -> bool {
+        self.lean[..2] != [0.0; 2]
     }
 
     /// The same unknowns with the free ones moved to these coordinates.

@@ -99,9 +99,11 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
         centre: [start[0], start[1] - ground, start[2]],
         velocity: times(&rotation, fall.velocity).map(|v| metres * v),
         velocity_covariance: fall.velocity_covariance(&rotation, metres),
+        velocity_with_distance: fall.velocity_with_distance(&rotation, metres),
         gravity,
         frames: fall.frames,
         deviation: fall.deviation,
+        scales_world: true,
     });
     let mut say = |line: String| clip.assumptions.push(line);
     say(format!(

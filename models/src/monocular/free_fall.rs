@@ -61,6 +61,8 @@ pub struct FreeFall {
     pub deviation: f64,
     /// Covariance of the velocity \[1/s²\], with what the deviation of `gravity` does to it in metres.
     pub spread: [[f64; 3]; 3],
+    /// Covariance of that velocity with the logarithm of the distance \[1/s\].
+    pub with_distance: [f64; 3],
     /// `½ Σ r²`, residuals in standard deviations.
     pub cost: f64,
 }
@@ -75,6 +77,11 @@ impl FreeFall {
     /// distance \[m\].
     pub fn velocity_covariance(&self, turn: &[[f64; 3]; 3], distance: f64) -> [[f64; 3]; 3] {
         turn.map(|a| turn.map(|b| distance * distance * dot(a, times(&self.spread, b))))
+    }
+
+    /// Covariance of the velocity with the distance as a share of it \[m/s\], for such axes and such a distance.
+    pub fn velocity_with_distance(&self, turn: &[[f64; 3]; 3], distance: f64) -> [f64; 3] {
+        times(turn, self.with_distance).map(|x| distance * x)
     }
 
     /// Fits the first `frames` sightings. `bias` is what a sighting shows besides a point at the object's centre: its silhouette's
@@ -156,6 +163,8 @@ impl FreeFall {
             let with_scale = rate[j] * covariance(2 + i, 5) + rate[i] * covariance(2 + j, 5);
             covariance(2 + i, 2 + j) - with_scale + rate[i] * rate[j] * covariance(5, 5)
         };
+        // the distance is g/γ, so that d ln(distance) = −dγ/γ
+        let with_distance = |i: usize| (rate[i] * covariance(5, 5) - covariance(2 + i, 5)) / p[5];
         Ok(Self {
             frames: sightings.len(),
             start: [p[0], p[1], -1.0],
@@ -165,6 +174,7 @@ impl FreeFall {
             gravity: p[5],
             deviation: covariance(5, 5).sqrt() / p[5].abs(),
             spread: std::array::from_fn(|i| std::array::from_fn(|j| spread(i, j))),
+            with_distance: std::array::from_fn(with_distance),
             cost: fit.cost,
         })
     }

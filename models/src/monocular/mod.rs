@@ -47,9 +47,11 @@ pub fn sight(clip: &mut Clip, gravity: [f64; 3]) -> Result<()> {
         centre: [0, 1, 2].map(|axis| centre[axis] + from[axis]),
         velocity: world(fall.velocity),
         velocity_covariance: fall.velocity_covariance(&turn, distance),
+        velocity_with_distance: fall.velocity_with_distance(&turn, distance),
         gravity,
         frames: fall.frames,
         deviation: fall.deviation,
+        scales_world: false,
     });
     clip.assumptions.push(format!(
         "a single camera: the object is {distance:.3} m away (± {:.0} %), as it falls freely in the first {} frames; it is taken \

@@ -59,28 +59,6 @@ impl Particles {
         }
     }
 
-    /// The same body with particles of twice the spacing: each stands for the up to eight of its cube, at their centre of
-    /// mass, with their mean opacity (missing ones count as empty) and colour.
-    #[must_use]
-    pub fn coarsened(&self) -> Self {
-        let spacing = 2.0 * self.spacing;
-        let mut cubes = std::collections::BTreeMap::<[i64; 3], Vec<usize>>::new();
-        for (i, position) in self.positions.iter().enumerate() {
-            cubes.entry(position.map(|x| (x / spacing).floor() as i64)).or_default().push(i);
-        }
-        let mut coarse = Self { positions: vec![], opacity: vec![], colour: vec![], spacing };
-        for members in cubes.values() {
-            let mass: f64 = members.iter().map(|&i| self.opacity[i]).sum();
-            let mean = |of: &dyn Fn(usize) -> [f64; 3]| -> [f64; 3] {
-                [0, 1, 2].map(|axis| members.iter().map(|&i| self.opacity[i] * of(i)[axis]).sum::<f64>() / mass)
-            };
-            coarse.positions.push(mean(&|i| self.positions[i]));
-            coarse.colour.push(mean(&|i| self.colour[i]));
-            coarse.opacity.push(mass / 8.0);
-        }
-        coarse
-    }
-
     /// Number of particles.
     pub fn len(&self) -> usize {
         self.positions.len()

@@ -285,10 +285,14 @@ fn notes(
     if let Some(contact) = run.state.contact {
         notes.push(("First frame in contact".into(), contact.to_string()));
     }
-    let [right, up] = found.unknowns.lean;
+    let [right, up, farther] = found.unknowns.lean;
     if [right, up] != [0.0; 2] {
         let lean = format!("{right:.2} m deeper for each metre to the right, {up:.2} m for each upwards");
         notes.push(("How it leans away from its only camera".into(), lean));
+    }
+    if farther != 0.0 {
+        let share = format!("{:+.1} % of what its fall alone says, as it is where it lands", 100.0 * farther);
+        notes.push(("How much farther away it is".into(), share));
     }
     let figure = |name: &str| quality.get(name).copied();
     if let (Some(iou), Some(psnr)) = (figure("silhouette_iou"), figure("psnr_on_object_db")) {

@@ -88,7 +88,7 @@ fn contact_height(problem: &Problem<'_>, truth: &Unknowns, frames: usize) {
     assert!((here.loss - taped).abs() < 1e-12 * taped && here.loss > 1e-4, "{} {taped}", here.loss);
 }
 
-/// What leans away from its only camera looks the same in the first frame and falls another way; derivatives along the lean against
+/// What leans away from its only camera, or is farther away, looks the same in the first frame and falls another way; derivatives along that against
 /// differences, simulated and in flight, and forward mode against the tape there.
 #[test]
 fn a_body_leans_along_the_rays_of_its_camera() {
@@ -96,9 +96,9 @@ fn a_body_leans_along_the_rays_of_its_camera() {
     let middle = particles.centre_of_mass();
     let observed = Observed { sight: Sight::at(&camera(1, 2.5, 20), middle), ..seen_by_three };
     let problem = problem(&particles, &observed, &config, DType::F64);
-    let leaning = |lean: [f64; 2]| Unknowns { lean, ..truth.clone() };
+    let leaning = |lean: [f64; 3]| Unknowns { lean, ..truth.clone() };
     let positions = |lean| problem.positions(&leaning(lean)).unwrap().slice::<f64>().to_vec();
-    let (upright, leans) = (positions([0.0; 2]), positions([0.4, -0.3]));
+    let (upright, leans) = (positions([0.0; 3]), positions([0.4, -0.3, 0.1]));
     let own = camera(1, 2.5, 20);
     for (x, moved) in upright.chunks_exact(3).zip(leans.chunks_exact(3)).take(particles.len()) {
         let of = |x: &[f64]| own.project([x[0], x[1], x[2]]).unwrap();
@@ -106,20 +106,25 @@ fn a_body_leans_along_the_rays_of_its_camera() {
         assert!((u - u2).abs() < 1e-9 && (v - v2).abs() < 1e-9, "({u}, {v}) became ({u2}, {v2})");
         // tangents of angles, right and up
         let [mu, mv, _] = own.project(middle).unwrap();
-        let wanted = depth * (1.0 + 0.4 * (u - mu) / own.fx + 0.3 * (v - mv) / own.fy);
+        let wanted = depth * (1.1 + 0.4 * (u - mu) / own.fx + 0.3 * (v - mv) / own.fy);
         assert!((deeper - wanted).abs() < 1e-9, "{deeper}, not {wanted} m away");
     }
-    let free = Free::NOTHING.with_lean(&problem.law);
+    let free = Free::NOTHING.with_lean(&problem.law).with_distance(&problem.law);
     for problem in [&problem, &problem.flying()] {
         let at = |lean| problem.linearise(&leaning(lean), free, FRAMES, &mut 0, &mut |_| ()).unwrap();
-        let here = at([0.2, -0.1]);
-        for (axis, step) in [[1e-6, 0.0], [0.0, 1e-6]].into_iter().enumerate() {
-            let [plus, minus] = [1.0, -1.0].map(|sign| at([0.2 + sign * step[0], -0.1 + sign * step[1]]).loss);
+        let here = at([0.2, -0.1, 0.05]);
+        for axis in 0..3 {
+            let [plus, minus] = [1e-6, -1e-6].map(|step| {
+                let mut lean = [0.2, -0.1, 0.05];
+                lean[axis] += step;
+                at(lean).loss
+            });
             let difference = (plus - minus) / 2e-6;
             let found = here.gradient[axis];
             assert!((found - difference).abs() < 1e-5 * difference.abs(), "axis {axis}: {found}, {difference}");
         }
-        let taped = problem.evaluate(&leaning([0.2, -0.1]), Free::Velocity, FRAMES, &mut 0, &mut |_| ()).unwrap().0;
+        let taped =
+            problem.evaluate(&leaning([0.2, -0.1, 0.05]), Free::Velocity, FRAMES, &mut 0, &mut |_| ()).unwrap().0;
         assert!((here.loss - taped).abs() < 1e-12 * taped && here.loss > 1e-4, "{} {taped}", here.loss);
     }
 }
