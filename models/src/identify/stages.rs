@@ -3,6 +3,7 @@
 use std::cell::RefCell;
 use std::time::Instant;
 
+use faer::Mat;
 use gradreel::{Error, ErrorKind, Result};
 
 use crate::field::{Inflated, bounding_sphere};
@@ -96,6 +97,9 @@ impl Stages<'_> {
                 *unknowns = upright;
             } else {
                 frames = early(true);
+                if frames < all {
+                    self.scan(run, &named(LEANING_EARLY), free, frames, unknowns, &leans)?;
+                }
                 self.scan(run, &again, free, frames, unknowns, &|start| plausible.points(start, count))?;
                 tried = self.tried(run, &again);
             }
@@ -361,21 +365,28 @@ impl Stages<'_> {
         })
     }
 
-    /// What all pictures have in common, as a deviation of each free unknown's coordinate: the grid's error, estimated from
-    /// that of one of twice the spacing (of a modulus or viscosity at least half the root mean square of those of all); the shape's,
-    /// estimated from what it was before the whole motion was known and from a thinner body; the motion's, from the material with
-    /// the velocity of the fall; that of a simulation which is not nature's; and those of lengths and outlines.
-    fn bias(&self, run: &Run, free: Free, fitted: &Unknowns) -> Result<Vec<f64>> {
-        let here = fitted.coordinates(self.law, free);
+    /// What all pictures have in common, each cause a column of deviations of the free unknowns' coordinates that go together: the grid's
+    /// error, estimated from that of one of twice the spacing; the shape's, from a thinner body, and from what it was before the whole motion
+    /// was known; the material's share of the motion's, from the one with the velocity of the fall. What remains is each unknown's own: what a
+    /// grid may change of a modulus or viscosity that stayed by chance (at least half the root mean square of those of all), that of a
+    /// simulation which is not nature's, and those of lengths and outlines.
+    fn bias(&self, run: &Run, free: Free, fitted: &Unknowns) -> Result<Mat<f64>> {
+        let (here, list) = (fitted.coordinates(self.law, free), free.list(self.law));
         let from = |stage: &str| {
             let other = run.best_of(stage).map(|(other, _)| other.coordinates(self.law, free));
-            let apart = |other: Vec<f64>| here.iter().zip(other).map(|(a, b)| (a - b).abs()).collect::<Vec<_>>();
-            other.map_or_else(|| vec![0.0; here.len()], apart)
+            let apart = |other: Vec<f64>| other.iter().zip(&here).map(|(a, b)| a - b).collect::<Vec<_>>();
+            let mut apart = other.map_or_else(|| vec![0.0; here.len()], apart);
+            apart
+                .iter_mut()
+                .zip(&list)
+                .filter(|(_, unknown)| **unknown == Unknown::Contact)
+                .for_each(|(x, _)| *x = 0.0);
+            apart
         };
         let flight = self.clip.flight.as_ref();
-        let (grid, depth, first) = (from(COARSE), from(THIN), from(MATERIAL));
-        let shape = from(self.fitted());
-        let list = free.list(self.law);
+        let (grid, depth, shape) = (from(COARSE), from(THIN), from(self.fitted()));
+        let first = if flight.is_some() { from(MATERIAL) } else { vec![0.0; here.len()] };
+        let share = |k: usize| if matches!(list[k], Unknown::Velocity(_)) { SPEED_GRID_ERROR } else { GRID_ERROR };
         // of several moduli, one may stay by chance where the others move
         let magnitudes =
             || list.iter().zip(&grid).filter(|(unknown, _)| self.is_magnitude(**unknown)).map(|(_, x)| x * x);
@@ -389,35 +400,39 @@ impl Stages<'_> {
         let of_outlines = OUTLINE_ERROR * 2.0 * self.spacing / lasts;
         let radius = bounding_sphere(self.clip, 0)?.radius;
         let of_depth = DEPTH_ERROR * 2.0 * self.spacing / filmed;
-        let of = |(k, unknown): (usize, Unknown)| {
-            let share = if matches!(unknown, Unknown::Velocity(_)) { SPEED_GRID_ERROR } else { GRID_ERROR };
-            let least = if self.is_magnitude(unknown) { CHANCE * typical } else { 0.0 };
-            let other = (share * grid[k].max(least)).hypot(SHAPE_ERROR * shape[k]).hypot(depth[k]);
-            match unknown {
+        let alone = |k: usize| {
+            let slope = fitted.slope(self.law, list[k]).abs();
+            match list[k] {
                 Unknown::Lean(2) => DISTANCE_ERROR,
                 Unknown::Contact | Unknown::Lean(_) => 0.0,
-                Unknown::Spin(_) => other.hypot(of_outlines / radius / fitted.slope(self.law, unknown)),
+                Unknown::Spin(_) => of_outlines / radius / slope,
                 Unknown::Velocity(axis) => {
                     let of_fall = of_depth.hypot(length * fitted.velocity[axis]);
-                    let speed = if flight.is_some() { of_fall } else { of_outlines };
-                    other.hypot(speed / fitted.slope(self.law, unknown))
+                    (if flight.is_some() { of_fall } else { of_outlines }) / slope
                 }
                 Unknown::Parameter(p) => {
                     let parameter = &self.law.parameters()[p];
                     // stress and viscosity, for a given density and time, are as the square of a length
-                    let magnitude = self.is_magnitude(unknown);
+                    let magnitude = self.is_magnitude(list[k]);
                     let scaled = magnitude && parameter.unit.starts_with("Pa");
                     let length = if scaled { 2.0 * length / std::f64::consts::LN_10 } else { 0.0 };
-                    let range = (parameter.prior[1] - parameter.prior[0]) / fitted.slope(self.law, unknown).abs();
-                    let [decades, share] =
+                    let range = (parameter.prior[1] - parameter.prior[0]) / slope;
+                    let [decades, part] =
                         if self.observed.sight.is_some() { ONE_SIDED } else { [MODEL_ERROR, SHARE_ERROR] };
-                    let model = if magnitude { decades } else { share * range };
-                    let motion = if flight.is_some() { first[k] } else { 0.0 };
-                    other.hypot(length).hypot(model).hypot(motion)
+                    let least = if magnitude { CHANCE * typical } else { 0.0 };
+                    let by_chance = (least * least - grid[k] * grid[k]).max(0.0).sqrt() * GRID_ERROR;
+                    length.hypot(if magnitude { decades } else { part * range }).hypot(by_chance)
                 }
             }
         };
-        Ok(list.iter().copied().enumerate().map(of).collect())
+        Ok(Mat::from_fn(list.len(), 4 + list.len(), |k, cause| match cause {
+            0 => share(k) * grid[k],
+            1 => depth[k],
+            2 => SHAPE_ERROR * shape[k],
+            3 if matches!(list[k], Unknown::Parameter(_)) => first[k],
+            _ if cause == 4 + k => alone(k),
+            _ => 0.0,
+        }))
     }
 
     /// Whether an unknown is told in decades: a modulus, a yield stress, a viscosity.
@@ -524,6 +539,7 @@ pub(super) const AUTO: &str = "auto";
 
 const SCAN: &str = "what is plausible";
 const LEANING: &str = "how it leans";
+const LEANING_EARLY: &str = "how it leans, early frames";
 const SCAN_LEANING: &str = "what is plausible, leaning";
 const START: &str = "material, start";
 pub(super) const MOVING: &str = "material and velocity";
