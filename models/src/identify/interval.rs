@@ -32,7 +32,7 @@ pub struct Interval {
 /// `C⁻¹ M C⁻¹` with the curvature `C` and the scatter `M` of the parts that cameras, and that frames, have in the gradient:
 /// `M = Σ_cameras s sᵀ n/(n−1) + Σ_frames s sᵀ m/(m−1)` (Cameron, Gelbach and Miller 2011, without the term for their overlap,
 /// on the safe side). Pixels are no smooth functions, and a loss may stay low farther than its curvature says: `wider` is how many times
-/// farther it does along each parameter, and scales its deviation. Each column of `bias` is a further deviation that is the same in all pictures, such as that of the
+/// farther it does along each parameter, and scales its deviation. Each vector of `bias`, a column of `B`, is a further deviation that is the same in all pictures, such as that of the
 /// grid, in which the coordinates go together: `K = C⁻¹ M C⁻¹ + B Bᵀ`. What is plausible beforehand, and what the flight of an object that a single camera saw says of its velocity, is
 /// added as a prior of covariance `P`, `Σ = (K⁻¹ + P⁻¹)⁻¹`, so that a direction that no picture shows keeps
 /// the width of what is plausible. Student's t for as many degrees of freedom as there are clusters of the rarer kind, less one.
@@ -45,7 +45,7 @@ pub fn intervals(
     free: Free,
     linearised: &Linearised,
     wider: &[f64],
-    bias: &Mat<f64>,
+    bias: &[Vec<f64>],
     flight: Option<&Flight>,
 ) -> Result<Vec<Interval>> {
     let list = free.list(law);
@@ -139,7 +139,7 @@ pub(super) fn most_probable(
     plausible: &Plausible<'_>,
     at: &Unknowns,
     linearised: &Linearised,
-    bias: &Mat<f64>,
+    bias: &[Vec<f64>],
 ) -> Result<Vec<f64>> {
     let x = at.coordinates(plausible.law, plausible.free);
     let off: Vec<f64> = plausible.expected(at).iter().zip(&x).map(|(expected, x)| expected - x).collect();
@@ -186,9 +186,9 @@ impl Known {
     }
 
     /// The same, but each coordinate so many times less sure, and with a deviation that all pictures share.
-    fn but(mut self, wider: &[f64], bias: &Mat<f64>) -> Self {
+    fn but(mut self, wider: &[f64], bias: &[Vec<f64>]) -> Self {
         let n = wider.len();
-        let bias = in_units_of(&self.prior, bias);
+        let bias = in_units_of(&self.prior, &Mat::from_fn(n, bias.len(), |i, cause| bias[cause][i]));
         let pictures = Mat::from_fn(n, n, |i, j| wider[i] * wider[j] * self.covariance[(i, j)]);
         self.covariance = pictures + &bias * bias.transpose();
         self
@@ -314,14 +314,10 @@ mod tests {
         let of_x = known.covariance[(0, 0)] / known.inverse[(0, 0)];
         approx::assert_relative_eq!((of_x / curvature).sqrt(), wanted, max_relative = 1e-3);
         // an error that all pictures share adds its square
-        let biased = Known::of(&at, prior())
-            .unwrap()
-            .but(&[1.0; 2], &Mat::from_fn(2, 1, |i, _| [0.5, 0.0][i]))
-            .deviations()
-            .unwrap();
+        let biased = Known::of(&at, prior()).unwrap().but(&[1.0; 2], &[vec![0.5, 0.0]]).deviations().unwrap();
         approx::assert_relative_eq!(biased[0], wanted.hypot(0.5), max_relative = 1e-3);
         // and a loss that stays low twice as far doubles it
-        let wider = Known::of(&at, prior()).unwrap().but(&[2.0, 1.0], &Mat::zeros(2, 0)).deviations().unwrap();
+        let wider = Known::of(&at, prior()).unwrap().but(&[2.0, 1.0], &[]).deviations().unwrap();
         approx::assert_relative_eq!(wider[0], 2.0 * wanted, max_relative = 1e-3);
     }
 

@@ -3,7 +3,6 @@
 use std::cell::RefCell;
 use std::time::Instant;
 
-use faer::Mat;
 use gradreel::{Error, ErrorKind, Result};
 
 use crate::field::{Inflated, bounding_sphere};
@@ -370,7 +369,7 @@ impl Stages<'_> {
     /// was known; the material's share of the motion's, from the one with the velocity of the fall. What remains is each unknown's own: what a
     /// grid may change of a modulus or viscosity that stayed by chance (at least half the root mean square of those of all), that of a
     /// simulation which is not nature's, and those of lengths and outlines.
-    fn bias(&self, run: &Run, free: Free, fitted: &Unknowns) -> Result<Mat<f64>> {
+    fn bias(&self, run: &Run, free: Free, fitted: &Unknowns) -> Result<Vec<Vec<f64>>> {
         let (here, list) = (fitted.coordinates(self.law, free), free.list(self.law));
         let from = |stage: &str| {
             let other = run.best_of(stage).map(|(other, _)| other.coordinates(self.law, free));
@@ -425,14 +424,11 @@ impl Stages<'_> {
                 }
             }
         };
-        Ok(Mat::from_fn(list.len(), 4 + list.len(), |k, cause| match cause {
-            0 => share(k) * grid[k],
-            1 => depth[k],
-            2 => SHAPE_ERROR * shape[k],
-            3 if matches!(list[k], Unknown::Parameter(_)) => first[k],
-            _ if cause == 4 + k => alone(k),
-            _ => 0.0,
-        }))
+        let all = |of: &dyn Fn(usize) -> f64| (0..list.len()).map(of).collect::<Vec<_>>();
+        let of_material = |k: usize| if matches!(list[k], Unknown::Parameter(_)) { first[k] } else { 0.0 };
+        let together = [all(&|k| share(k) * grid[k]), depth, all(&|k| SHAPE_ERROR * shape[k]), all(&of_material)];
+        let own = (0..list.len()).map(|unknown| all(&|k| if k == unknown { alone(k) } else { 0.0 }));
+        Ok(together.into_iter().chain(own).collect())
     }
 
     /// Whether an unknown is told in decades: a modulus, a yield stress, a viscosity.

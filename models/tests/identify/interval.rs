@@ -35,7 +35,7 @@ fn intervals_agree_with_a_scan_of_the_likelihood_and_hold_the_truth() {
         let start = Unknowns { parameters: vec![5e4, 0.3], ..truth.clone() };
         let best = gauss_newton(&problem, &start, young, FRAMES, 8, &[], &mut |_, _| Ok(()), &mut |_| ()).unwrap();
         let at = problem.linearise(&best.unknowns, young, FRAMES, &mut 0, &mut |_| ()).unwrap();
-        let found = intervals(&best.unknowns, &problem.law, young, &at, &[1.0], &[0.0], None).unwrap();
+        let found = intervals(&best.unknowns, &problem.law, young, &at, &[1.0], &[], None).unwrap();
         let [low, high] = found[0].interval_90;
         assert_eq!(found[0].name, "young");
         assert!(found[0].determined);
@@ -76,7 +76,7 @@ fn what_does_not_touch_the_ground_is_not_determined() {
     let observed = noisy(film(&particles, &truth, &config, 3, 16, DType::F32), 0.02, 3);
     let problem = problem(&particles, &observed, &config, DType::F32);
     let at = problem.linearise(&truth, Free::Both, 3, &mut 0, &mut |_| ()).unwrap();
-    let found = intervals(&truth, &problem.law, Free::Both, &at, &[1.0; 5], &[0.0; 5], None).unwrap();
+    let found = intervals(&truth, &problem.law, Free::Both, &at, &[1.0; 5], &[], None).unwrap();
     for interval in &found {
         println!("{interval:?}");
         let [low, high] = interval.interval_90;
