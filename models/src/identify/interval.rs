@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::identify::fall::Fallen;
 use crate::identify::plausible::Plausible;
 use crate::identify::profile::Valley;
-use crate::identify::unknowns::Unknown;
+use crate::identify::unknowns::{LEAN, Unknown};
 use crate::identify::{Free, Linearised, SPIN, Unknowns, VELOCITY};
 use crate::physics::Law;
 use crate::video::Flight;
@@ -74,7 +74,7 @@ pub fn intervals(
             Unknown::Spin(axis) => SPIN[axis].to_owned(),
             Unknown::Parameter(p) => law.parameters()[p].name.to_owned(),
             Unknown::Contact => "contact".to_owned(),
-            Unknown::Lean(axis) => LEAN_NAMES[axis].to_owned(),
+            Unknown::Lean(axis) => LEAN[axis].to_owned(),
         },
         interval_90: [end(k, -1.0), end(k, 1.0)],
         determined: student * deviations[k] <= PLAUSIBLE * prior[k] / 3.0,
@@ -111,22 +111,25 @@ pub(super) fn valleys(
     Ok(free.list(law).into_iter().enumerate().map(valley).collect())
 }
 
-/// Names of the lean's components.
-const LEAN_NAMES: [&str; 3] = ["lean_right", "lean_up", "farther"];
-
 /// The end of what is plausible, in deviations: that of an interval of 90 %.
 const PLAUSIBLE: f64 = 1.645;
 
 /// The noise of the loss along each free unknown's coordinate, for the velocity along the directions of the fall,
 /// `(C⁻¹ M C⁻¹)_kk / (C⁻¹)_kk` with curvature and scatter as for [`intervals`]: a loss of so much noise that is curved like this one
-/// leaves an unknown as unsure as the pictures do.
+/// leaves an unknown as unsure as the pictures do, and the deviations `own` of parameters that no picture knows of.
 /// Nowhere less than that of the clip as a whole, `tr M / tr C` in units of what is plausible.
 ///
 /// # Errors
 /// As [`intervals`].
-pub(super) fn noise(plausible: &Plausible<'_>, at: &Unknowns, linearised: &Linearised) -> Result<Vec<f64>> {
+pub(super) fn noise(
+    plausible: &Plausible<'_>,
+    at: &Unknowns,
+    linearised: &Linearised,
+    own: &[f64],
+) -> Result<Vec<f64>> {
     let known = Known::of(linearised, plausible.factor(at))?;
-    let of = |k: usize| (known.covariance[(k, k)] / known.inverse[(k, k)]).max(known.noise);
+    let variance = |k: usize| known.covariance[(k, k)] + (own[k] / known.prior[(k, k)]).powi(2);
+    let of = |k: usize| (variance(k) / known.inverse[(k, k)]).max(known.noise);
     Ok((0..linearised.gradient.len()).map(of).collect())
 }
 
@@ -319,6 +322,21 @@ mod tests {
         // and a loss that stays low twice as far doubles it
         let wider = Known::of(&at, prior()).unwrap().but(&[2.0, 1.0], &[]).deviations().unwrap();
         approx::assert_relative_eq!(wider[0], 2.0 * wanted, max_relative = 1e-3);
+    }
+
+    /// A parameter of which the pictures know everything is pulled as its own error has it.
+    #[test]
+    fn an_own_error_makes_a_pull_stronger() {
+        let law = crate::physics::materials::find("neo_hookean").unwrap();
+        let at = Unknowns { parameters: vec![1e5, 0.2], ..Unknowns::default() };
+        let plausible = Plausible::new(&law, Free::Material);
+        let curvature = vec![vec![3.0, 0.0], vec![0.0, 2.0]];
+        let linearised = Linearised { loss: 1.0, gradient: vec![0.0; 2], curvature, scores: Vec::new() };
+        let own = [0.0, 0.06];
+        let found = noise(&plausible, &at, &linearised, &own).unwrap();
+        // a loss of so much noise, curved like this one, is as unsure
+        approx::assert_relative_eq!((found[1] / 2.0).sqrt(), own[1], max_relative = 1e-9);
+        assert_eq!(found[0], 0.0);
     }
 
     /// Errors that go together in the pictures, and a prior of one of them: it tells of the other.

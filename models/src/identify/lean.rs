@@ -87,6 +87,6 @@ pub(super) fn range_of(axis: usize) -> [f64; 2] {
 pub(super) fn leans(start: &Unknowns) -> Vec<Unknowns> {
     let far = LEAN.map(|end| 0.75 * end);
     let steps = [far[0], 0.0, far[1]];
-    let all = steps.into_iter().flat_map(|right| steps.map(|up| [right, up, start.lean[2]]));
+    let all = steps.into_iter().flat_map(|right| steps.map(|up| [right, up, start.farther()]));
     all.filter(|lean| lean[..2] != [0.0; 2]).map(|lean| Unknowns { lean, ..start.clone() }).collect()
 }

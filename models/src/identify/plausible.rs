@@ -6,6 +6,7 @@ use crate::identify::fall::Fallen;
 use crate::identify::lean;
 use crate::identify::unknowns::{Unknown, unit};
 use crate::identify::{Free, Unknowns};
+use crate::physics::parameters::NINETY;
 use crate::physics::{Law, Map, Parameter};
 
 /// What a quarter of the plausible range beyond its end costs, as a loss.
@@ -29,6 +30,12 @@ pub(crate) struct Plausible<'a> {
     fall: Option<&'a Fallen>,
 }
 
+/// What materials usually have, middle and standard deviation on the scale of [`even`].
+fn usual(parameter: &Parameter) -> [f64; 2] {
+    let [middle, deviation] = parameter.usual;
+    [if parameter.map == Map::Log10 { middle.log10() } else { middle }, deviation]
+}
+
 /// The parameter on the scale on which its range is even, the ends of the range there, and `d scale/d value`.
 fn even(parameter: &Parameter, value: f64) -> (f64, [f64; 2], f64) {
     match parameter.map {
@@ -36,9 +43,6 @@ fn even(parameter: &Parameter, value: f64) -> (f64, [f64; 2], f64) {
         _ => (value, parameter.prior, 1.0),
     }
 }
-
-/// Half the width of an interval of 90 % in standard deviations.
-const NINETY: f64 = 1.645;
 
 impl<'a> Plausible<'a> {
     /// What is plausible of the free unknowns, without a pull.
@@ -64,7 +68,7 @@ impl<'a> Plausible<'a> {
     fn told(&self) -> Vec<usize> {
         let list = self.free.list(self.law);
         let place = |unknown: Unknown| list.iter().position(|other| *other == unknown);
-        let all = (0..3).map(Unknown::Velocity).chain([Unknown::Lean(2)]);
+        let all = (0..3).map(Unknown::Velocity).chain([Unknown::DISTANCE]);
         all.take(self.fall.map_or(0, Fallen::count)).filter_map(place).collect()
     }
 
@@ -82,18 +86,21 @@ impl<'a> Plausible<'a> {
                 Unknown::Lean(axis) if !told.contains(&i) => (at.lean[axis], lean::range_of(axis), 1.0),
                 Unknown::Velocity(_) | Unknown::Spin(_) | Unknown::Lean(_) => continue,
             };
+            let [middle, deviation] = match unknown {
+                Unknown::Parameter(k) => usual(&self.law.parameters()[k]),
+                _ => [0.5 * (low + high), (high - low) / (2.0 * NINETY)],
+            };
             let quarter = 0.25 * (high - low);
             let excess = ((value - high).max(0.0) + (value - low).min(0.0)) / quarter;
             let rate = slope * at.slope(self.law, unknown) / quarter;
-            let deviation = (high - low) / (2.0 * NINETY);
-            let (z, z_rate) = ((value - 0.5 * (low + high)) / deviation, rate * quarter / deviation);
+            let (z, z_rate) = ((value - middle) / deviation, rate * quarter / deviation);
             total += PENALTY * excess * excess + 0.5 * noise * z * z;
             gradient[i] = 2.0 * PENALTY * excess * rate + noise * z * z_rate;
             let beyond = if excess == 0.0 { 0.0 } else { 2.0 * PENALTY * rate * rate };
             curvature[i][i] = beyond + noise * z_rate * z_rate;
         }
         if let Some(fall) = self.fall {
-            let standard = fall.standard(at.velocity, at.lean[2]);
+            let standard = fall.standard(at.velocity, at.farther());
             for (k, &i) in told.iter().enumerate() {
                 let (noise, z) = (noise_of(i), standard[k]);
                 let along = fall.rate(k).into_iter().zip(&told);
@@ -108,8 +115,8 @@ impl<'a> Plausible<'a> {
         (total, gradient, curvature)
     }
 
-    /// The standard deviation of each free unknown's coordinate before the clip was seen: the plausible range is taken as an
-    /// interval of 90 %, and a velocity may be 5 m/s, a spin 20 rad/s.
+    /// The standard deviation of each free unknown's coordinate before the clip was seen: that of what materials have
+    /// ([`Parameter::usual`]); a velocity may be 5 m/s, a spin 20 rad/s.
     pub fn deviations(&self, at: &Unknowns) -> Vec<f64> {
         let deviation = |unknown| match unknown {
             Unknown::Velocity(_) => 5.0 / at.slope(self.law, unknown),
@@ -123,11 +130,17 @@ impl<'a> Plausible<'a> {
                 (high - low) / (2.0 * NINETY)
             }
             Unknown::Parameter(k) => {
-                let (_, [low, high], slope) = even(&self.law.parameters()[k], at.parameters[k]);
-                (high - low) / (2.0 * NINETY) / (slope * at.slope(self.law, unknown)).abs().max(f64::MIN_POSITIVE)
+                let [_, deviation] = usual(&self.law.parameters()[k]);
+                deviation / self.scale(at, k)
             }
         };
         self.free.list(self.law).into_iter().map(deviation).collect()
+    }
+
+    /// How fast a parameter moves with its coordinate, on the scale of [`even`].
+    fn scale(&self, at: &Unknowns, parameter: usize) -> f64 {
+        let (_, _, slope) = even(&self.law.parameters()[parameter], at.parameters[parameter]);
+        (slope * at.slope(self.law, Unknown::Parameter(parameter))).abs().max(f64::MIN_POSITIVE)
     }
 
     /// What was known before the clip was seen, the fall in it apart: a matrix `L` of which `L Lᵀ` is the covariance of the free
@@ -145,21 +158,23 @@ impl<'a> Plausible<'a> {
     /// The coordinates of the free unknowns that are expected before the clip is seen: the middles of the plausible ranges, and the
     /// velocity of a fall (or the one at hand, where none was seen).
     pub fn expected(&self, at: &Unknowns) -> Vec<f64> {
-        let middle = |parameter: &Parameter| match parameter.map {
-            Map::Log10 => (parameter.prior[0] * parameter.prior[1]).sqrt(),
-            _ => 0.5 * (parameter.prior[0] + parameter.prior[1]),
-        };
+        let middle = |parameter: &Parameter| parameter.usual[0];
         let velocity = self.fall.map_or(at.velocity, |fall| fall.middle);
         let parameters = self.law.parameters().iter().map(middle).collect();
         Unknowns { velocity, spin: at.spin, parameters, ..Unknowns::default() }.coordinates(self.law, self.free)
     }
 
-    /// How far a step may move each free unknown's coordinate: half the deviation of a parameter, 0.2 m/s, 2 rad/s.
+    /// How far a step may move each free unknown's coordinate: half the deviation of which the range of a parameter is an interval of
+    /// 90 %, 0.2 m/s, 2 rad/s.
     pub fn longest_step(&self, at: &Unknowns) -> Vec<f64> {
         let longest = |(unknown, deviation): (Unknown, f64)| match unknown {
             Unknown::Velocity(_) => 0.2 / at.slope(self.law, unknown),
             Unknown::Spin(_) => 2.0 / at.slope(self.law, unknown),
-            Unknown::Parameter(_) | Unknown::Contact | Unknown::Lean(_) => 0.5 * deviation,
+            Unknown::Contact | Unknown::Lean(_) => 0.5 * deviation,
+            Unknown::Parameter(k) => {
+                let (_, [low, high], _) = even(&self.law.parameters()[k], at.parameters[k]);
+                (high - low) / (4.0 * NINETY) / self.scale(at, k)
+            }
         };
         self.free.list(self.law).into_iter().zip(self.deviations(at)).map(longest).collect()
     }
@@ -244,6 +259,9 @@ mod tests {
         let more = pulling.penalty(&off).0 - pulling.penalty(&at([10f64.powf(middle), 0.2, 1e4])).0;
         let beyond = plausible.penalty(&off).0;
         approx::assert_relative_eq!(more - beyond, 0.5 * 0.02 * 4.0, max_relative = 1e-9);
+        // a ratio is pulled to what materials have, not to the middle of its range
+        let of_ratio = |nu: f64| pulling.penalty(&at([10f64.powf(middle), nu, 1e4])).0;
+        approx::assert_relative_eq!(of_ratio(0.30 - 0.11) - of_ratio(0.30), 0.5 * 0.5, max_relative = 1e-9);
         let far = at([3e8, -0.2, 20.0]);
         let x = far.coordinates(&law, Free::Material);
         for plausible in [plausible, pulling] {

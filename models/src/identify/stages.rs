@@ -96,9 +96,6 @@ impl Stages<'_> {
                 *unknowns = upright;
             } else {
                 frames = early(true);
-                if frames < all {
-                    self.scan(run, &named(LEANING_EARLY), free, frames, unknowns, &leans)?;
-                }
                 self.scan(run, &again, free, frames, unknowns, &|start| plausible.points(start, count))?;
                 tried = self.tried(run, &again);
             }
@@ -268,7 +265,9 @@ impl Stages<'_> {
             let problem = self.problem(run, effort, particles);
             let (mut notes, mut substeps) = (Vec::new(), 0);
             let here = problem.linearise(&start, free, frames, &mut substeps, &mut |note| notes.push(note))?;
-            let noise = interval::noise(&plausible, &start, &here)?.into_iter().zip(free.list(self.law));
+            let own = |unknown| if weighed == Weighed::All { self.model_error(&start, unknown) } else { 0.0 };
+            let own: Vec<f64> = free.list(self.law).into_iter().map(own).collect();
+            let noise = interval::noise(&plausible, &start, &here, &own)?.into_iter().zip(free.list(self.law));
             let pulls = |unknown| weighed == Weighed::All || matches!(unknown, Unknown::Velocity(_) | Unknown::Lean(_));
             plausible = plausible.pulling(noise.map(|(n, unknown)| if pulls(unknown) { n } else { 0.0 }).collect());
             first = Some((here, substeps));
@@ -299,6 +298,7 @@ impl Stages<'_> {
         let coarse = Effort { grid: 2.0, ..Effort::new(COARSE, budget) };
         self.other(run, &coarse, &particles, frames, unknowns)?;
         if let Some(thin) = self.thinner(&particles)? {
+            self.scan(run, AS_IT_IS, Free::NOTHING, frames, &mut unknowns.clone(), &|_| Vec::new())?;
             self.other(run, &Effort::new(THIN, budget), &thin, frames, unknowns)?;
         }
         Ok(())
@@ -383,7 +383,11 @@ impl Stages<'_> {
             apart
         };
         let flight = self.clip.flight.as_ref();
-        let (grid, depth, shape) = (from(COARSE), from(THIN), from(self.fitted()));
+        let (grid, thin, shape) = (from(COARSE), from(THIN), from(self.fitted()));
+        // the pictures tell of the depth, too: a loss that rises by all that it was makes its error less by a factor of √2
+        let [thick_loss, thin_loss] = [AS_IT_IS, THIN].map(|stage| run.best_of(stage).map_or(0.0, |(_, loss)| loss));
+        let doubt = if thin_loss > thick_loss { (thick_loss / thin_loss).sqrt() } else { 1.0 };
+        let depth = thin.iter().map(|x| doubt * x).collect();
         let first = if flight.is_some() { from(MATERIAL) } else { vec![0.0; here.len()] };
         let share = |k: usize| if matches!(list[k], Unknown::Velocity(_)) { SPEED_GRID_ERROR } else { GRID_ERROR };
         // of several moduli, one may stay by chance where the others move
@@ -402,7 +406,7 @@ impl Stages<'_> {
         let alone = |k: usize| {
             let slope = fitted.slope(self.law, list[k]).abs();
             match list[k] {
-                Unknown::Lean(2) => DISTANCE_ERROR,
+                Unknown::DISTANCE => DISTANCE_ERROR,
                 Unknown::Contact | Unknown::Lean(_) => 0.0,
                 Unknown::Spin(_) => of_outlines / radius / slope,
                 Unknown::Velocity(axis) => {
@@ -415,12 +419,9 @@ impl Stages<'_> {
                     let magnitude = self.is_magnitude(list[k]);
                     let scaled = magnitude && parameter.unit.starts_with("Pa");
                     let length = if scaled { 2.0 * length / std::f64::consts::LN_10 } else { 0.0 };
-                    let range = (parameter.prior[1] - parameter.prior[0]) / slope;
-                    let [decades, part] =
-                        if self.observed.sight.is_some() { ONE_SIDED } else { [MODEL_ERROR, SHARE_ERROR] };
                     let least = if magnitude { CHANCE * typical } else { 0.0 };
                     let by_chance = (least * least - grid[k] * grid[k]).max(0.0).sqrt() * GRID_ERROR;
-                    length.hypot(if magnitude { decades } else { part * range }).hypot(by_chance)
+                    length.hypot(self.model_error(fitted, list[k])).hypot(by_chance)
                 }
             }
         };
@@ -429,6 +430,15 @@ impl Stages<'_> {
         let together = [all(&|k| share(k) * grid[k]), depth, all(&|k| SHAPE_ERROR * shape[k]), all(&of_material)];
         let own = (0..list.len()).map(|unknown| all(&|k| if k == unknown { alone(k) } else { 0.0 }));
         Ok(together.into_iter().chain(own).collect())
+    }
+
+    /// How far a parameter's coordinate is off, whatever the pictures say: no simulation is nature's, and no shape quite right.
+    fn model_error(&self, at: &Unknowns, unknown: Unknown) -> f64 {
+        let Unknown::Parameter(p) = unknown else { return 0.0 };
+        let [decades, part] = if self.observed.sight.is_some() { ONE_SIDED } else { [MODEL_ERROR, SHARE_ERROR] };
+        let [low, high] = self.law.parameters()[p].prior;
+        let magnitude = self.is_magnitude(unknown);
+        if magnitude { decades } else { part * (high - low) / at.slope(self.law, unknown).abs() }
     }
 
     /// Whether an unknown is told in decades: a modulus, a yield stress, a viscosity.
@@ -535,11 +545,11 @@ pub(super) const AUTO: &str = "auto";
 
 const SCAN: &str = "what is plausible";
 const LEANING: &str = "how it leans";
-const LEANING_EARLY: &str = "how it leans, early frames";
 const SCAN_LEANING: &str = "what is plausible, leaning";
 const START: &str = "material, start";
 pub(super) const MOVING: &str = "material and velocity";
 const COARSE: &str = "material, coarse";
+const AS_IT_IS: &str = "material, as it is";
 const THIN: &str = "material, thinner";
 const WEIGHED: &str = "material, most probable";
 const INTERVALS: &str = "intervals";

@@ -28,6 +28,9 @@ pub const VELOCITY: [&str; 3] = ["velocity_x", "velocity_y", "velocity_z"];
 /// Names of the spin's components.
 pub const SPIN: [&str; 3] = ["spin_x", "spin_y", "spin_z"];
 
+/// Names of the lean's components.
+pub(super) const LEAN: [&str; 3] = ["lean_right", "lean_up", "farther"];
+
 /// Velocity \[m/s\], spin \[rad/s\] and material parameters (SI units).
 #[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Unknowns {
@@ -115,6 +118,11 @@ pub enum Unknown {
     Contact,
     /// A component of the lean: to the right, upwards, or the distance.
     Lean(usize),
+}
+
+impl Unknown {
+    /// The last component of the lean.
+    pub const DISTANCE: Self = Self::Lean(2);
 }
 
 impl Free {
@@ -215,7 +223,7 @@ impl Free {
         let parameters = law.parameters().iter().enumerate().filter(|(k, p)| self.parameter(*k, p.map));
         let contact = (self.contact() != Ground::Held).then_some(Unknown::Contact);
         let lean = (0..2).filter(|_| self.lean()).map(Unknown::Lean);
-        let body = contact.into_iter().chain(lean).chain(self.distance().then_some(Unknown::Lean(2)));
+        let body = contact.into_iter().chain(lean).chain(self.distance().then_some(Unknown::DISTANCE));
         velocity.chain(spin).chain(parameters.map(|(k, _)| Unknown::Parameter(k))).chain(body).collect()
     }
 }
@@ -261,6 +269,11 @@ impl Unknowns {
     /// Whether the body leans, wherever it is.
     pub fn leans(&self) -> bool {
         self.lean[..2] != [0.0; 2]
+    }
+
+    /// How much farther away the body is than it was taken to be, as a share of its distance.
+    pub fn farther(&self) -> f64 {
+        self.lean[2]
     }
 
     /// The same unknowns with the free ones moved to these coordinates.

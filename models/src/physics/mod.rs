@@ -34,7 +34,7 @@ mod lattice;
 mod law;
 mod material;
 pub mod materials;
-mod parameters;
+pub(crate) mod parameters;
 mod remat;
 mod rollout;
 mod row;
