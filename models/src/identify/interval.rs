@@ -116,20 +116,14 @@ const PLAUSIBLE: f64 = 1.645;
 
 /// The noise of the loss along each free unknown's coordinate, for the velocity along the directions of the fall,
 /// `(C⁻¹ M C⁻¹)_kk / (C⁻¹)_kk` with curvature and scatter as for [`intervals`]: a loss of so much noise that is curved like this one
-/// leaves an unknown as unsure as the pictures do, and the deviations `own` of parameters that no picture knows of.
+/// leaves an unknown as unsure as the pictures do.
 /// Nowhere less than that of the clip as a whole, `tr M / tr C` in units of what is plausible.
 ///
 /// # Errors
 /// As [`intervals`].
-pub(super) fn noise(
-    plausible: &Plausible<'_>,
-    at: &Unknowns,
-    linearised: &Linearised,
-    own: &[f64],
-) -> Result<Vec<f64>> {
+pub(super) fn noise(plausible: &Plausible<'_>, at: &Unknowns, linearised: &Linearised) -> Result<Vec<f64>> {
     let known = Known::of(linearised, plausible.factor(at))?;
-    let variance = |k: usize| known.covariance[(k, k)] + (own[k] / known.prior[(k, k)]).powi(2);
-    let of = |k: usize| (variance(k) / known.inverse[(k, k)]).max(known.noise);
+    let of = |k: usize| (known.covariance[(k, k)] / known.inverse[(k, k)]).max(known.noise);
     Ok((0..linearised.gradient.len()).map(of).collect())
 }
 
@@ -144,10 +138,26 @@ pub(super) fn most_probable(
     linearised: &Linearised,
     bias: &[Vec<f64>],
 ) -> Result<Vec<f64>> {
-    let x = at.coordinates(plausible.law, plausible.free);
-    let off: Vec<f64> = plausible.expected(at).iter().zip(&x).map(|(expected, x)| expected - x).collect();
-    let pulled = Known::of(linearised, plausible.factor(at))?.but(&vec![1.0; off.len()], bias).pulled(&off)?;
-    Ok(x.iter().zip(pulled).map(|(x, pull)| x + pull).collect())
+    let known = Known::of(linearised, plausible.factor(at))?.but(&vec![1.0; linearised.gradient.len()], bias);
+    known.pulled_to(plausible, at)
+}
+
+/// The same where only the deviations `own` of parameters, which no picture knows of, are weighed with what is expected; other
+/// unknowns follow a parameter as the curvature has it.
+///
+/// # Errors
+/// As [`intervals`].
+pub(super) fn more_usual(
+    plausible: &Plausible<'_>,
+    at: &Unknowns,
+    linearised: &Linearised,
+    own: &dyn Fn(Unknown) -> f64,
+) -> Result<Vec<f64>> {
+    let known = Known::of(linearised, plausible.factor(at))?;
+    let list = plausible.free.list(plausible.law);
+    let following = |k: usize| (0..list.len()).map(|i| own(list[k]) * known.follows(i, k)).collect();
+    let bias: Vec<Vec<f64>> = (0..list.len()).map(following).collect();
+    known.but(&vec![0.0; list.len()], &bias).pulled_to(plausible, at)
 }
 
 /// What the clip alone tells of the unknowns, in units in which the prior's covariance is the unit matrix, so that everything is of
@@ -210,6 +220,20 @@ impl Known {
             seen.max(hidden)
         };
         Ok((0..n).map(|i| variance(i).max(0.0).sqrt()).collect())
+    }
+
+    /// How far coordinate `i` follows `k` along the valley of the loss.
+    fn follows(&self, i: usize, k: usize) -> f64 {
+        let moved = (&self.prior * self.inverse.col(k))[i];
+        let of_itself = (&self.prior * self.inverse.col(k))[k];
+        if of_itself > 0.0 { moved / of_itself } else { 0.0 }
+    }
+
+    /// Where the prior pulls the coordinates of unknowns.
+    fn pulled_to(&self, plausible: &Plausible<'_>, at: &Unknowns) -> Result<Vec<f64>> {
+        let x = at.coordinates(plausible.law, plausible.free);
+        let off: Vec<f64> = plausible.expected(at).iter().zip(&x).map(|(expected, x)| expected - x).collect();
+        Ok(x.iter().zip(self.pulled(&off)?).map(|(x, pull)| x + pull).collect())
     }
 
     /// How far the prior pulls the coordinates if its middle is `off` away: `K (K + P)⁻¹ off`.
@@ -324,19 +348,28 @@ mod tests {
         approx::assert_relative_eq!(wider[0], 2.0 * wanted, max_relative = 1e-3);
     }
 
-    /// A parameter of which the pictures know everything is pulled as its own error has it.
+    /// What no picture knows of is weighed with what is usual, and the other unknowns follow along the valley.
     #[test]
-    fn an_own_error_makes_a_pull_stronger() {
+    fn a_ratio_becomes_more_usual_along_the_valley() {
         let law = crate::physics::materials::find("neo_hookean").unwrap();
         let at = Unknowns { parameters: vec![1e5, 0.2], ..Unknowns::default() };
         let plausible = Plausible::new(&law, Free::Material);
-        let curvature = vec![vec![3.0, 0.0], vec![0.0, 2.0]];
-        let linearised = Linearised { loss: 1.0, gradient: vec![0.0; 2], curvature, scores: Vec::new() };
-        let own = [0.0, 0.06];
-        let found = noise(&plausible, &at, &linearised, &own).unwrap();
-        // a loss of so much noise, curved like this one, is as unsure
-        approx::assert_relative_eq!((found[1] / 2.0).sqrt(), own[1], max_relative = 1e-9);
-        assert_eq!(found[0], 0.0);
+        let scores = (0..6).map(|k| Score { frame: k, camera: k, gradient: vec![0.1, f64::from(k as u32) - 2.5] });
+        // lowest along (−1, 2)
+        let curvature = vec![vec![4.0, 2.0], vec![2.0, 1.0 + 1e-9]];
+        let linearised = Linearised { loss: 1.0, gradient: vec![0.0; 2], curvature, scores: scores.collect() };
+        let prior = plausible.deviations(&at)[1];
+        let [x, expected] = [at.clone(), Unknowns { parameters: vec![1e5, 0.3], ..at.clone() }]
+            .map(|unknowns| unknowns.coordinates(&law, Free::Material));
+        // as sure as what is usual: half-way, along the valley, which what is expected of the modulus hardly stops
+        let found = more_usual(&plausible, &at, &linearised, &|u| if u == Unknown::Parameter(1) { prior } else { 0.0 })
+            .unwrap();
+        let moved = [found[0] - x[0], found[1] - x[1]];
+        approx::assert_relative_eq!(moved[0], -0.5 * moved[1], max_relative = 1e-4);
+        approx::assert_relative_eq!(moved[1], 0.5 * (expected[1] - x[1]), max_relative = 0.03);
+        // nothing unsure, nothing moved
+        let same = more_usual(&plausible, &at, &linearised, &|_| 0.0).unwrap();
+        approx::assert_relative_eq!(same[1], x[1], max_relative = 1e-12);
     }
 
     /// Errors that go together in the pictures, and a prior of one of them: it tells of the other.

@@ -295,6 +295,11 @@ impl Run {
         self.state.history.iter().filter(move |row| row.stage == stage)
     }
 
+    /// The last unknowns that a stage has seen and that did not break down.
+    pub fn last_of(&self, stage: &str) -> Option<Unknowns> {
+        self.rows(stage).filter(|row| row.loss.is_some()).last().map(|row| row.unknowns.clone())
+    }
+
     /// The unknowns of least loss that a stage has seen, and that loss.
     pub fn best_of(&self, stage: &str) -> Option<(Unknowns, f64)> {
         let known = self.rows(stage).filter_map(|row| Some((row.unknowns.clone(), row.loss?)));
