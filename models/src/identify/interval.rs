@@ -10,7 +10,7 @@ use crate::identify::plausible::Plausible;
 use crate::identify::profile::Valley;
 use crate::identify::unknowns::{LEAN, Unknown};
 use crate::identify::{Free, Linearised, SPIN, Unknowns, VELOCITY};
-use crate::physics::Law;
+use crate::physics::{Law, NINETY};
 use crate::video::Flight;
 
 /// What is known of one unknown.
@@ -77,7 +77,7 @@ pub fn intervals(
             Unknown::Lean(axis) => LEAN[axis].to_owned(),
         },
         interval_90: [end(k, -1.0), end(k, 1.0)],
-        determined: student * deviations[k] <= PLAUSIBLE * prior[k] / 3.0,
+        determined: student * deviations[k] <= NINETY * prior[k] / 3.0,
     };
     Ok((0..n).map(interval).collect())
 }
@@ -96,23 +96,18 @@ pub(super) fn valleys(
 ) -> Result<Vec<Option<Valley>>> {
     let fall = flight.map(|flight| Fallen::of(flight, free.distance())).transpose()?;
     let plausible = Plausible::new(law, free).after(fall.as_ref());
-    let n = linearised.gradient.len();
     let known = Known::of(linearised, plausible.factor(at))?;
     let student = student(clusters(linearised));
     let valley = |(k, unknown): (usize, Unknown)| {
         let (flat, end) = (known.inverse[(k, k)], student * known.covariance[(k, k)].max(0.0).sqrt());
-        let told = matches!(unknown, Unknown::Parameter(_)) && end > 0.0 && end < PLAUSIBLE && flat > 0.0;
+        let told = matches!(unknown, Unknown::Parameter(_)) && end > 0.0 && end < NINETY && flat > 0.0;
         if !told {
             return None;
         }
-        let follow = |i: usize| (0..n).map(|j| known.prior[(i, j)] * known.inverse[(j, k)]).sum::<f64>() / flat;
-        Some(Valley { way: (0..n).map(follow).collect(), end, rise: end * end / (2.0 * flat), farthest: PLAUSIBLE })
+        Some(Valley { way: known.along(k), end, rise: end * end / (2.0 * flat), farthest: NINETY })
     };
     Ok(free.list(law).into_iter().enumerate().map(valley).collect())
 }
-
-/// The end of what is plausible, in deviations: that of an interval of 90 %.
-const PLAUSIBLE: f64 = 1.645;
 
 /// The noise of the loss along each free unknown's coordinate, for the velocity along the directions of the fall,
 /// `(C⁻¹ M C⁻¹)_kk / (C⁻¹)_kk` with curvature and scatter as for [`intervals`]: a loss of so much noise that is curved like this one
@@ -155,8 +150,12 @@ pub(super) fn more_usual(
 ) -> Result<Vec<f64>> {
     let known = Known::of(linearised, plausible.factor(at))?;
     let list = plausible.free.list(plausible.law);
-    let following = |k: usize| (0..list.len()).map(|i| own(list[k]) * known.follows(i, k)).collect();
-    let bias: Vec<Vec<f64>> = (0..list.len()).map(following).collect();
+    let unsure = list.iter().map(|unknown| own(*unknown)).enumerate().filter(|(_, own)| *own > 0.0);
+    let following = |(k, own): (usize, f64)| {
+        let way = known.along(k);
+        way.iter().map(|moved| own * moved / way[k]).collect()
+    };
+    let bias: Vec<Vec<f64>> = unsure.map(following).collect();
     known.but(&vec![0.0; list.len()], &bias).pulled_to(plausible, at)
 }
 
@@ -222,11 +221,11 @@ impl Known {
         Ok((0..n).map(|i| variance(i).max(0.0).sqrt()).collect())
     }
 
-    /// How far coordinate `i` follows `k` along the valley of the loss.
-    fn follows(&self, i: usize, k: usize) -> f64 {
-        let moved = (&self.prior * self.inverse.col(k))[i];
-        let of_itself = (&self.prior * self.inverse.col(k))[k];
-        if of_itself > 0.0 { moved / of_itself } else { 0.0 }
+    /// How the coordinates move along the valley of the loss when the `k`-th moves by a deviation of its prior.
+    fn along(&self, k: usize) -> Vec<f64> {
+        let flat = self.inverse[(k, k)];
+        let n = self.prior.nrows();
+        (0..n).map(|i| (0..n).map(|j| self.prior[(i, j)] * self.inverse[(j, k)]).sum::<f64>() / flat).collect()
     }
 
     /// Where the prior pulls the coordinates of unknowns.

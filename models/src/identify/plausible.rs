@@ -6,8 +6,7 @@ use crate::identify::fall::Fallen;
 use crate::identify::lean;
 use crate::identify::unknowns::{Unknown, unit};
 use crate::identify::{Free, Unknowns};
-use crate::physics::parameters::NINETY;
-use crate::physics::{Law, Map, Parameter};
+use crate::physics::{Law, Map, Parameter, width};
 
 /// What a quarter of the plausible range beyond its end costs, as a loss.
 const PENALTY: f64 = 0.01;
@@ -88,7 +87,7 @@ impl<'a> Plausible<'a> {
             };
             let [middle, deviation] = match unknown {
                 Unknown::Parameter(k) => usual(&self.law.parameters()[k]),
-                _ => [0.5 * (low + high), (high - low) / (2.0 * NINETY)],
+                _ => [0.5 * (low + high), width([low, high])],
             };
             let quarter = 0.25 * (high - low);
             let excess = ((value - high).max(0.0) + (value - low).min(0.0)) / quarter;
@@ -121,14 +120,8 @@ impl<'a> Plausible<'a> {
         let deviation = |unknown| match unknown {
             Unknown::Velocity(_) => 5.0 / at.slope(self.law, unknown),
             Unknown::Spin(_) => 20.0 / at.slope(self.law, unknown),
-            Unknown::Contact => {
-                let [low, high] = self.free.contact().range();
-                (high - low) / (2.0 * NINETY)
-            }
-            Unknown::Lean(axis) => {
-                let [low, high] = lean::range_of(axis);
-                (high - low) / (2.0 * NINETY)
-            }
+            Unknown::Contact => width(self.free.contact().range()),
+            Unknown::Lean(axis) => width(lean::range_of(axis)),
             Unknown::Parameter(k) => {
                 let [_, deviation] = usual(&self.law.parameters()[k]);
                 deviation / self.scale(at, k)
@@ -173,7 +166,7 @@ impl<'a> Plausible<'a> {
             Unknown::Contact | Unknown::Lean(_) => 0.5 * deviation,
             Unknown::Parameter(k) => {
                 let (_, [low, high], _) = even(&self.law.parameters()[k], at.parameters[k]);
-                (high - low) / (4.0 * NINETY) / self.scale(at, k)
+                0.5 * width([low, high]) / self.scale(at, k)
             }
         };
         self.free.list(self.law).into_iter().zip(self.deviations(at)).map(longest).collect()
@@ -242,6 +235,7 @@ fn radical_inverse(mut index: usize, base: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::physics::NINETY;
     use crate::physics::materials;
 
     #[test]

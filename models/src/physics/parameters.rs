@@ -117,7 +117,7 @@ impl Parameter {
 }
 
 /// The standard deviation of which a range is an interval of 90 %.
-fn width([low, high]: [f64; 2]) -> f64 {
+pub(crate) fn width([low, high]: [f64; 2]) -> f64 {
     (high - low) / (2.0 * NINETY)
 }
 
