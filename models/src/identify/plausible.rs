@@ -29,7 +29,7 @@ pub(crate) struct Plausible<'a> {
     fall: Option<&'a Fallen>,
 }
 
-/// What materials usually have, middle and standard deviation on the scale of [`even`].
+/// What materials usually have, middle and standard deviation on the scale of [`even`]: of a multiple of another parameter, its ratio.
 fn usual(parameter: &Parameter) -> [f64; 2] {
     let [middle, deviation] = parameter.usual;
     [if parameter.map == Map::Log10 { middle.log10() } else { middle }, deviation]
@@ -85,18 +85,30 @@ impl<'a> Plausible<'a> {
                 Unknown::Lean(axis) if !told.contains(&i) => (at.lean[axis], lean::range_of(axis), 1.0),
                 Unknown::Velocity(_) | Unknown::Spin(_) | Unknown::Lean(_) => continue,
             };
+            let base = self.base(unknown);
             let [middle, deviation] = match unknown {
                 Unknown::Parameter(k) => usual(&self.law.parameters()[k]),
                 _ => [0.5 * (low + high), width([low, high])],
             };
+            let middle = middle + base.map_or(0.0, |base| even(&self.law.parameters()[base], at.parameters[base]).0);
             let quarter = 0.25 * (high - low);
             let excess = ((value - high).max(0.0) + (value - low).min(0.0)) / quarter;
             let rate = slope * at.slope(self.law, unknown) / quarter;
-            let (z, z_rate) = ((value - middle) / deviation, rate * quarter / deviation);
-            total += PENALTY * excess * excess + 0.5 * noise * z * z;
-            gradient[i] = 2.0 * PENALTY * excess * rate + noise * z * z_rate;
             let beyond = if excess == 0.0 { 0.0 } else { 2.0 * PENALTY * rate * rate };
-            curvature[i][i] = beyond + noise * z_rate * z_rate;
+            gradient[i] += 2.0 * PENALTY * excess * rate;
+            curvature[i][i] += beyond;
+            let z = (value - middle) / deviation;
+            total += PENALTY * excess * excess + 0.5 * noise * z * z;
+            let moved_by_base = base.and_then(|base| {
+                let there = list.iter().position(|other| *other == Unknown::Parameter(base))?;
+                Some((there, -self.scale(at, base) / deviation))
+            });
+            let rates: Vec<(usize, f64)> =
+                [(i, rate * quarter / deviation)].into_iter().chain(moved_by_base).collect();
+            for &(a, z_rate) in &rates {
+                gradient[a] += noise * z * z_rate;
+                rates.iter().for_each(|&(b, other)| curvature[a][b] += noise * z_rate * other);
+            }
         }
         if let Some(fall) = self.fall {
             let standard = fall.standard(at.velocity, at.farther());
@@ -114,8 +126,15 @@ impl<'a> Plausible<'a> {
         (total, gradient, curvature)
     }
 
+    /// The parameter of which an unknown one is usually a multiple.
+    fn base(&self, unknown: Unknown) -> Option<usize> {
+        let Unknown::Parameter(k) = unknown else { return None };
+        let parameters = self.law.parameters();
+        parameters[k].times.and_then(|other| parameters.iter().position(|base| base.name == other))
+    }
+
     /// The standard deviation of each free unknown's coordinate before the clip was seen: that of what materials have
-    /// ([`Parameter::usual`]); a velocity may be 5 m/s, a spin 20 rad/s.
+    /// ([`Parameter::usual`]; of a multiple of another parameter if that one is known); a velocity may be 5 m/s, a spin 20 rad/s.
     pub fn deviations(&self, at: &Unknowns) -> Vec<f64> {
         let deviation = |unknown| match unknown {
             Unknown::Velocity(_) => 5.0 / at.slope(self.law, unknown),
@@ -141,9 +160,15 @@ impl<'a> Plausible<'a> {
     pub fn factor(&self, at: &Unknowns) -> Mat<f64> {
         let (list, deviations, told) = (self.free.list(self.law), self.deviations(at), self.told());
         let of_fall = |unknown: usize| told.iter().position(|i| *i == unknown);
+        let is_multiple = |i: usize, k: usize| self.base(list[i]).is_some_and(|base| list[k] == Unknown::Parameter(base));
+        let scale = |i: usize| match list[i] {
+            Unknown::Parameter(k) => self.scale(at, k),
+            _ => 1.0,
+        };
         Mat::from_fn(list.len(), list.len(), |i, k| match (of_fall(i), of_fall(k), self.fall) {
             (Some(a), Some(along), Some(fall)) => fall.step(along)[a] / at.slope(self.law, list[i]),
             _ if i == k => deviations[k],
+            _ if is_multiple(i, k) => deviations[k] * scale(k) / scale(i),
             _ => 0.0,
         })
     }
@@ -151,9 +176,14 @@ impl<'a> Plausible<'a> {
     /// The coordinates of the free unknowns that are expected before the clip is seen: the middles of the plausible ranges, and the
     /// velocity of a fall (or the one at hand, where none was seen).
     pub fn expected(&self, at: &Unknowns) -> Vec<f64> {
-        let middle = |parameter: &Parameter| parameter.usual[0];
+        let (all, list) = (self.law.parameters(), self.free.list(self.law));
+        let middle = |k: usize| match list.contains(&Unknown::Parameter(k)) {
+            true => all[k].usual[0],
+            false => at.parameters[k],
+        };
+        let times = |k: usize| self.base(Unknown::Parameter(k)).filter(|_| list.contains(&Unknown::Parameter(k)));
         let velocity = self.fall.map_or(at.velocity, |fall| fall.middle);
-        let parameters = self.law.parameters().iter().map(middle).collect();
+        let parameters = (0..all.len()).map(|k| middle(k) * times(k).map_or(1.0, middle)).collect();
         Unknowns { velocity, spin: at.spin, parameters, ..Unknowns::default() }.coordinates(self.law, self.free)
     }
 
@@ -247,30 +277,59 @@ mod tests {
         // a decade beyond a range of four: a quarter
         approx::assert_relative_eq!(plausible.penalty(&at([1e8, 0.2, 1e4])).0, 0.01, max_relative = 1e-9);
         let pulling = Plausible::new(&law, Free::Material).pulling(vec![0.02, 0.5, 3.0]);
-        // two deviations from the middle of a range of four decades
-        let middle = (3.0 + 7.0) / 2.0;
-        let off = at([10f64.powf(middle + 2.0 * 4.0 / (2.0 * NINETY)), 0.2, 1e4]);
-        let more = pulling.penalty(&off).0 - pulling.penalty(&at([10f64.powf(middle), 0.2, 1e4])).0;
-        let beyond = plausible.penalty(&off).0;
-        approx::assert_relative_eq!(more - beyond, 0.5 * 0.02 * 4.0, max_relative = 1e-9);
+        // two deviations from the middle of a range of four decades, and a modulus that goes along
+        let usual = |tau: f64| at([200.0 * tau, 0.2, tau]);
+        let off = 1e4 * 10f64.powf(2.0 * 4.0 / (2.0 * NINETY));
+        let more = pulling.penalty(&usual(off)).0 - pulling.penalty(&usual(1e4)).0;
+        let beyond = plausible.penalty(&usual(off)).0;
+        approx::assert_relative_eq!(more - beyond, 0.5 * 3.0 * 4.0, max_relative = 1e-9);
+        // two from what is usual with that yield stress
+        let more = pulling.penalty(&at([2e6 / 10f64.powf(1.4), 0.2, 1e4])).0 - pulling.penalty(&usual(1e4)).0;
+        approx::assert_relative_eq!(more, 0.5 * 0.02 * 4.0, max_relative = 1e-9);
         // a ratio is pulled to what materials have, not to the middle of its range
-        let of_ratio = |nu: f64| pulling.penalty(&at([10f64.powf(middle), nu, 1e4])).0;
+        let of_ratio = |nu: f64| pulling.penalty(&at([1e5, nu, 1e4])).0;
         approx::assert_relative_eq!(of_ratio(0.30 - 0.11) - of_ratio(0.30), 0.5 * 0.5, max_relative = 1e-9);
         let far = at([3e8, -0.2, 20.0]);
         let x = far.coordinates(&law, Free::Material);
-        for plausible in [plausible, pulling] {
+        for plausible in [plausible, pulling.clone()] {
             let (_, gradient, curvature) = plausible.penalty(&far);
             for k in 0..3 {
                 let moved = |step: f64| {
                     let mut x = x.clone();
                     x[k] += step;
-                    plausible.penalty(&far.moved(&law, Free::Material, &x)).0
+                    plausible.penalty(&far.moved(&law, Free::Material, &x))
                 };
-                let slope = (moved(1e-5) - moved(-1e-5)) / 2e-5;
+                let (plus, minus) = (moved(1e-5), moved(-1e-5));
+                let slope = (plus.0 - minus.0) / 2e-5;
                 approx::assert_relative_eq!(gradient[k], slope, max_relative = 1e-6);
                 assert!(curvature[k][k] > 0.0);
+                for l in [0, 2] {
+                    // these are logarithms, in which the penalty is a parabola
+                    let slope = (plus.1[l] - minus.1[l]) / 2e-5;
+                    approx::assert_relative_eq!(curvature[k][l], slope, max_relative = 1e-6, epsilon = 1e-9);
+                }
             }
         }
+        // a deviation of each, from where all is as expected: moduli follow yield stresses
+        let expected = pulling.expected(&usual(30.0));
+        approx::assert_relative_eq!(
+            expected[..],
+            at([2e6, 0.30, 1e4]).coordinates(&law, Free::Material)[..],
+            max_relative = 1e-12
+        );
+        let middle = at([2e6, 0.30, 1e4]);
+        let factor = pulling.factor(&middle);
+        for (k, noise) in [(0, 0.02), (2, 3.0)] {
+            let moved: Vec<f64> = (0..3).map(|i| expected[i] + factor[(i, k)]).collect();
+            let there = middle.moved(&law, Free::Material, &moved);
+            let pull = pulling.penalty(&there).0 - Plausible::new(&law, Free::Material).penalty(&there).0;
+            approx::assert_relative_eq!(pull, 0.5 * noise, max_relative = 1e-9);
+        }
+        // a yield stress that is held is known
+        let held = Free::all_but(&law, &["yield_stress"], false);
+        let plausible = Plausible::new(&law, held);
+        approx::assert_relative_eq!(plausible.expected(&usual(30.0))[0], 6000f64.log10(), max_relative = 1e-12);
+        assert_eq!(plausible.factor(&usual(30.0)).nrows(), 2);
     }
 
     /// What a fall says: gradient and curvature against differences, and a factor that takes one deviation along a direction to a

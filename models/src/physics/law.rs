@@ -7,7 +7,7 @@ use gradreel::scalar::{Lanes, Mat3, Program, Scalar};
 
 use super::gpu::LawKernels;
 use super::material::{Given, History, Material, Point};
-use super::parameters::Parameter;
+use super::parameters::{Map, Parameter};
 use super::row::Number;
 use super::state::{BLOCK, F, HISTORY};
 use super::values::Values;
@@ -52,7 +52,8 @@ impl Law {
     ///
     /// # Panics
     ///
-    /// If it declares more than 128 parameters or 8 history variables, or evolves another number of them.
+    /// If it declares more than 128 parameters or 8 history variables, evolves another number of them, or one parameter is said to be a
+    /// multiple of another that does not exist, or that is itself a multiple of a third.
     #[track_caller]
     pub fn of(material: impl Material) -> Self {
         let (parameters, history) = (material.parameters(), material.history());
@@ -60,6 +61,12 @@ impl Law {
             [("parameters", parameters.len(), PARAMETER_LIMIT), ("history variables", history.len(), HISTORY_LIMIT)]
         {
             assert!(count <= limit, "{}: {count} {what}, the limit is {limit}", material.name());
+        }
+        for parameter in &parameters {
+            let Some(other) = parameter.times else { continue };
+            let base = parameters.iter().find(|p| p.name == other && p.times.is_none());
+            let magnitudes = parameter.map == Map::Log10 && base.is_some_and(|base| base.map == Map::Log10);
+            assert!(magnitudes, "{}: {} is no multiple of {other}", material.name(), parameter.name);
         }
         let names: Vec<&str> = parameters.iter().map(|p| p.name).collect();
         let remembered: Vec<&str> = history.iter().map(|variable| variable.name).collect();

@@ -69,6 +69,8 @@ pub struct Parameter {
     /// What materials have: the middle in `unit`, and the standard deviation, in decades of what is fitted as a logarithm, else in `unit`.
     /// As if the range were an interval of 90 %, unless more is known ([`Parameter::usually`]).
     pub usual: [f64; 2],
+    /// The name of the parameter of which the middle of `usual` is a multiple ([`Parameter::usually_times`]).
+    pub times: Option<&'static str>,
 }
 
 /// Half the width of an interval of 90 % in standard deviations.
@@ -76,8 +78,8 @@ pub(crate) const NINETY: f64 = 1.645;
 
 impl Parameter {
     /// Young's modulus `young` \[Pa\] and Poisson's ratio `poisson`: the parameters of an isotropic elastic solid.
-    pub fn elastic() -> Vec<Self> {
-        vec![
+    pub fn elastic() -> [Self; 2] {
+        [
             Self::log10("young", "E", "Pa", [1e3, 1e7]),
             Self::bounded("poisson", "ν", "-", [-0.45, 0.45], [0.0, 0.45]).usually(0.30, 0.11),
         ]
@@ -91,15 +93,22 @@ impl Parameter {
         Self { usual: [middle, deviation], ..self }
     }
 
+    /// How many times another parameter it is measured to be, with a standard deviation in decades; both are fitted as logarithms.
+    #[must_use]
+    pub fn usually_times(self, other: &'static str, ratio: f64, decades: f64) -> Self {
+        Self { usual: [ratio, decades], times: Some(other), ..self }
+    }
+
     /// A positive parameter fitted as its decimal logarithm, starting in the logarithmic middle of `prior`.
     pub fn log10(name: &'static str, symbol: &'static str, unit: &'static str, prior: [f64; 2]) -> Self {
         let start = (prior[0] * prior[1]).sqrt();
-        Self { name, symbol, unit, map: Map::Log10, start, prior, usual: [start, width(prior.map(f64::log10))] }
+        Self { name, symbol, unit, map: Map::Log10, start, prior, usual: [start, width(prior.map(f64::log10))], times: None }
     }
 
     /// A parameter of any sign that is fitted as it is.
     pub fn linear(name: &'static str, symbol: &'static str, unit: &'static str, start: f64, prior: [f64; 2]) -> Self {
-        Self { name, symbol, unit, map: Map::Linear, start, prior, usual: [0.5 * (prior[0] + prior[1]), width(prior)] }
+        let usual = [0.5 * (prior[0] + prior[1]), width(prior)];
+        Self { name, symbol, unit, map: Map::Linear, start, prior, usual, times: None }
     }
 
     /// A parameter that stays between `limits`, starting in the middle of `prior`.
@@ -112,7 +121,7 @@ impl Parameter {
     ) -> Self {
         let map = Map::Bounded { low: limits[0], high: limits[1] };
         let start = (prior[0] + prior[1]) / 2.0;
-        Self { name, symbol, unit, map, start, prior, usual: [start, width(prior)] }
+        Self { name, symbol, unit, map, start, prior, usual: [start, width(prior)], times: None }
     }
 }
 

@@ -20,7 +20,7 @@ impl Material for StvkHencky {
     }
 
     fn parameters(&self) -> Vec<Parameter> {
-        Parameter::elastic()
+        Parameter::elastic().to_vec()
     }
 
     fn stress(&self, point: &Point, given: &Given) -> Mat3 {
