@@ -45,6 +45,12 @@ impl Field {
 }
 
 impl Faces {
+    /// Without those to what is around the field: the field is taken to be the body, and only the surface of what is carved from it counts.
+    #[must_use]
+    pub fn carved(self) -> Self {
+        Self { open: vec![0.0; self.open.len()], ..self }
+    }
+
     /// How much larger the surface is than that of a cube of as many voxels: `Σ φ(o_i − o_j) / (6 n^⅔)` over all faces, with
     /// `φ(d) = √(d² + ε²) − ε`, for opacities `o` `[n, 1]` (0 beyond the field).
     ///
@@ -63,6 +69,9 @@ impl Faces {
     /// opacity[12] = 0.0; // the middle of a side
     /// let pitted = faces.area(&tape.constant(Tensor::from_vec(opacity, [125, 1])))?.item()?;
     /// assert!((whole - 0.905).abs() < 1e-3 && pitted > 1.02 * whole);
+    /// // what is carved from a whole cube: nothing
+    /// let carved = faces.carved().area(&tape.constant(Tensor::full(1.0, [125, 1], gradreel::DType::F64)))?.item()?;
+    /// assert_eq!(carved, 0.0);
     /// # Ok::<(), gradreel::Error>(())
     /// ```
     ///

@@ -3,7 +3,7 @@
 use gradreel::optim::{Adam, Bound, Params};
 use gradreel::{Result, Tape, Var};
 
-use crate::field::Field;
+use crate::field::{Faces, Field};
 
 /// How the voxels are fitted.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -14,7 +14,8 @@ pub struct FitSettings {
     /// Adam iterations once the motion through all frames is known.
     pub in_motion: usize,
     /// What the area of the surface counts, in units of that of a cube of as many voxels ([`Faces::area`](crate::field::Faces::area)), of
-    /// a body that several cameras filmed. Without, pits are dug where no camera looks straight at the surface.
+    /// a body that several cameras filmed. Without, pits are dug where no camera looks straight at the surface. Of a body that flows and a single
+    /// camera filmed, what is carved counts ([`Faces::carved`]), of others nothing does.
     pub smoothness: f64,
     /// Rate of the raw density.
     pub density_rate: f64,
@@ -67,8 +68,8 @@ pub struct FitState<'a> {
     pub adam: &'a Adam,
 }
 
-/// Fits a store of raw density and colour, and of whatever else it holds, to a loss of the store, opacity `[voxels, 1]` and colour `[voxels, 3]`, to which `smoothness` adds the area of
-/// the surface ([`FitSettings::smoothness`]), from a store and an optimiser (both of which a checkpoint can hold) on. What lies behind the surface stays filled ([`Field::fill_inside`]).
+/// Fits a store of raw density and colour, and of whatever else it holds, to a loss of the store, opacity `[voxels, 1]` and colour `[voxels, 3]`, to which the area of
+/// the surface is added as often as `smoothness` says, from a store and an optimiser (both of which a checkpoint can hold) on. What lies behind the surface stays filled ([`Field::fill_inside`]).
 ///
 /// # Errors
 /// What the loss returns, and what `each` returns (an interruption, say), which is called after every iteration.
@@ -77,18 +78,17 @@ pub fn fit(
     mut params: Params,
     mut adam: Adam,
     iterations: std::ops::Range<usize>,
-    smoothness: f64,
+    smoothness: Option<(Faces, f64)>,
     loss: &dyn Fn(&Bound, &Var, &Var) -> Result<Var>,
     mut each: impl FnMut(FitState<'_>) -> Result<()>,
 ) -> Result<Params> {
-    let faces = (smoothness > 0.0).then(|| field.faces());
     for iteration in iterations {
         let tape = Tape::new();
         let bound = params.bind(&tape);
         let opacity = field.opacity(&bound)?;
         let loss = loss(&bound, &opacity, &field.colour(&bound)?)?;
-        let whole = match &faces {
-            Some(faces) => &loss + &(faces.area(&opacity)? * smoothness),
+        let whole = match &smoothness {
+            Some((faces, counts)) => &loss + &(faces.area(&opacity)? * *counts),
             None => loss.clone(),
         };
         let gradients = bound.gradients(&whole.backward()?)?;

@@ -103,8 +103,7 @@ impl<'a> Plausible<'a> {
                 let there = list.iter().position(|other| *other == Unknown::Parameter(base))?;
                 Some((there, -self.scale(at, base) / deviation))
             });
-            let rates: Vec<(usize, f64)> =
-                [(i, rate * quarter / deviation)].into_iter().chain(moved_by_base).collect();
+            let rates: Vec<(usize, f64)> = [(i, rate * quarter / deviation)].into_iter().chain(moved_by_base).collect();
             for &(a, z_rate) in &rates {
                 gradient[a] += noise * z * z_rate;
                 rates.iter().for_each(|&(b, other)| curvature[a][b] += noise * z_rate * other);
@@ -160,7 +159,8 @@ impl<'a> Plausible<'a> {
     pub fn factor(&self, at: &Unknowns) -> Mat<f64> {
         let (list, deviations, told) = (self.free.list(self.law), self.deviations(at), self.told());
         let of_fall = |unknown: usize| told.iter().position(|i| *i == unknown);
-        let is_multiple = |i: usize, k: usize| self.base(list[i]).is_some_and(|base| list[k] == Unknown::Parameter(base));
+        let is_multiple =
+            |i: usize, k: usize| self.base(list[i]).is_some_and(|base| list[k] == Unknown::Parameter(base));
         let scale = |i: usize| match list[i] {
             Unknown::Parameter(k) => self.scale(at, k),
             _ => 1.0,

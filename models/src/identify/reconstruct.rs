@@ -7,7 +7,7 @@ use gradreel::backend::cpu::pool;
 use gradreel::optim::{Adam, Bound, Params};
 use gradreel::{DType, Error, ErrorKind, Result, Tensor, Var};
 
-use crate::field::{Field, Hull, Sphere, bounding_sphere, fill_gaps, fit, hull};
+use crate::field::{Faces, Field, Hull, Sphere, bounding_sphere, fill_gaps, fit, hull};
 use crate::identify::ground::find_ground;
 use crate::identify::run::Run;
 use crate::identify::stages::{Effort, MOVING};
@@ -238,7 +238,6 @@ impl Stages<'_> {
             return Ok(found);
         }
         let since = Instant::now();
-        let smoothness = self.smoothness(run);
         let settings = &run.config.geometry.fit;
         let mut adam = if simulated { settings.adam_in_motion(UNKNOWNS) } else { settings.adam() };
         let (mut field, mut params) = match (run.state.finished.is_empty(), reached.iterations) {
@@ -251,6 +250,7 @@ impl Stages<'_> {
             }
             with.begin(&mut params, DTYPE)?;
         }
+        let smoothness = self.smoothness(run, &field);
         let particles = Particles::of_field(&field, &params, 0.0)?;
         let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
         let problem = if simulated { problem } else { problem.flying() };
@@ -294,10 +294,15 @@ impl Stages<'_> {
         self.around.filter(|_| frame == 0).map_or(self.observed, |(_, around)| around)
     }
 
-    /// What the area of the surface counts: of a body that keeps its shape nothing, if a single camera saw it and the rest was made up.
-    pub(super) fn smoothness(&self, run: &Run) -> f64 {
-        let seen = self.clip.cameras.len() > 1 || run.config.flows(self.law);
-        if seen { run.config.smoothness_of(self.law) } else { 0.0 }
+    /// The area of the surface that counts, and how much. It would take away what was made up behind what a single camera saw: there what is
+    /// carved counts, and nothing of bodies that keep their shape.
+    pub(super) fn smoothness(&self, run: &Run, field: &Field) -> Option<(Faces, f64)> {
+        let faces = match (self.clip.cameras.len(), run.config.flows(self.law)) {
+            (1, false) => return None,
+            (1, true) => field.faces().carved(),
+            _ => field.faces(),
+        };
+        Some((faces, run.config.smoothness_of(self.law))).filter(|(_, counts)| *counts > 0.0)
     }
 
     pub(super) fn hull(&self, run: &mut Run) -> Result<(Field, Params)> {

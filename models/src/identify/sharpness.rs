@@ -56,7 +56,7 @@ impl Stages<'_> {
         };
         let adam = run.config.geometry.fit.adam();
         let mut last = f64::INFINITY;
-        fit(hull, params, adam, 0..TRIAL, self.smoothness(run), &loss, |state| {
+        fit(hull, params, adam, 0..TRIAL, self.smoothness(run, hull), &loss, |state| {
             last = state.loss;
             interrupt::check()
         })?;

@@ -102,7 +102,16 @@ impl Parameter {
     /// A positive parameter fitted as its decimal logarithm, starting in the logarithmic middle of `prior`.
     pub fn log10(name: &'static str, symbol: &'static str, unit: &'static str, prior: [f64; 2]) -> Self {
         let start = (prior[0] * prior[1]).sqrt();
-        Self { name, symbol, unit, map: Map::Log10, start, prior, usual: [start, width(prior.map(f64::log10))], times: None }
+        Self {
+            name,
+            symbol,
+            unit,
+            map: Map::Log10,
+            start,
+            prior,
+            usual: [start, width(prior.map(f64::log10))],
+            times: None,
+        }
     }
 
     /// A parameter of any sign that is fitted as it is.

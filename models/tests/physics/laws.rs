@@ -19,6 +19,7 @@ fn every_shipped_material_passes_the_battery() {
 struct Spoilt {
     prestressed: bool,
     aligned: bool,
+    times: Option<&'static str>,
 }
 
 impl Material for Spoilt {
@@ -27,7 +28,8 @@ impl Material for Spoilt {
     }
 
     fn parameters(&self) -> Vec<Parameter> {
-        vec![Parameter::log10("bulk", "K", "Pa", [1e4, 1e6])]
+        let bulk = Parameter::log10("bulk", "K", "Pa", [1e4, 1e6]);
+        vec![self.times.map_or(bulk, |other| bulk.usually_times(other, 10.0, 0.5))]
     }
 
     fn stress(&self, point: &Point, given: &Given) -> Mat3 {
@@ -42,7 +44,7 @@ impl Material for Spoilt {
 #[test]
 fn a_spoilt_material_is_caught() {
     let failed = |prestressed: bool, aligned: bool| -> Vec<&'static str> {
-        let report = check_material(&Law::of(Spoilt { prestressed, aligned })).unwrap();
+        let report = check_material(&Law::of(Spoilt { prestressed, aligned, times: None })).unwrap();
         report.checks.iter().filter(|check| !check.passed()).map(|check| check.name).collect()
     };
     assert_eq!(failed(false, false), Vec::<&str>::new());
@@ -52,6 +54,12 @@ fn a_spoilt_material_is_caught() {
 
 #[test]
 fn the_default_wave_speed_is_that_of_pressure_waves() {
-    let law = Law::of(Spoilt { prestressed: false, aligned: false });
+    let law = Law::of(Spoilt { prestressed: false, aligned: false, times: None });
     approx::assert_relative_eq!(law.wave_speed(&[4e5], 1000.0), 20.0, max_relative = 1e-12);
+}
+
+#[test]
+#[should_panic(expected = "spoilt: bulk is no multiple of shear")]
+fn a_multiple_of_nothing_is_no_parameter() {
+    Law::of(Spoilt { prestressed: false, aligned: false, times: Some("shear") });
 }
