@@ -29,6 +29,28 @@ pub(crate) struct Plausible<'a> {
     fall: Option<&'a Fallen>,
 }
 
+/// A sum of penalties, its gradient and its curvature.
+struct Penalty {
+    total: f64,
+    gradient: Vec<f64>,
+    curvature: Vec<Vec<f64>>,
+}
+
+impl Penalty {
+    fn none(count: usize) -> Self {
+        Self { total: 0.0, gradient: vec![0.0; count], curvature: vec![vec![0.0; count]; count] }
+    }
+
+    /// Adds `½ noise z²`, where `rates` are the coordinates that move `z` and how fast each does.
+    fn pull(&mut self, noise: f64, z: f64, rates: &[(usize, f64)]) {
+        self.total += 0.5 * noise * z * z;
+        for &(a, rate) in rates {
+            self.gradient[a] += noise * z * rate;
+            rates.iter().for_each(|&(b, other)| self.curvature[a][b] += noise * rate * other);
+        }
+    }
+}
+
 /// What materials usually have, middle and standard deviation on the scale of [`even`]: of a multiple of another parameter, its ratio.
 fn usual(parameter: &Parameter) -> [f64; 2] {
     let [middle, deviation] = parameter.usual;
@@ -75,10 +97,8 @@ impl<'a> Plausible<'a> {
     pub fn penalty(&self, at: &Unknowns) -> (f64, Vec<f64>, Vec<Vec<f64>>) {
         let (list, told) = (self.free.list(self.law), self.told());
         let noise_of = |i: usize| self.noise.get(i).copied().unwrap_or(0.0);
-        let (mut total, mut gradient) = (0.0, vec![0.0; list.len()]);
-        let mut curvature = vec![vec![0.0; list.len()]; list.len()];
+        let mut sum = Penalty::none(list.len());
         for (i, &unknown) in list.iter().enumerate() {
-            let noise = noise_of(i);
             let (value, [low, high], slope) = match unknown {
                 Unknown::Parameter(k) => even(&self.law.parameters()[k], at.parameters[k]),
                 Unknown::Contact => (at.contact, self.free.contact().range(), 1.0),
@@ -94,35 +114,23 @@ impl<'a> Plausible<'a> {
             let quarter = 0.25 * (high - low);
             let excess = ((value - high).max(0.0) + (value - low).min(0.0)) / quarter;
             let rate = slope * at.slope(self.law, unknown) / quarter;
-            let beyond = if excess == 0.0 { 0.0 } else { 2.0 * PENALTY * rate * rate };
-            gradient[i] += 2.0 * PENALTY * excess * rate;
-            curvature[i][i] += beyond;
-            let z = (value - middle) / deviation;
-            total += PENALTY * excess * excess + 0.5 * noise * z * z;
+            sum.total += PENALTY * excess * excess;
+            sum.gradient[i] += 2.0 * PENALTY * excess * rate;
+            sum.curvature[i][i] += if excess == 0.0 { 0.0 } else { 2.0 * PENALTY * rate * rate };
             let moved_by_base = base.and_then(|base| {
                 let there = list.iter().position(|other| *other == Unknown::Parameter(base))?;
                 Some((there, -self.scale(at, base) / deviation))
             });
             let rates: Vec<(usize, f64)> = [(i, rate * quarter / deviation)].into_iter().chain(moved_by_base).collect();
-            for &(a, z_rate) in &rates {
-                gradient[a] += noise * z * z_rate;
-                rates.iter().for_each(|&(b, other)| curvature[a][b] += noise * z_rate * other);
-            }
+            sum.pull(noise_of(i), (value - middle) / deviation, &rates);
         }
         if let Some(fall) = self.fall {
-            let standard = fall.standard(at.velocity, at.farther());
-            for (k, &i) in told.iter().enumerate() {
-                let (noise, z) = (noise_of(i), standard[k]);
-                let along = fall.rate(k).into_iter().zip(&told);
-                let rate: Vec<f64> = along.map(|(rate, &j)| rate * at.slope(self.law, list[j])).collect();
-                total += 0.5 * noise * z * z;
-                for (a, &j) in told.iter().enumerate() {
-                    gradient[j] += noise * z * rate[a];
-                    told.iter().enumerate().for_each(|(b, &l)| curvature[j][l] += noise * rate[a] * rate[b]);
-                }
+            for (k, z) in fall.standard(at.velocity, at.farther()).into_iter().enumerate().take(told.len()) {
+                let rates = told.iter().zip(fall.rate(k)).map(|(&j, rate)| (j, rate * at.slope(self.law, list[j])));
+                sum.pull(noise_of(told[k]), z, &rates.collect::<Vec<_>>());
             }
         }
-        (total, gradient, curvature)
+        (sum.total, sum.gradient, sum.curvature)
     }
 
     /// The parameter of which an unknown one is usually a multiple.

@@ -1,5 +1,6 @@
 //! A run: its folder, its state, and how it goes on after an interruption.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -24,6 +25,9 @@ pub struct State {
     pub finished: Vec<String>,
     /// Seconds that each finished stage took.
     pub seconds: Vec<f64>,
+    /// Where each finished stage that moves unknowns left them.
+    #[serde(default)]
+    pub ends: BTreeMap<String, Unknowns>,
     /// The best unknowns so far.
     pub unknowns: Option<Unknowns>,
     /// What the temporal field says of the flight, if it was asked.
@@ -283,6 +287,16 @@ impl Run {
         self.save()
     }
 
+    /// Marks a stage as finished that leaves the unknowns here.
+    ///
+    /// # Errors
+    /// What writing returns.
+    pub fn finish_at(&mut self, unknowns: &Unknowns, stage: &str, since: Instant) -> Result<()> {
+        self.state.ends.insert(stage.to_owned(), unknowns.clone());
+        self.state.unknowns = Some(unknowns.clone());
+        self.finish(stage, since)
+    }
+
     /// Keeps something the user should know, once.
     pub fn note(&mut self, text: String) {
         if !self.state.notes.contains(&text) {
@@ -295,9 +309,13 @@ impl Run {
         self.state.history.iter().filter(move |row| row.stage == stage)
     }
 
-    /// The last unknowns that a stage has seen and that did not break down.
-    pub fn last_of(&self, stage: &str) -> Option<Unknowns> {
-        self.rows(stage).filter(|row| row.loss.is_some()).last().map(|row| row.unknowns.clone())
+    /// Where a finished stage left the unknowns: what it weighs besides the pictures may have moved them away from the least loss.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] if the run does not say.
+    pub fn end_of(&self, stage: &str) -> Result<Unknowns> {
+        let lost = || damaged(&self.folder, STATE, &format!("no end of the stage {stage:?}"));
+        self.state.ends.get(stage).cloned().ok_or_else(lost)
     }
 
     /// The unknowns of least loss that a stage has seen, and that loss.
