@@ -4,7 +4,7 @@ use gradreel::Result;
 use serde::{Deserialize, Serialize};
 
 use crate::identify::config::{check_surface, outside_range};
-use crate::identify::{Config, Observed};
+use crate::identify::{Config, EstimateConfig, Observed, Steps};
 use crate::physics::Law;
 use crate::render::Surface;
 
@@ -88,9 +88,12 @@ impl Config {
         if self.flows(law) { self.flowing.secant } else { 0.0 }
     }
 
-    /// Gauss–Newton steps at most of the search for the material of this law; half as many in each round.
-    pub fn fine_of(&self, law: &Law) -> usize {
-        if self.flows(law) { self.flowing.fine } else { self.estimate.fine }
+    /// Gauss–Newton steps of the search for the material of this law; half of those that are taken in any case in each round.
+    pub fn fine_of(&self, law: &Law) -> Steps {
+        match (self.flows(law), &self.estimate) {
+            (true, _) => self.flowing.fine.into(),
+            (false, EstimateConfig { fine, falling, .. }) => Steps { always: *fine, falling: *falling },
+        }
     }
 
     /// The frames that the first searches for the material of this law see of what was filmed, which touch the ground from `contact` on.

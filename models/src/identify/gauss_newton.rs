@@ -8,6 +8,27 @@ use crate::identify::oracle::{Answer, Listener, Oracle};
 use crate::identify::plausible::Plausible;
 use crate::identify::{Evaluation, Free, Linearised, Problem, Unknowns};
 
+/// How many steps a search takes at most.
+///
+/// ```
+/// use gradreel_models::identify::Steps;
+///
+/// assert_eq!(Steps::from(5), Steps { always: 5, falling: 0 });
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Steps {
+    /// However little each of them gains.
+    pub always: usize,
+    /// More, as long as each lowers the loss by 1 %.
+    pub falling: usize,
+}
+
+impl From<usize> for Steps {
+    fn from(always: usize) -> Self {
+        Self { always, falling: 0 }
+    }
+}
+
 /// Minimises the loss of the first `frames` frames over the free unknowns by Levenberg and Marquardt's method, with at most
 /// `steps` steps, and returns the best evaluation.
 ///
@@ -24,7 +45,7 @@ pub fn gauss_newton(
     start: &Unknowns,
     free: Free,
     frames: usize,
-    steps: usize,
+    steps: Steps,
     known: &[Answer],
     each: &mut Listener<'_>,
     notes: &mut dyn FnMut(String),
@@ -41,7 +62,7 @@ pub(super) fn search_most_probable(
     start: &Unknowns,
     first: Option<(Linearised, usize)>,
     frames: usize,
-    steps: usize,
+    steps: Steps,
     known: &[Answer],
     each: &mut Listener<'_>,
     notes: &mut dyn FnMut(String),
@@ -54,7 +75,7 @@ pub(super) fn search_most_probable(
     let mut x = start.coordinates(law, free);
     let (mut damping, mut growth) = (DAMPING, 2.0);
     let mut before: Option<Vec<f64>> = None;
-    for _ in 0..steps {
+    for taken in 1..=steps.always + steps.falling {
         // the step of the simulation that the unknowns need now: that of a stiffer start would damp the motion otherwise
         oracle.substeps = 0;
         let Answer { loss, gradient, curvature, .. } = oracle.linearised(&here, free)?;
@@ -107,8 +128,11 @@ pub(super) fn search_most_probable(
             }
             (damping, growth) = (DAMPING, 2.0);
         }
+        if taken >= steps.always && decrease < FALLING * value {
+            break;
+        }
     }
-    if steps == 0 {
+    if steps.always + steps.falling == 0 {
         oracle.loss(start)?;
     }
     Ok(oracle.best.expect("the start was evaluated"))
@@ -155,6 +179,9 @@ const LITTLE: f64 = 3e-4;
 
 /// The same where derivatives are differences; they then reach less far, until they may not.
 const LITTLE_BY_SECANTS: f64 = 1e-3;
+
+/// A search goes on beyond the steps that it has in any case while each lowers the loss by this share.
+const FALLING: f64 = 0.01;
 
 /// `−(C + μ diag C)⁻¹ g` within a box: a component that would be longer than it may be is as long as it may be, and the others
 /// are what is best then. Nothing where there is no slope.

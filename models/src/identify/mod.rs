@@ -63,7 +63,7 @@ pub use family::{Candidate, choose};
 pub use field_file::Reached;
 pub use flight::velocity_of_silhouettes;
 pub use flowing::FlowingConfig;
-pub use gauss_newton::{apart, gauss_newton, scan};
+pub use gauss_newton::{Steps, apart, gauss_newton, scan};
 pub use interval::{Interval, intervals};
 pub use lean::Sight;
 pub use linearise::{Linearised, Score};

@@ -12,7 +12,7 @@ use crate::identify::ground::find_ground;
 use crate::identify::run::Run;
 use crate::identify::stages::{Effort, MOVING};
 use crate::identify::with_voxels::{UNKNOWNS, WithVoxels};
-use crate::identify::{Observed, Problem, Reached, Unknowns, first_contact, velocity_of_silhouettes};
+use crate::identify::{Observed, Problem, Reached, Steps, Unknowns, first_contact, velocity_of_silhouettes};
 use crate::particles::Particles;
 use crate::physics::Law;
 use crate::report::interrupt;
@@ -190,7 +190,8 @@ impl Stages<'_> {
             Ok(moved) => {
                 *unknowns = moved;
                 // the new shape changes little
-                let effort = Effort::new(&material, run.config.fine_of(self.law).div_ceil(2));
+                let steps = run.config.fine_of(self.law);
+                let effort = Effort::new(&material, Steps { always: steps.always.div_ceil(2), ..steps });
                 self.finer(run, &effort, frames, unknowns)?;
                 let (_, loss_after) = run.best_of(&material).unwrap_or((before.clone(), f64::INFINITY));
                 if loss_after < loss_before {

@@ -15,7 +15,7 @@ use crate::identify::reconstruct::{DTYPE, MATERIAL, Stages, describe};
 use crate::identify::run::{HistoryRow, Run, Search};
 use crate::identify::unknowns::{Ground, Unknown};
 use crate::identify::{
-    Answer, Config, Evaluation, Free, Listener, Method, Problem, Unknowns, apart, estimate, gauss_newton, intervals,
+    Answer, Config, Evaluation, Free, Listener, Method, Problem, Steps, Unknowns, apart, estimate, gauss_newton, intervals,
     scan,
 };
 use crate::particles::Particles;
@@ -25,14 +25,23 @@ use crate::report::interrupt;
 /// A stage that moves unknowns: its name, how much it may do, and the spacing of its grid as a multiple of the full one's.
 pub(super) struct Effort<'a> {
     pub stage: &'a str,
-    pub budget: usize,
+    /// Of Gauss–Newton; half the evaluations of a descent.
+    pub steps: Steps,
+    /// How many evaluations its progress expects.
+    pub evaluations: usize,
     pub grid: f64,
 }
 
 impl<'a> Effort<'a> {
-    /// On the full grid.
-    pub fn new(stage: &'a str, budget: usize) -> Self {
-        Self { stage, budget, grid: 1.0 }
+    /// A search on the full grid.
+    pub fn new(stage: &'a str, steps: impl Into<Steps>) -> Self {
+        let steps = steps.into();
+        Self { stage, steps, evaluations: EVALUATIONS * steps.always, grid: 1.0 }
+    }
+
+    /// So many points on the full grid.
+    fn of_points(stage: &'a str, points: usize) -> Self {
+        Self { evaluations: points, ..Self::new(stage, 0) }
     }
 }
 
@@ -57,12 +66,12 @@ impl Stages<'_> {
             return Ok(());
         }
         let free = if fallen { Free::NOTHING } else { Free::Velocity }.with_spin(self.law, run.config.estimate.spin);
-        let budget = run.config.estimate.velocity;
+        let effort = Effort::new(stage, run.config.estimate.velocity);
         let particles = self.particles(run)?;
-        self.search(run, &Effort::new(stage, budget), &particles, unknowns, &mut |problem, search, each, notes| {
+        self.search(run, &effort, &particles, unknowns, &mut |problem, search, each, notes| {
             let Search { start, answers, .. } = search;
             let flying = problem.flying();
-            gauss_newton(&flying, start, free, frames, budget, answers, each, notes)
+            gauss_newton(&flying, start, free, frames, effort.steps, answers, each, notes)
         })
     }
 
@@ -140,7 +149,7 @@ impl Stages<'_> {
         others: &dyn Fn(&Unknowns) -> Vec<Unknowns>,
     ) -> Result<()> {
         let particles = self.particles(run)?;
-        let effort = Effort::new(stage, 1 + others(unknowns).len());
+        let effort = Effort::of_points(stage, 1 + others(unknowns).len());
         self.search(run, &effort, &particles, unknowns, &mut |problem, search, each, notes| {
             let mut points = vec![search.start.clone()];
             points.extend(others(&search.start));
@@ -159,10 +168,10 @@ impl Stages<'_> {
         frames: usize,
         unknowns: &mut Unknowns,
     ) -> Result<()> {
-        let (free, budget) = (self.free(run, config)?, config.estimate.first);
+        let (free, effort) = (self.free(run, config)?, Effort::new(stage, config.estimate.first));
         let particles = self.particles(run)?;
-        self.search(run, &Effort::new(stage, budget), &particles, unknowns, &mut |problem, search, each, notes| {
-            gauss_newton(problem, &search.start, free, frames, budget, &search.answers, each, notes)
+        self.search(run, &effort, &particles, unknowns, &mut |problem, search, each, notes| {
+            gauss_newton(problem, &search.start, free, frames, effort.steps, &search.answers, each, notes)
         })
     }
 
@@ -215,11 +224,15 @@ impl Stages<'_> {
     pub fn fine(&self, run: &mut Run, effort: &Effort<'_>, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
         let particles = self.particles(run)?;
         let free = self.free(run, &run.config)?;
+        let many = self.clip.cameras.len() > 1;
+        if run.config.estimate.method == Method::GaussNewton && many && !run.config.flows(self.law) {
+            return self.weighed(run, effort, &particles, Weighed::All, frames, unknowns);
+        }
         if run.config.estimate.method == Method::GaussNewton {
             return self.held(run, effort, &particles, free, frames, unknowns);
         }
         self.search(run, effort, &particles, unknowns, &mut |problem, search, each, notes| {
-            estimate(problem, &search.start, free, frames, 2 * effort.budget, &search.answers, each, notes)
+            estimate(problem, &search.start, free, frames, 2 * effort.steps.always, &search.answers, each, notes)
         })
     }
 
@@ -248,7 +261,7 @@ impl Stages<'_> {
         unknowns: &mut Unknowns,
     ) -> Result<()> {
         self.search(run, effort, particles, unknowns, &mut |problem, search, each, notes| {
-            gauss_newton(problem, &search.start, free, frames, effort.budget, &search.answers, each, notes)
+            gauss_newton(problem, &search.start, free, frames, effort.steps, &search.answers, each, notes)
         })
     }
 
@@ -277,10 +290,9 @@ impl Stages<'_> {
             first = Some((here, substeps));
             notes.into_iter().for_each(|note| run.note(format!("{}: {note}", effort.stage)));
         }
-        let budget = effort.budget;
         self.search(run, effort, particles, unknowns, &mut |problem, search, each, notes| {
-            let (start, known) = (&search.start, &search.answers);
-            search_most_probable(problem, plausible.clone(), start, first.take(), frames, budget, known, each, notes)
+            let (start, known, steps) = (&search.start, &search.answers, effort.steps);
+            search_most_probable(problem, plausible.clone(), start, first.take(), frames, steps, known, each, notes)
         })
     }
 
@@ -347,7 +359,7 @@ impl Stages<'_> {
     /// what makes an unknown unsure, and pixels that are wrong alike need not be asked again.
     pub fn weigh(&self, run: &mut Run, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
         let effort = Effort::new(WEIGHED, run.config.estimate.weigh);
-        if effort.budget == 0 {
+        if effort.steps.always == 0 {
             return Ok(());
         }
         let particles = self.particles(run)?;
@@ -359,7 +371,7 @@ impl Stages<'_> {
         let plausible = self.plausible(run, unknowns, fall.as_ref())?;
         let free = plausible.free;
         let bias = if many { Vec::new() } else { self.bias(run, free, unknowns)? };
-        let effort = if many { Effort::new(USUAL, 2) } else { effort };
+        let effort = if many { Effort::of_points(USUAL, 2) } else { effort };
         self.search(run, &effort, &particles, unknowns, &mut |problem, search, each, notes| {
             let start = &search.start;
             let here = problem.linearise(start, free, frames, &mut 0, notes)?;
@@ -510,14 +522,14 @@ impl Stages<'_> {
         unknowns: &mut Unknowns,
         body: &mut Body<'_>,
     ) -> Result<()> {
-        let Effort { stage, budget, .. } = *effort;
+        let Effort { stage, evaluations, .. } = *effort;
         if run.has_finished(stage) {
             *unknowns = run.end_of(stage)?;
             return Ok(());
         }
         let since = Instant::now();
         let problem = self.problem(run, effort, particles);
-        let bar = self.progress.stage(stage, budget as u64);
+        let bar = self.progress.stage(stage, evaluations as u64);
         let search = run.search(stage, unknowns).clone();
         let notes = RefCell::new(Vec::new());
         let mut done = 0;
@@ -534,7 +546,7 @@ impl Stages<'_> {
                 // with the answer, so that an interruption loses neither
                 notes.take().into_iter().for_each(|note: String| run.note(format!("{stage}: {note}")));
                 run.record(stage, evaluation, answer)?;
-                let shown = (done as u64).min(budget as u64);
+                let shown = (done as u64).min(evaluations as u64);
                 bar.set(shown, &format!("loss {:.5}  {}", best.loss, describe(self.law, &best.unknowns)));
                 interrupt::check()
             },
@@ -562,6 +574,9 @@ const THIN: &str = "material, thinner";
 const WEIGHED: &str = "material, most probable";
 const USUAL: &str = "material, more usual";
 const INTERVALS: &str = "intervals";
+
+/// Evaluations that a step of Gauss–Newton takes, most often: derivatives, a step, and another one that is shorter or farther.
+const EVALUATIONS: usize = 3;
 
 /// Frames before contact that show the velocity better than those after it, which show the shape's error as well.
 const SURE: usize = 2;

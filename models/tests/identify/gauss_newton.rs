@@ -141,7 +141,7 @@ fn derivatives_of_a_search_that_stands_still_reach_less_far() {
             errors.push((answer.unwrap().curvature[0][0] / exact[0][0] - 1.0).abs());
             Ok(())
         };
-        gauss_newton(problem, &truth, Free::Material, FRAMES, 10, &[], &mut each, &mut |_| ()).unwrap();
+        gauss_newton(problem, &truth, Free::Material, FRAMES, 10.into(), &[], &mut each, &mut |_| ()).unwrap();
         errors
     };
     assert_eq!(errors(&problem), [0.0], "as near as can be");
@@ -191,7 +191,7 @@ fn recover(name: &str, truth: &[f64], allowed: &[(usize, f64)], frames: usize) {
             start,
             free,
             frames,
-            12,
+            12.into(),
             &[],
             &mut |_, _| {
                 evaluations += 1;
@@ -250,7 +250,7 @@ fn a_search_goes_on_where_it_was_interrupted() {
     let start = Unknowns { parameters: vec![2e4, 0.1], ..truth };
     let (mut whole, mut kept) = (Vec::new(), Vec::new());
     let search = |known: &[_], each: &mut gradreel_models::identify::Listener<'_>| {
-        gauss_newton(&problem, &start, Free::Material, 6, 4, known, each, &mut |_| ())
+        gauss_newton(&problem, &start, Free::Material, 6, 4.into(), known, each, &mut |_| ())
     };
     let uninterrupted = search(&[], &mut |evaluation, answer| {
         whole.push(evaluation.clone());
