@@ -15,8 +15,8 @@ use crate::identify::reconstruct::{DTYPE, MATERIAL, Stages, describe};
 use crate::identify::run::{HistoryRow, Run, Search};
 use crate::identify::unknowns::{Ground, Unknown};
 use crate::identify::{
-    Answer, Config, Evaluation, Free, Listener, Method, Problem, Steps, Unknowns, apart, estimate, gauss_newton, intervals,
-    scan,
+    Answer, Config, Evaluation, Free, Listener, Method, Problem, Steps, Unknowns, apart, estimate, gauss_newton,
+    intervals, scan,
 };
 use crate::particles::Particles;
 use crate::physics::Map;
@@ -220,16 +220,17 @@ impl Stages<'_> {
         Ok(Plausible::new(self.law, free).after(fall))
     }
 
-    /// The material from near it, in so many Gauss–Newton steps or twice as many evaluations of a descent.
+    /// The material from near it, in so many Gauss–Newton steps or twice as many evaluations of a descent. What is plausible is weighed from the first
+    /// if several cameras saw a body that stays: its valleys are narrow, and one that nothing holds in them runs to a limit first.
     pub fn fine(&self, run: &mut Run, effort: &Effort<'_>, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
         let particles = self.particles(run)?;
         let free = self.free(run, &run.config)?;
-        let many = self.clip.cameras.len() > 1;
-        if run.config.estimate.method == Method::GaussNewton && many && !run.config.flows(self.law) {
-            return self.weighed(run, effort, &particles, Weighed::All, frames, unknowns);
-        }
         if run.config.estimate.method == Method::GaussNewton {
-            return self.held(run, effort, &particles, free, frames, unknowns);
+            let weighs = self.clip.cameras.len() > 1 && !run.config.flows(self.law);
+            return match weighs {
+                true => self.weighed(run, effort, &particles, Weighed::All, frames, unknowns),
+                false => self.held(run, effort, &particles, free, frames, unknowns),
+            };
         }
         self.search(run, effort, &particles, unknowns, &mut |problem, search, each, notes| {
             estimate(problem, &search.start, free, frames, 2 * effort.steps.always, &search.answers, each, notes)

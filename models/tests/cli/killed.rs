@@ -16,7 +16,7 @@ use crate::scene::{Scene, bundled, text};
 
 /// Fits long enough to be saved half-way, searches of a few evaluations.
 const TINY: &str = "[clip]\nshrink = 12\n[geometry]\ndx = 0.12\n[geometry.fit]\niterations = 7\nin_motion = 7\n\
-                    [estimate]\nvelocity = 1\nscan = 1\nstarts = 1\nfirst = 1\ncoarse = 1\nfine = 1\nrounds = 1\n";
+                    [estimate]\nvelocity = 1\nscan = 1\nstarts = 1\nfirst = 1\ncoarse = 1\nfine = 1\nfalling = 0\nrounds = 1\n";
 
 /// What a run has found: everything in its state but how long it took, and its voxels.
 fn found(folder: &Path) -> (Value, Vec<u8>) {

@@ -2,7 +2,7 @@
 
 use gradreel::DType;
 use gradreel_models::identify::{
-    Answer, Config, Evaluation, Free, Ground, Observed, Problem, Sight, Unknowns, apart, gauss_newton, scan,
+    Answer, Config, Evaluation, Free, Ground, Observed, Problem, Sight, Steps, Unknowns, apart, gauss_newton, scan,
 };
 use gradreel_models::particles::Particles;
 use gradreel_models::physics::Map;
@@ -237,6 +237,29 @@ fn cream() {
 #[test]
 fn sand() {
     recover("drucker_prager", &[2e5, 0.3, 30.0, 0.0], &[(2, 1.0)], 8);
+}
+
+/// Steps beyond those that are taken in any case are taken while each lowers the loss by a hundredth.
+#[test]
+fn a_search_goes_on_while_the_loss_falls() {
+    let (config, particles, truth, observed) = thrown();
+    let problem = problem(&particles, &observed, &config, DType::F64);
+    let start = Unknowns { parameters: vec![4e3, 0.1], ..truth };
+    let search = |steps| {
+        let mut losses = Vec::new();
+        let mut each = |evaluation: &Evaluation, _: Option<&Answer>| {
+            losses.push(evaluation.loss);
+            Ok(())
+        };
+        let found = gauss_newton(&problem, &start, Free::Material, FRAMES, steps, &[], &mut each, &mut |_| ()).unwrap();
+        (found.loss, losses.len())
+    };
+    let (one, of_one) = search(Steps::from(1));
+    let (more, of_more) = search(Steps { always: 1, falling: 30 });
+    let (all, of_all) = search(Steps::from(31));
+    assert!(more < 1e-3 * one && of_more > of_one, "{one} after a step, {more} after {of_more} evaluations");
+    assert!(all <= more && of_all >= of_more, "{all} after {of_all} evaluations");
+    assert!(of_more < 31 * 2, "{of_more} evaluations: the minimum is reached long before");
 }
 
 /// An interrupted search ends as an uninterrupted one, without computing again what was known.

@@ -33,7 +33,8 @@ fn intervals_agree_with_a_scan_of_the_likelihood_and_hold_the_truth() {
         let observed = noisy(film(&particles, &truth, &config, FRAMES, 20, DType::F32), 0.05, seed);
         let problem = problem(&particles, &observed, &config, DType::F32);
         let start = Unknowns { parameters: vec![5e4, 0.3], ..truth.clone() };
-        let best = gauss_newton(&problem, &start, young, FRAMES, 8.into(), &[], &mut |_, _| Ok(()), &mut |_| ()).unwrap();
+        let best =
+            gauss_newton(&problem, &start, young, FRAMES, 8.into(), &[], &mut |_, _| Ok(()), &mut |_| ()).unwrap();
         let at = problem.linearise(&best.unknowns, young, FRAMES, &mut 0, &mut |_| ()).unwrap();
         let found = intervals(&best.unknowns, &problem.law, young, &at, &[1.0], &[], None).unwrap();
         let [low, high] = found[0].interval_90;

@@ -90,7 +90,8 @@ fn a_spin_is_found_again() {
     let problem = problem(&particles, &observed, &config, DType::F32).flying();
     let start = Unknowns { velocity: [0.0; 3], spin: [0.0; 3], ..truth.clone() };
     let free = Free::Velocity.with_spin(&problem.law, true);
-    let found = gauss_newton(&problem, &start, free, 4, 12.into(), &[], &mut |_, _| Ok(()), &mut |_| ()).unwrap().unknowns;
+    let found =
+        gauss_newton(&problem, &start, free, 4, 12.into(), &[], &mut |_, _| Ok(()), &mut |_| ()).unwrap().unknowns;
     for k in 0..3 {
         assert!((found.spin[k] - truth.spin[k]).abs() < 0.1, "{:?} {:?}", found.spin, truth.spin);
         assert!((found.velocity[k] - truth.velocity[k]).abs() < 0.02, "{:?} {:?}", found.velocity, truth.velocity);
