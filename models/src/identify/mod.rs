@@ -28,6 +28,7 @@ mod estimate;
 mod fall;
 mod family;
 mod field_file;
+mod finer_grid;
 mod flight;
 mod flowing;
 mod gauss_newton;

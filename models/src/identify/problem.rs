@@ -99,13 +99,13 @@ pub struct Problem<'a> {
 }
 
 impl<'a> Problem<'a> {
-    /// The problem of a configuration for an object whose particles are half a grid cell apart.
+    /// The problem of a configuration for an object whose particles are half a grid cell apart, or as `geometry.grid` says.
     pub fn new(particles: &'a Particles, observed: &'a Observed, law: Law, config: &Config, dtype: DType) -> Self {
         let world = World {
             gravity: config.world.gravity,
             colliders: vec![Collider::ground(config.world.ground)],
             particle_volume: particles.spacing.powi(3),
-            ..World::new(2.0 * particles.spacing)
+            ..World::new(2.0 * particles.spacing * config.geometry.grid_share())
         };
         Self {
             particles,

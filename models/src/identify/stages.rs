@@ -7,6 +7,7 @@ use gradreel::{Error, ErrorKind, Result};
 
 use crate::field::{Inflated, bounding_sphere};
 use crate::identify::fall::Fallen;
+use crate::identify::finer_grid;
 use crate::identify::gauss_newton::search_most_probable;
 use crate::identify::interval;
 use crate::identify::lean::leans;
@@ -184,7 +185,7 @@ impl Stages<'_> {
 
     /// What the first searches for the material move: its parameters, the velocity if too few frames of flight have shown it, and the
     /// height at which the ground is felt if it is unsure.
-    fn free(&self, run: &Run, config: &Config) -> Result<Free> {
+    pub fn free(&self, run: &Run, config: &Config) -> Result<Free> {
         let all = Free::all_but(self.law, &config.held(self.law)?, false);
         let unsure = run.state.contact.is_some_and(|contact| contact < SURE);
         let all = if unsure { self.thrown(config, all) } else { all };
@@ -202,10 +203,15 @@ impl Stages<'_> {
         free.with_velocity(self.law).with_spin(self.law, config.estimate.spin)
     }
 
+    /// Whether more than one camera filmed it, or was imagined to.
+    pub fn several_cameras(&self) -> bool {
+        self.clip.cameras.len() > 1
+    }
+
     /// Whether the height of the ground is not known to a part of a grid cell: a single camera leaves it open how far away, and so how high,
     /// the object is, and hulls are larger than objects.
     fn unsure_ground(&self, run: &Run) -> bool {
-        self.clip.cameras.len() == 1 || run.config.world.find_ground
+        !self.several_cameras() || run.config.world.find_ground
     }
 
     /// What the later searches move from there, and what is known of it: the same, and of what a single camera saw the velocity, too, and
@@ -224,13 +230,13 @@ impl Stages<'_> {
     /// if several cameras saw a body that stays: its valleys are narrow, and one that nothing holds in them runs to a limit first.
     pub fn fine(&self, run: &mut Run, effort: &Effort<'_>, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
         let particles = self.particles(run)?;
+        let gauss_newton = run.config.estimate.method == Method::GaussNewton;
+        if gauss_newton && self.several_cameras() && !run.config.flows(self.law) {
+            return self.weighed(run, effort, &particles, Weighed::All, frames, unknowns);
+        }
         let free = self.free(run, &run.config)?;
-        if run.config.estimate.method == Method::GaussNewton {
-            let weighs = self.clip.cameras.len() > 1 && !run.config.flows(self.law);
-            return match weighs {
-                true => self.weighed(run, effort, &particles, Weighed::All, frames, unknowns),
-                false => self.held(run, effort, &particles, free, frames, unknowns),
-            };
+        if gauss_newton {
+            return self.held(run, effort, &particles, free, frames, unknowns);
         }
         self.search(run, effort, &particles, unknowns, &mut |problem, search, each, notes| {
             estimate(problem, &search.start, free, frames, 2 * effort.steps.always, &search.answers, each, notes)
@@ -247,12 +253,16 @@ impl Stages<'_> {
     }
 
     /// The stage that fits the material to the shape that was seen in flight, the last before the rounds that mend both.
-    pub fn fitted(&self) -> &'static str {
-        if self.clip.flight.is_some() { MOVING } else { MATERIAL }
+    pub fn fitted(&self, run: &Run) -> &'static str {
+        match self.clip.flight {
+            Some(_) => MOVING,
+            None if finer_grid::agrees_better(run) => finer_grid::FINER,
+            None => MATERIAL,
+        }
     }
 
     /// Gauss–Newton steps with the velocity of what a single camera saw held.
-    fn held(
+    pub fn held(
         &self,
         run: &mut Run,
         effort: &Effort<'_>,
@@ -364,7 +374,7 @@ impl Stages<'_> {
             return Ok(());
         }
         let particles = self.particles(run)?;
-        let many = self.clip.cameras.len() > 1;
+        let many = self.several_cameras();
         if many {
             self.weighed(run, &effort, &particles, Weighed::All, frames, unknowns)?;
         }
@@ -407,7 +417,7 @@ impl Stages<'_> {
             apart
         };
         let flight = self.clip.flight.as_ref();
-        let (grid, thin, shape) = (from(COARSE), from(THIN), from(self.fitted()));
+        let (grid, thin, shape) = (from(COARSE), from(THIN), from(self.fitted(run)));
         // the pictures tell of the depth, too: a loss that rises by all that it was makes its error less by a factor of √2
         let [thick_loss, thin_loss] = [AS_IT_IS, THIN].map(|stage| run.best_of(stage).map_or(0.0, |(_, loss)| loss));
         let doubt = if thin_loss > thick_loss { (thick_loss / thin_loss).sqrt() } else { 1.0 };
@@ -484,7 +494,7 @@ impl Stages<'_> {
         let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
         // where the clip alone would have them: of one camera, a step that no picture asked for has led far from there
         let fitted = run.rows(WEIGHED).next().map_or_else(|| unknowns.clone(), |row| row.unknowns.clone());
-        let lowest = if self.clip.cameras.len() > 1 { unknowns } else { &fitted };
+        let lowest = if self.several_cameras() { unknowns } else { &fitted };
         let mut notes = Vec::new();
         let linearised = problem.linearise(lowest, free, frames, &mut 0, &mut |note| notes.push(note))?;
         let flight = self.clip.flight.as_ref();

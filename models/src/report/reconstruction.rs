@@ -236,7 +236,7 @@ fn assumed(run: &Run) -> Vec<Quantity> {
         quantity("density", "Density", "ρ", "kg/m³", world.density),
         quantity("gravity_y", "Gravity, y", "g_y", "m/s²", world.gravity[1]),
         quantity("ground", "Height of the sticky ground", "y_0", "m", world.ground),
-        quantity("dx", "Grid spacing", "dx", "m", run.config.geometry.dx),
+        quantity("dx", "Grid spacing", "dx", "m", run.config.geometry.dx * run.config.geometry.grid_share()),
     ]
 }
 
