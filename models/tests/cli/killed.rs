@@ -18,10 +18,11 @@ use crate::scene::{Scene, bundled, text};
 const TINY: &str = "[clip]\nshrink = 12\n[geometry]\ndx = 0.12\n[geometry.fit]\niterations = 7\nin_motion = 7\n\
                     [estimate]\nvelocity = 1\nscan = 1\nstarts = 1\nfirst = 1\ncoarse = 1\nfine = 1\nfalling = 0\nrounds = 1\n";
 
-/// What a run has found: everything in its state but how long it took, and its voxels.
+/// What a run has found: everything in its state but how long it took, what it has settled, and its voxels.
 fn found(folder: &Path) -> (Value, Vec<u8>) {
     let mut state: Value = serde_json::from_slice(&fs::read(folder.join("state.json")).unwrap()).unwrap();
     state.as_object_mut().unwrap().remove("seconds");
+    state["config"] = fs::read_to_string(folder.join("config.toml")).unwrap().into();
     (state, fs::read(folder.join("field.safetensors")).unwrap())
 }
 
@@ -102,7 +103,18 @@ fn between_writes_of_a_round_that_does_not_help() {
 
 #[test]
 fn between_writes_of_least_squares() {
-    killed_between_writes(TINY, "newtonian", "gauss_newton", (0..2).chain((6..).step_by(7)));
+    let tiny = format!("[flowing]\nfiner = 1\n{TINY}");
+    let whole = killed_between_writes(&tiny, "newtonian", "gauss_newton", (0..2).chain((6..).step_by(7)));
+    // what flows takes the finer grid where the loss ended lower on it
+    let rows = whole.0["history"].as_array().unwrap();
+    let least = |stage: &str| {
+        let losses = rows.iter().filter(|row| row["stage"] == stage).filter_map(|row| row["loss"].as_f64());
+        losses.fold(f64::INFINITY, f64::min)
+    };
+    let [full, finer] = ["material", "material, finer grid"].map(least);
+    assert!(full.is_finite() && finer.is_finite(), "{full} and {finer}");
+    let config = Config::parse(whole.0["config"].as_str().unwrap()).unwrap();
+    assert_eq!(config.geometry.grid_share(), if finer < full { 0.7 } else { 1.0 }, "{finer} and {full}");
 }
 
 /// Waits until the run in `out` satisfies `reached`; whether it did before it ended.

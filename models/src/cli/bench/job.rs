@@ -172,10 +172,11 @@ impl Plan {
 /// The tiny budget.
 fn quick() -> AblationSettings {
     let mut settings = AblationSettings::default();
-    let Config { geometry, estimate, .. } = &mut settings.config;
+    let Config { geometry, estimate, flowing, .. } = &mut settings.config;
     (geometry.dx, geometry.fit.iterations, geometry.fit.in_motion) = (0.08, 6, 2);
     (estimate.velocity, estimate.scan, estimate.starts) = (2, 1, 1);
     (estimate.first, estimate.fine, estimate.falling, estimate.rounds, estimate.coarse) = (1, 1, 0, 0, 1);
+    flowing.finer = 1;
     let encoding = &mut settings.config.temporal.first;
     (encoding.frames, encoding.side) = (3, 24);
     (encoding.field.width, encoding.field.channels) = (8, 2);
