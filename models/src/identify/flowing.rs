@@ -40,8 +40,8 @@ pub struct FlowingConfig {
     /// In place of `estimate.fine`: the valleys of four unknowns are long, and what a shape is fitted to before the end of one is reached
     /// keeps the search there: after 14 steps from afar, the loss of a cream still fell, and its yield stress ended a seventh too low.
     pub fine: usize,
-    /// Gauss–Newton steps at most on a finer grid, from what was found on the full one: if the clip then agrees better, what follows stays
-    /// there. As many more as long as each lowers the loss by 1 %. 0 for no finer grid.
+    /// Gauss–Newton steps on a finer grid, from what was found on the full one: if the clip then agrees better, what follows stays there, first
+    /// `fine` steps more. 0 for no finer grid.
     pub finer: usize,
 }
 

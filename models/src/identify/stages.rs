@@ -256,7 +256,7 @@ impl Stages<'_> {
     pub fn fitted(&self, run: &Run) -> &'static str {
         match self.clip.flight {
             Some(_) => MOVING,
-            None if finer_grid::agrees_better(run) => finer_grid::FINER,
+            None if finer_grid::agrees_better(run) => finer_grid::FURTHER,
             None => MATERIAL,
         }
     }
