@@ -81,7 +81,7 @@ pub struct GeometryConfig {
     /// Grid spacing of the simulation \[m\]; particles and voxels are half as far apart. 0 chooses 0.02 m, or a spacing
     /// that gives about ten thousand particles if 0.02 m gives fewer than 3 000 or more than 40 000.
     pub dx: f64,
-    /// The grid of the simulation's material stages as a share of `dx`, with the same particles. 0 lets a body that flows, and that several
+    /// The grid of the simulation's material stages as a share of `dx`, with the same particles, and below 1 with the same substep. 0 lets a body that flows, and that several
     /// cameras filmed, take 0.7 if the clip then agrees better; 1 otherwise.
     pub grid: f64,
     /// Coverage that every camera must see at a voxel of the visual hull; below ½ leaves room around the silhouettes.

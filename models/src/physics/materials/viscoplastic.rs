@@ -7,9 +7,9 @@ use super::von_mises::{YieldConvention, elastic, project};
 use crate::physics::material::{Given, Material, Point};
 use crate::physics::parameters::Parameter;
 
-/// The shear modulus as a multiple of the yield stress, and its standard deviation in decades: foams, emulsions, gels and pastes yield at a
-/// shear strain of a tenth, to a factor of three (microgels and foams at 0.2 to 0.4, mayonnaise and whipped cream near 0.1, toothpaste and muds at
-/// 0.02 to 0.1).
+/// The shear modulus as a multiple of the yield stress, and its standard deviation in decades: soft matter yields at a shear strain of 0.06, as
+/// `τ_Y` is √3 times the stress in shear, to a factor of three (microgels and foams at 0.2 to 0.4, mayonnaise and whipped cream near 0.1, toothpaste
+/// and muds at 0.02 to 0.1).
 const STIFF: [f64; 2] = [10.0, 0.5];
 
 /// A viscoplastic (Bingham) material.
