@@ -275,16 +275,22 @@ impl Problem<'_> {
     }
 
     /// Positions at every frame, and what they are with each free unknown's coordinate moved by a share of the longest step that
-    /// a search makes, to both sides.
+    /// a search makes, to both sides, each with the substep that it needs, as the losses that are compared have.
     fn beside(&self, unknowns: &Unknowns, free: Free, schedule: Schedule, share: f64) -> Result<Moved> {
         let here = unknowns.coordinates(&self.law, free);
         let longest = Plausible::new(&self.law, free).longest_step(unknowns);
+        // more than once as many where the simulation broke down
+        let times = (schedule.substeps / self.schedule(unknowns, schedule.frames).substeps).max(1);
+        let at = |there: &Unknowns| {
+            let needed = self.schedule(there, schedule.frames);
+            self.positions_at(there, Schedule { substeps: times * needed.substeps, ..needed })
+        };
         let both = |k: usize| {
             let far = share * longest[k];
             let moved = |sign: f64| {
                 let mut there = here.clone();
                 there[k] += sign * far;
-                self.positions_at(&unknowns.moved(&self.law, free, &there), schedule)
+                at(&unknowns.moved(&self.law, free, &there))
             };
             Ok(([moved(-1.0)?, moved(1.0)?], far))
         };

@@ -77,8 +77,12 @@ impl<'a, 'b> Oracle<'a, 'b> {
         })
     }
 
-    /// The loss alone.
+    /// The loss alone. Where derivatives are differences it is with the substep that these unknowns need, and so the same whatever was tried before:
+    /// held at that of a stiffer start, a shorter step damps what a softer one would do, and the search goes on to be stiff.
     pub fn loss(&mut self, at: &Unknowns) -> Result<Option<f64>> {
+        if self.problem.secant > 0.0 {
+            self.substeps = 0;
+        }
         let answer = self.ask(at, &mut |problem, frames, substeps, notes| {
             Ok((problem.misfit(at, frames, substeps, notes)?, Vec::new(), Vec::new()))
         });

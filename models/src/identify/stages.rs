@@ -7,7 +7,6 @@ use gradreel::{Error, ErrorKind, Result};
 
 use crate::field::{Inflated, bounding_sphere};
 use crate::identify::fall::Fallen;
-use crate::identify::finer_grid;
 use crate::identify::gauss_newton::search_most_probable;
 use crate::identify::interval;
 use crate::identify::lean::leans;
@@ -48,7 +47,7 @@ impl<'a> Effort<'a> {
 
 /// What a search weighs with what the pictures say.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Weighed {
+pub(super) enum Weighed {
     /// What a fall says of the velocity, and how bodies lean.
     Velocity,
     /// That, and what is plausible of the material.
@@ -231,7 +230,7 @@ impl Stages<'_> {
     pub fn fine(&self, run: &mut Run, effort: &Effort<'_>, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
         let particles = self.particles(run)?;
         let gauss_newton = run.config.estimate.method == Method::GaussNewton;
-        if gauss_newton && self.several_cameras() && !run.config.flows(self.law) {
+        if gauss_newton && self.several_cameras() {
             return self.weighed(run, effort, &particles, Weighed::All, frames, unknowns);
         }
         let free = self.free(run, &run.config)?;
@@ -253,10 +252,9 @@ impl Stages<'_> {
     }
 
     /// The stage that fits the material to the shape that was seen in flight, the last before the rounds that mend both.
-    pub fn fitted(&self, run: &Run) -> &'static str {
+    pub fn fitted(&self) -> &'static str {
         match self.clip.flight {
             Some(_) => MOVING,
-            None if finer_grid::agrees_better(run) => finer_grid::FURTHER,
             None => MATERIAL,
         }
     }
@@ -277,7 +275,7 @@ impl Stages<'_> {
     }
 
     /// Gauss–Newton steps that weigh what the pictures say with what is known besides.
-    fn weighed(
+    pub fn weighed(
         &self,
         run: &mut Run,
         effort: &Effort<'_>,
@@ -417,7 +415,7 @@ impl Stages<'_> {
             apart
         };
         let flight = self.clip.flight.as_ref();
-        let (grid, thin, shape) = (from(COARSE), from(THIN), from(self.fitted(run)));
+        let (grid, thin, shape) = (from(COARSE), from(THIN), from(self.fitted()));
         // the pictures tell of the depth, too: a loss that rises by all that it was makes its error less by a factor of √2
         let [thick_loss, thin_loss] = [AS_IT_IS, THIN].map(|stage| run.best_of(stage).map_or(0.0, |(_, loss)| loss));
         let doubt = if thin_loss > thick_loss { (thick_loss / thin_loss).sqrt() } else { 1.0 };

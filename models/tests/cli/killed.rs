@@ -111,7 +111,7 @@ fn between_writes_of_least_squares() {
         let losses = rows.iter().filter(|row| row["stage"] == stage).filter_map(|row| row["loss"].as_f64());
         losses.fold(f64::INFINITY, f64::min)
     };
-    let [full, finer] = ["material", "material, finer grid"].map(least);
+    let [full, finer] = ["material, full grid", "material, finer grid"].map(least);
     assert!(full.is_finite() && finer.is_finite(), "{full} and {finer}");
     let config = Config::parse(whole.0["config"].as_str().unwrap()).unwrap();
     assert_eq!(config.geometry.grid_share(), if finer < full { 0.7 } else { 1.0 }, "{finer} and {full}");
