@@ -115,6 +115,8 @@ pub(super) fn search_most_probable(
                     damping = (damping / 2.0).max(1e-6);
                     far *= 2.0;
                 }
+                // where it went it goes on most often: what is beyond tells more than what is behind
+                oracle.sides = step.clone();
                 before = Some(step);
                 break;
             }

@@ -275,26 +275,31 @@ impl Problem<'_> {
     }
 
     /// Positions at every frame, and what they are with each free unknown's coordinate moved by a share of the longest step that
-    /// a search makes, to both sides, each with the substep that it needs, as the losses that are compared have.
+    /// a search makes, to both sides or to one, each with the substep that it needs, as the losses that are compared have.
     fn beside(&self, unknowns: &Unknowns, free: Free, schedule: Schedule, share: f64) -> Result<Moved> {
         let here = unknowns.coordinates(&self.law, free);
         let longest = Plausible::new(&self.law, free).longest_step(unknowns);
-        // more than once as many where the simulation broke down
-        let times = (schedule.substeps / self.schedule(unknowns, schedule.frames).substeps).max(1);
-        let at = |there: &Unknowns| {
-            let needed = self.schedule(there, schedule.frames);
-            self.positions_at(there, Schedule { substeps: times * needed.substeps, ..needed })
-        };
-        let both = |k: usize| {
-            let far = share * longest[k];
-            let moved = |sign: f64| {
+        // in proportion to those here, which are more than what is needed where the simulation broke down
+        let own = self.schedule(unknowns, schedule.frames).substeps;
+        let secant = |k: usize| {
+            let moved = |far: f64| {
                 let mut there = here.clone();
-                there[k] += sign * far;
-                at(&unknowns.moved(&self.law, free, &there))
+                there[k] += far;
+                let there = unknowns.moved(&self.law, free, &there);
+                let needed = self.schedule(&there, schedule.frames);
+                let substeps = (needed.substeps * schedule.substeps).div_ceil(own);
+                self.positions_at(&there, Schedule { substeps, ..needed })
             };
-            Ok(([moved(-1.0)?, moved(1.0)?], far))
+            let far = share * longest[k];
+            match self.sides.get(k).copied().filter(|side| *side != 0.0) {
+                Some(side) => {
+                    let far = far.copysign(side);
+                    Ok(Secant { low: None, high: moved(far)?, length: far })
+                }
+                None => Ok(Secant { low: Some(moved(-far)?), high: moved(far)?, length: 2.0 * far }),
+            }
         };
-        let along = Along::Secants((0..here.len()).map(both).collect::<Result<_>>()?);
+        let along = Along::Secants((0..here.len()).map(secant).collect::<Result<_>>()?);
         Ok(Moved { motion: self.positions_at(unknowns, schedule)?, along })
     }
 
@@ -312,10 +317,10 @@ impl Problem<'_> {
             Along::Secants(secants) => {
                 let (pixels, none) = draw(&moved.motion, &[])?;
                 let tape = Tape::new();
-                let changes = secants.iter().map(|(both, far)| {
-                    let [low, high] =
-                        [draw(&both[0], &[])?.0, draw(&both[1], &[])?.0].map(|pixels| tape.constant(pixels));
-                    Ok(&(&high - &low) * (0.5 / far))
+                let changes = secants.iter().map(|Secant { low, high, length }| {
+                    let low = low.as_ref().map_or_else(|| Ok(pixels.clone()), |low| Ok(draw(low, &[])?.0))?;
+                    let [low, high] = [low, draw(high, &[])?.0].map(|pixels| tape.constant(pixels));
+                    Ok(&(&high - &low) * (1.0 / length))
                 });
                 let changes: Vec<_> = changes.collect::<Result<_>>()?;
                 let [first, others @ ..] = &changes[..] else { return Ok((pixels, none)) };
@@ -396,8 +401,16 @@ struct Moved {
 enum Along {
     /// With an infinitesimal step of each unknown.
     Tangents(Vec<Tensor>),
-    /// With a finite one: the motions on both sides, and how far each is.
-    Secants(Vec<([Tensor; 2], f64)>),
+    /// With a finite one of each.
+    Secants(Vec<Secant>),
+}
+
+/// The motions at two values of an unknown, `length` apart.
+struct Secant {
+    /// Nothing where it is the motion in the middle of all.
+    low: Option<Tensor>,
+    high: Tensor,
+    length: f64,
 }
 
 /// Positions with `height` added to every y.

@@ -36,6 +36,8 @@ pub(crate) struct Oracle<'a, 'b> {
     notes: &'a mut dyn FnMut(String),
     /// How far derivatives reach, in shares of the longest step of a search: [`Problem::secant`] at first.
     reach: f64,
+    /// The side to which they reach for each free unknown, by its sign; to both where there is none.
+    pub sides: Vec<f64>,
     /// What leaving the plausible range costs; counted as part of the loss.
     pub plausible: Option<Plausible<'a>>,
     /// The linearisation at the first point, and its substeps, if somebody has computed it already.
@@ -62,6 +64,7 @@ impl<'a, 'b> Oracle<'a, 'b> {
             each,
             notes,
             reach: problem.secant,
+            sides: Vec::new(),
             plausible: None,
             first: None,
             lenient: false,
@@ -92,9 +95,11 @@ impl<'a, 'b> Oracle<'a, 'b> {
     /// Loss, gradient and curvature by forward mode; without the latter two where tangents grow beyond all numbers.
     pub fn linearised(&mut self, at: &Unknowns, free: Free) -> Result<Answer> {
         let (mut first, reach) = (self.first.take().filter(|_| self.known.is_empty()), self.reach);
+        let sides = self.sides.clone();
         let mut linearise = |problem: &Problem<'_>, frames, substeps: &mut usize, notes: &mut dyn FnMut(String)| {
             let Some((linearised, found)) = first.take() else {
-                return problem.reaching(reach).linearise(at, free, frames, substeps, notes);
+                let problem = Problem { sides: sides.clone(), ..problem.reaching(reach) };
+                return problem.linearise(at, free, frames, substeps, notes);
             };
             *substeps = found;
             Ok(linearised)
@@ -109,8 +114,9 @@ impl<'a, 'b> Oracle<'a, 'b> {
         })
     }
 
-    /// Makes derivatives reach a quarter as far from now on; whether they may.
+    /// Makes derivatives reach a quarter as far from now on, and to both sides next; whether they may.
     pub fn reaches_less(&mut self) -> bool {
+        self.sides.clear();
         self.reach /= 4.0;
         self.reach > 0.0 && self.reach > LEAST_REACH * self.problem.secant
     }

@@ -94,6 +94,8 @@ pub struct Problem<'a> {
     pub remat: Remat,
     /// How far derivatives reach, in shares of the longest step of a search; 0 for those of an infinitesimal step.
     pub secant: f64,
+    /// To which side of each free unknown they reach, by its sign; to both where there is none.
+    pub(super) sides: Vec<f64>,
     /// Precision of everything on the tape.
     pub dtype: DType,
 }
@@ -114,6 +116,7 @@ impl<'a> Problem<'a> {
             ground: config.world.ground,
             surface: config.surface_of(&law).clone(),
             secant: config.secant_of(&law),
+            sides: Vec::new(),
             law,
             density: config.world.density,
             cfl: config.world.cfl,
@@ -142,11 +145,11 @@ impl<'a> Problem<'a> {
         Self { ranges: None, flying: true, ..self.reaching(self.secant) }
     }
 
-    /// The same with derivatives that reach so far.
+    /// The same with derivatives that reach so far, to both sides.
     pub(super) fn reaching(&self, secant: f64) -> Self {
         let (world, law, surface, ranges) =
             (self.world.clone(), self.law.clone(), self.surface.clone(), self.ranges.clone());
-        Self { world, law, surface, ranges, secant, ..*self }
+        Self { world, law, surface, ranges, secant, sides: Vec::new(), ..*self }
     }
 
     /// A schedule for `frames` frames that is stable for these unknowns: for the sound in the material, and for the speed that
