@@ -33,15 +33,15 @@ pub struct FlowingConfig {
     /// [`FitSettings::smoothness`](crate::field::FitSettings::smoothness). Sharpened pictures drive pits into what is smooth, and a
     /// body that would flow has no thin parts to lose.
     pub smoothness: f64,
-    /// How far the derivatives of Gauss–Newton reach, in shares of its longest step, to both sides; 0 for those of an infinitesimal
-    /// step. Rims jump by pixels, and pictures then change only in bands narrower than the jump. Where steps gain little they reach a quarter as far,
-    /// twice at most.
+    /// How far the derivatives of Gauss–Newton reach, in shares of its longest step; 0 for those of an infinitesimal step. Rims jump by
+    /// pixels, and pictures then change only in bands narrower than the jump. They reach to both sides where a search begins and after a step that gained
+    /// little, from where they reach a quarter as far, twice at most; else to where the last step went, for half the rollouts.
     pub secant: f64,
     /// In place of `estimate.fine`: the valleys of four unknowns are long, and what a shape is fitted to before the end of one is reached
     /// keeps the search there: after 14 steps from afar, the loss of a cream still fell, and its yield stress ended a seventh too low.
     pub fine: usize,
-    /// Gauss–Newton steps on a finer grid, from what was found on the full one: if the clip then agrees better, what follows stays there, first
-    /// `fine` steps more. 0 for no finer grid.
+    /// The first so many of them are tried on the full grid and on a finer one: all that follows is on that which the clip agrees better with.
+    /// 0 for no finer grid.
     pub finer: usize,
 }
 

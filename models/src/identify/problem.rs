@@ -94,7 +94,7 @@ pub struct Problem<'a> {
     pub remat: Remat,
     /// How far derivatives reach, in shares of the longest step of a search; 0 for those of an infinitesimal step.
     pub secant: f64,
-    /// To which side of each free unknown they reach, by its sign; to both where there is none.
+    /// To which side of each free unknown they reach, by its sign; to both where there is none, or 0.
     pub(super) sides: Vec<f64>,
     /// Precision of everything on the tape.
     pub dtype: DType,
@@ -340,7 +340,7 @@ impl<'a> Problem<'a> {
     /// Does something with a schedule that is stable for these unknowns.
     ///
     /// `substeps` is the least number of substeps a frame and is raised when the unknowns need more, never lowered: a loss
-    /// that an optimiser follows must not jump with the step. When the rollout breaks down, it is retried with up to eight
+    /// that an optimiser with exact derivatives follows must not jump with the step. When the rollout breaks down, it is retried with up to eight
     /// times the substeps; `notes` is told.
     ///
     /// # Errors

@@ -226,7 +226,7 @@ impl Stages<'_> {
     }
 
     /// The material from near it, in so many Gauss–Newton steps or twice as many evaluations of a descent. What is plausible is weighed from the first
-    /// if several cameras saw a body that stays: its valleys are narrow, and one that nothing holds in them runs to a limit first.
+    /// if several cameras saw the body: valleys are narrow or flat, and what nothing holds in them runs to a limit first.
     pub fn fine(&self, run: &mut Run, effort: &Effort<'_>, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
         let particles = self.particles(run)?;
         let gauss_newton = run.config.estimate.method == Method::GaussNewton;
