@@ -22,6 +22,7 @@
 //! conditions. Where the particles themselves were tracked, [`Tracks`] finds velocity and material without pictures.
 
 mod again;
+mod bias;
 mod config;
 mod contact;
 mod estimate;
