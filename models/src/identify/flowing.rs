@@ -74,7 +74,12 @@ impl Config {
     /// Whether a body of this law flows, or is treated alike because the family is still to be chosen: pictures that differ cannot be
     /// compared.
     pub fn flows(&self, law: &Law) -> bool {
-        self.chooses_family() || self.flowing.laws.iter().any(|name| name == law.name())
+        self.chooses_family() || self.spreads(law)
+    }
+
+    /// Whether a body of this law flows, chosen or not.
+    fn spreads(&self, law: &Law) -> bool {
+        self.flowing.laws.iter().any(|name| name == law.name())
     }
 
     /// How occupancy becomes opacity in a body of this law.
@@ -87,9 +92,10 @@ impl Config {
         if self.flows(law) { self.flowing.smoothness } else { self.geometry.fit.smoothness }
     }
 
-    /// How far the derivatives of Gauss–Newton reach for this law, in shares of its longest step.
+    /// How far the derivatives of Gauss–Newton reach for this law, in shares of its longest step, also while the family is still to be chosen: how a
+    /// search goes does not change what pictures are compared.
     pub fn secant_of(&self, law: &Law) -> f64 {
-        if self.flows(law) { self.flowing.secant } else { 0.0 }
+        if self.spreads(law) { self.flowing.secant } else { 0.0 }
     }
 
     /// Gauss–Newton steps of the search for the material of this law; half of those that are taken in any case in each round.
