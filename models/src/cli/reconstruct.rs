@@ -241,10 +241,13 @@ pub(super) fn open(path: &Path, config: &Config) -> Result<Clip> {
 fn summarise(found: &Reconstruction, run: &Run) {
     say!();
     if !run.state.candidates.is_empty() {
-        say!("  family            loss of frames fitted   of frames foretold   of all");
+        let against = |candidate: &Candidate| candidate.against(found.observed.pictures());
+        let least = run.state.candidates.iter().map(against).fold(f64::INFINITY, f64::min);
+        say!("  family            loss of frames fitted   of frames foretold   of all   less probable by e^");
         for candidate in &run.state.candidates {
             let Candidate { family, seen, foretold, all, .. } = candidate;
-            say!("  {family:<16} {seen:>22.5} {foretold:>20.5} {all:>8.5}");
+            let behind = against(candidate) - least;
+            say!("  {family:<16} {seen:>22.5} {foretold:>20.5} {all:>8.5} {behind:>21.1}");
         }
         say!("  chosen: {}\n", run.config.material.name);
     }

@@ -3,11 +3,11 @@
 use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
-use crate::identify::config::published;
+use crate::identify::plausible::Plausible;
 use crate::identify::reconstruct::{DTYPE, Stages};
 use crate::identify::run::Run;
 use crate::identify::stages::AUTO;
-use crate::identify::{Config, FAMILIES, MaterialConfig, Problem, Unknowns, law_of};
+use crate::identify::{Config, FAMILIES, Free, MaterialConfig, Problem, Unknowns, law_of};
 use crate::physics::{Law, lame, materials};
 
 /// What one family made of a clip.
@@ -24,18 +24,27 @@ pub struct Candidate {
     /// The mean loss of all frames.
     #[serde(default)]
     pub all: f64,
+    /// How unusual such a material is, and how many parameters were searched: `½ Σ z² + k` \[nat\], with `z` in standard deviations from
+    /// what materials usually have ([`Parameter::usual`](crate::physics::Parameter::usual)).
+    #[serde(default)]
+    pub price: f64,
 }
 
-/// What a parameter must be worth: a family with one more is chosen if its loss is smaller by this factor. Those that contain
-/// another (a plasticine that hardly yields is a rubber) can imitate it. Of films of paste and of plasticine, searched from where the
-/// other came to, paste was the better by 1.05 to 1.08 if it was paste, and plasticine by 1.01 to 1.04 if it was plasticine.
-const PARSIMONY: f64 = 1.03;
+impl Candidate {
+    /// What speaks against it after so many pictures, `½ n ln(loss) + ½ Σ z² + k` \[nat\]: minus the logarithm of how probable they are
+    /// with such a material, but for a constant. A loss is as the square of an error whose size is not known, and alike over a picture, so
+    /// that each picture counts once; a parameter costs as much as fitting it to noise gains (Akaike 1974).
+    pub fn against(&self, pictures: usize) -> f64 {
+        0.5 * pictures as f64 * self.all.ln() + self.price
+    }
+}
 
-/// The candidate to go on with: the one of least loss over all frames for the number of its parameters, which `parameters` tells. Frames
-/// that it was fitted to count as well as those that it foretold: a law that cannot even fit them is not that of the object.
-pub fn choose(candidates: &[Candidate], parameters: impl Fn(&str) -> usize) -> Option<&Candidate> {
-    let price = |candidate: &Candidate| candidate.all * PARSIMONY.powi(parameters(&candidate.family) as i32);
-    candidates.iter().filter(|candidate| candidate.all.is_finite()).min_by(|a, b| price(a).total_cmp(&price(b)))
+/// The candidate to go on with: the one against which least speaks. Frames that it was fitted to count as well as those that it foretold: a
+/// law that cannot even fit them is not that of the object. Nor is one that fits them by numbers that no such material has: a paste whose
+/// shear modulus is ten thousand times its yield stress only imitates a fluid.
+pub fn choose(candidates: &[Candidate], pictures: usize) -> Option<&Candidate> {
+    let against = |candidate: &Candidate| candidate.against(pictures);
+    candidates.iter().filter(|candidate| candidate.all.is_finite()).min_by(|a, b| against(a).total_cmp(&against(b)))
 }
 
 /// Families that contain another: a fluid beyond a yield stress without its viscosity is plasticine, and that is rubber if it never yields.
@@ -93,15 +102,13 @@ impl Stages<'_> {
         for pair in CONTAINING {
             self.search_from_kin(run, pair, [seen, frames], &mut candidates)?;
         }
-        let searched = |law: Law| law.parameters().iter().filter(|p| published(&law, p).is_none()).count();
-        let size = |family: &str| law_of(family).map_or(usize::MAX, searched);
-        let Some(winner) = choose(&candidates, size) else {
+        let Some(winner) = choose(&candidates, self.observed.pictures()) else {
             return Err(Error::new(ErrorKind::Physics, "no family of materials can be simulated with this object")
                 .fix("check the size of the object and the ground with `gradreel check`"));
         };
         let family = winner.family.clone();
         run.note(format!(
-            "the family was chosen by how well each, fitted to the frames before {seen}, agrees with all: {family}"
+            "the family was chosen by how well each, fitted to the frames before {seen}, agrees with all, and how usual it is: {family}"
         ));
         // what the run has found so far is of the material that its file names
         run.state.unknowns = Some(winner.unknowns.clone());
@@ -153,7 +160,11 @@ impl Stages<'_> {
         let (first, all) = (loss(seen)?, loss(frames)?);
         let rest = (frames - seen).max(1) as f64;
         let foretold = ((all * frames as f64 - first * seen as f64) / rest).min(f64::MAX);
-        Ok(Candidate { family: family.to_owned(), unknowns, seen: first, foretold, all })
+        let free = Free::all_but(self.law, &of_family(run, family).held(self.law)?, false);
+        let parameters = free.list(self.law).len();
+        let plausible = Plausible::new(self.law, free).pulling(vec![1.0; parameters]);
+        let price = plausible.penalty(&unknowns).0 + parameters as f64;
+        Ok(Candidate { family: family.to_owned(), unknowns, seen: first, foretold, all, price })
     }
 }
 
@@ -168,22 +179,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_best_wins_unless_a_simpler_one_does_nearly_as_well() {
-        let candidate = |family: &str, all| Candidate {
+    fn the_best_wins_unless_a_simpler_or_a_more_usual_one_does_nearly_as_well() {
+        let candidate = |family: &str, all, price| Candidate {
             family: family.into(),
             unknowns: Unknowns::default(),
             seen: all,
             foretold: all,
             all,
+            price,
         };
-        let size = |family: &str| family.len();
-        let three = [candidate("longer", 0.100), candidate("long", 0.105), candidate("s", 0.2)];
-        // two parameters more are worth a sixteenth, five more not a half
-        assert_eq!(choose(&three, size).unwrap().family, "long");
-        assert_eq!(choose(&three[..1], size).unwrap().family, "longer");
-        let two = [candidate("longer", 0.100), candidate("long", 0.107)];
-        assert_eq!(choose(&two, size).unwrap().family, "longer");
-        assert!(choose(&[candidate("s", f64::NAN)], size).is_none());
+        let chosen = |candidates: &[Candidate]| choose(candidates, 100).map(|candidate| candidate.family.clone());
+        // a hundred pictures: two hundredths of the loss are worth a parameter
+        let [simple, better, best] =
+            [candidate("simple", 0.103, 1.0), candidate("better", 0.1002, 2.0), candidate("best", 0.099, 4.0)];
+        assert_eq!(chosen(&[simple.clone(), better.clone(), best]).unwrap(), "better");
+        let unusual = candidate("unusual", 0.099, 2.0 + 0.5 * 3.0 * 3.0);
+        assert_eq!(chosen(&[unusual.clone(), better.clone()]).unwrap(), "better");
+        // many more pictures know better than what is usual
+        assert_eq!(choose(&[unusual, better], 1000).unwrap().family, "unusual");
+        assert!(chosen(&[candidate("s", f64::NAN, 0.0)]).is_none());
     }
 
     #[test]

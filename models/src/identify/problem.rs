@@ -38,6 +38,11 @@ pub struct Observed {
 }
 
 impl Observed {
+    /// How many pictures there are, imagined ones included.
+    pub fn pictures(&self) -> usize {
+        self.views.len() * self.targets.len()
+    }
+
     /// All pixels of a clip.
     ///
     /// # Errors
