@@ -95,11 +95,10 @@ impl<'a, 'b> Oracle<'a, 'b> {
     /// Loss, gradient and curvature by forward mode; without the latter two where tangents grow beyond all numbers.
     pub fn linearised(&mut self, at: &Unknowns, free: Free) -> Result<Answer> {
         let (mut first, reach) = (self.first.take().filter(|_| self.known.is_empty()), self.reach);
-        let sides = self.sides.clone();
+        let sides = std::mem::take(&mut self.sides);
         let mut linearise = |problem: &Problem<'_>, frames, substeps: &mut usize, notes: &mut dyn FnMut(String)| {
             let Some((linearised, found)) = first.take() else {
-                let problem = Problem { sides: sides.clone(), ..problem.reaching(reach) };
-                return problem.linearise(at, free, frames, substeps, notes);
+                return problem.reaching(reach, &sides).linearise(at, free, frames, substeps, notes);
             };
             *substeps = found;
             Ok(linearised)

@@ -147,14 +147,14 @@ impl<'a> Problem<'a> {
     #[must_use]
     pub fn flying(&self) -> Self {
         // flight says nothing of the material
-        Self { ranges: None, flying: true, ..self.reaching(self.secant) }
+        Self { ranges: None, flying: true, ..self.reaching(self.secant, &[]) }
     }
 
-    /// The same with derivatives that reach so far, to both sides.
-    pub(super) fn reaching(&self, secant: f64) -> Self {
+    /// The same with derivatives that reach so far, to these sides.
+    pub(super) fn reaching(&self, secant: f64, sides: &[f64]) -> Self {
         let (world, law, surface, ranges) =
             (self.world.clone(), self.law.clone(), self.surface.clone(), self.ranges.clone());
-        Self { world, law, surface, ranges, secant, sides: Vec::new(), ..*self }
+        Self { world, law, surface, ranges, secant, sides: sides.to_vec(), ..*self }
     }
 
     /// A schedule for `frames` frames that is stable for these unknowns: for the sound in the material, and for the speed that

@@ -23,7 +23,10 @@ impl Material for Newtonian {
     }
 
     fn parameters(&self) -> Vec<Parameter> {
-        vec![Parameter::log10("viscosity", "μ", "Pa s", [1e-1, 1e3]), Parameter::log10("bulk", "κ", "Pa", [1e3, 1e7])]
+        vec![
+            Parameter::log10("viscosity", "μ", "Pa s", [1e-1, 1e3]),
+            Parameter::log10("bulk", "κ", "Pa", [1e3, 1e7]).told_by_compression(),
+        ]
     }
 
     fn return_map(&self, trial: &Point, given: &Given) -> Option<Mat3> {
