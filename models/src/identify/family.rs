@@ -99,8 +99,11 @@ impl Stages<'_> {
             }
             candidates.push(stages.candidate(run, family, unknowns, [seen, frames])?);
         }
-        for pair in CONTAINING {
-            self.search_from_kin(run, pair, [seen, frames], &mut candidates)?;
+        let mut from = [None, None];
+        for again in ["", ", again"] {
+            for (pair, from) in CONTAINING.iter().zip(&mut from) {
+                self.search_from_kin(run, *pair, again, from, [seen, frames], &mut candidates)?;
+            }
         }
         let Some(winner) = choose(&candidates, self.observed.pictures()) else {
             return Err(Error::new(ErrorKind::Physics, "no family of materials can be simulated with this object")
@@ -119,11 +122,13 @@ impl Stages<'_> {
     }
 
     /// A search from where the better of two families came to, of which the one contains the other, for the worse: two that can do the same
-    /// should not be told apart by where their searches began.
+    /// should not be told apart by where their searches began. `from` is where such a search of this pair began last: not there once more.
     fn search_from_kin(
         &self,
         run: &mut Run,
         pair: [&str; 2],
+        again: &str,
+        from: &mut Option<Unknowns>,
         frames: [usize; 2],
         candidates: &mut [Candidate],
     ) -> Result<()> {
@@ -132,15 +137,16 @@ impl Stages<'_> {
         let [Some(one), Some(other)] = pair.map(at) else { return Ok(()) };
         let (better, worse) = if candidates[one].all < candidates[other].all { (one, other) } else { (other, one) };
         let law = |index: usize| law_of(&candidates[index].family).expect("families have laws");
-        let (from, to) = (law(better), law(worse));
+        let (its, to) = (law(better), law(worse));
         let (better, family) = (candidates[better].clone(), candidates[worse].family.clone());
-        if better.all > BEATEN * best {
+        if better.all > BEATEN * best || from.as_ref() == Some(&better.unknowns) {
             return Ok(());
         }
-        let parameters = alike(&from, &better.unknowns.parameters, &to, &candidates[worse].unknowns.parameters);
+        *from = Some(better.unknowns.clone());
+        let parameters = alike(&its, &better.unknowns.parameters, &to, &candidates[worse].unknowns.parameters);
         let mut unknowns = Unknowns { parameters, ..better.unknowns };
         let stages = Stages { law: &to, ..*self };
-        let stage = format!("{AUTO} {family}: from {}", better.family);
+        let stage = format!("{AUTO} {family}: from {}{again}", better.family);
         stages.short_search(run, &of_family(run, &family), &stage, frames[0], &mut unknowns)?;
         let found = stages.candidate(run, &family, unknowns, frames)?;
         if found.all < candidates[worse].all {
