@@ -5,7 +5,8 @@ use gradreel::{ErrorKind, Result};
 use crate::identify::reconstruct::{MATERIAL, Stages};
 use crate::identify::run::Run;
 use crate::identify::stages::{Effort, Weighed};
-use crate::identify::{Method, Steps, Unknowns};
+use crate::identify::{Config, Method, Steps, Unknowns};
+use crate::physics::Parameter;
 
 /// The stages that look for the material on the full grid and on the finer one, from the same start.
 const FULL: &str = "material, full grid";
@@ -18,10 +19,31 @@ const SHARE: f64 = 0.7;
 impl Stages<'_> {
     /// The search for the material from the best of the first searches: on the grid that the clip agrees better with, if the body flows.
     pub fn material(&self, run: &mut Run, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
+        let holds_bulk = self.holds_bulk(run);
+        if holds_bulk {
+            self.usual_bulk(&run.config, unknowns)?;
+        }
         let spent = self.choose_grid(run, frames, unknowns)?;
         let steps = run.config.fine_of(self.law);
         let always = steps.always.saturating_sub(spent).max(1);
-        self.fine(run, &Effort::new(MATERIAL, Steps { always, ..steps }), frames, unknowns)
+        let effort = Effort { holds_bulk, ..Effort::new(MATERIAL, Steps { always, ..steps }) };
+        self.fine(run, &effort, frames, unknowns)
+    }
+
+    /// Whether what only compression tells waits for the shape to be fitted to the whole motion: until then a body is up to 7 % too large, as
+    /// hulls are, and one that is soft enough makes up for it. A block of tar had come to be a hundredth as stiff as it was, and 14 % more viscous,
+    /// and its shape was then fitted to that.
+    fn holds_bulk(&self, run: &Run) -> bool {
+        self.several_cameras() && run.config.estimate.rounds > 0 && run.config.estimate.method == Method::GaussNewton
+    }
+
+    /// Makes what only compression tells what it usually is, unless it is held.
+    fn usual_bulk(&self, config: &Config, unknowns: &mut Unknowns) -> Result<()> {
+        let held = config.held(self.law)?;
+        let waits = |p: &Parameter| p.by_compression && !held.contains(&p.name);
+        let values = unknowns.parameters.iter_mut().zip(self.law.parameters());
+        values.filter(|(_, p)| waits(p)).for_each(|(value, p)| *value = p.usual[0]);
+        Ok(())
     }
 
     /// Searches the material of a body that flows, and that several cameras filmed, for a few steps on the full grid and on a finer one, and leaves it
@@ -40,9 +62,11 @@ impl Stages<'_> {
         }
         let particles = self.particles(run)?;
         let mut there = Unknowns { contact: unknowns.contact / SHARE, ..unknowns.clone() };
-        self.weighed(run, &Effort::new(FULL, steps), &particles, Weighed::All, frames, unknowns)?;
+        let holds_bulk = self.holds_bulk(run);
+        let effort = |stage| Effort { holds_bulk, ..Effort::new(stage, steps) };
+        self.weighed(run, &effort(FULL), &particles, Weighed::All, frames, unknowns)?;
         if run.config.geometry.grid == 0.0 {
-            let effort = Effort { grid: SHARE, ..Effort::new(FINER, steps) };
+            let effort = Effort { grid: SHARE, ..effort(FINER) };
             match self.weighed(run, &effort, &particles, Weighed::All, frames, &mut there) {
                 Err(error) if matches!(error.kind(), ErrorKind::Physics | ErrorKind::NonFinite) => {
                     run.note(format!("{FINER}: the simulation breaks down, and the grid stays as it is: {error}"));

@@ -29,13 +29,15 @@ pub(super) struct Effort<'a> {
     /// How many evaluations its progress expects.
     pub evaluations: usize,
     pub grid: f64,
+    /// Whether what only compression tells is held ([`Stages::holds_bulk`]).
+    pub holds_bulk: bool,
 }
 
 impl<'a> Effort<'a> {
     /// A search on the full grid.
     pub fn new(stage: &'a str, steps: impl Into<Steps>) -> Self {
         let steps = steps.into();
-        Self { stage, steps, evaluations: EVALUATIONS * steps.always, grid: 1.0 }
+        Self { stage, steps, evaluations: EVALUATIONS * steps.always, grid: 1.0, holds_bulk: false }
     }
 
     /// So many points on the full grid.
@@ -184,7 +186,12 @@ impl Stages<'_> {
     /// What the first searches for the material move: its parameters, the velocity if too few frames of flight have shown it, and the
     /// height at which the ground is felt if it is unsure.
     pub fn free(&self, run: &Run, config: &Config) -> Result<Free> {
-        let all = Free::all_but(self.law, &config.held(self.law)?, false);
+        self.free_but(run, config, &config.held(self.law)?)
+    }
+
+    /// The same with these parameters held.
+    fn free_but(&self, run: &Run, config: &Config, held: &[&str]) -> Result<Free> {
+        let all = Free::all_but(self.law, held, false);
         let unsure = run.state.contact.is_some_and(|contact| contact < SURE);
         let all = if unsure { self.thrown(config, all) } else { all };
         Ok(if self.unsure_ground(run) { all.with_ground(self.law, Ground::Unsure) } else { all })
@@ -215,8 +222,16 @@ impl Stages<'_> {
     /// What the later searches move from there, and what is known of it: the same, and of what a single camera saw the velocity, too, and
     /// the lean if it has one. The pixels after the contact tell how fast it came nearer, which its fall hardly does; what the fall says of
     /// it counts as well.
-    fn plausible<'a>(&'a self, run: &Run, from: &Unknowns, fall: Option<&'a Fallen>) -> Result<Plausible<'a>> {
-        let free = self.free(run, &run.config)?;
+    fn plausible<'a>(
+        &'a self,
+        run: &Run,
+        holds_bulk: bool,
+        from: &Unknowns,
+        fall: Option<&'a Fallen>,
+    ) -> Result<Plausible<'a>> {
+        let mut held = run.config.held(self.law)?;
+        held.extend(self.law.parameters().iter().filter(|p| holds_bulk && p.by_compression).map(|p| p.name));
+        let free = self.free_but(run, &run.config, &held)?;
         let free = if self.clip.flight.is_some() { self.thrown(&run.config, free) } else { free };
         // of what was not seen to lean, it would only be taken for a velocity along the line of sight
         let free = if self.leans(run) && from.leans() { free.with_lean(self.law) } else { free };
@@ -284,7 +299,7 @@ impl Stages<'_> {
         unknowns: &mut Unknowns,
     ) -> Result<()> {
         let fall = self.fall(run)?;
-        let mut plausible = self.plausible(run, unknowns, fall.as_ref())?;
+        let mut plausible = self.plausible(run, effort.holds_bulk, unknowns, fall.as_ref())?;
         let free = plausible.free;
         let mut first = None;
         if !run.has_finished(effort.stage) {
@@ -376,7 +391,7 @@ impl Stages<'_> {
             self.weighed(run, &effort, &particles, Weighed::All, frames, unknowns)?;
         }
         let fall = self.fall(run)?;
-        let plausible = self.plausible(run, unknowns, fall.as_ref())?;
+        let plausible = self.plausible(run, false, unknowns, fall.as_ref())?;
         let free = plausible.free;
         let bias = if many { Vec::new() } else { self.bias(run, free, unknowns)? };
         let effort = if many { Effort::of_points(USUAL, 2) } else { effort };
