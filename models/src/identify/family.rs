@@ -4,7 +4,7 @@ use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
 use crate::identify::plausible::Plausible;
-use crate::identify::reconstruct::{DTYPE, Stages};
+use crate::identify::reconstruct::{DTYPE, Moved, Stages};
 use crate::identify::run::Run;
 use crate::identify::stages::AUTO;
 use crate::identify::{Config, FAMILIES, Free, MaterialConfig, Problem, Unknowns, law_of};
@@ -83,9 +83,39 @@ fn alike(from: &Law, values: &[f64], to: &Law, rest: &[f64]) -> Vec<f64> {
 impl Stages<'_> {
     /// Fits every family to three fifths of the frames in contact, lets it foretell the rest, and makes the
     /// run one of the family that [`choose`] names.
-    pub(super) fn choose_family(&self, run: &mut Run, contact: usize, frames: usize, start: &Unknowns) -> Result<()> {
+    pub(super) fn choose_family(
+        &self,
+        run: &mut Run,
+        contact: usize,
+        frames: usize,
+        flying: Moved<'_>,
+        start: &Unknowns,
+    ) -> Result<()> {
         let seen =
             (contact + (3 * frames.saturating_sub(contact)).div_ceil(5)).clamp(1, frames.saturating_sub(1).max(1));
+        if run.state.candidates.is_empty() {
+            run.state.candidates = self.compare(run, [contact, seen, frames], start)?;
+            // from here on the voxels may be others than what they were compared with
+            run.save()?;
+        }
+        self.look_again(run, [contact, seen, frames], flying, start)?;
+        let Some(winner) = choose(&run.state.candidates, self.observed.pictures()).cloned() else {
+            return Err(Error::new(ErrorKind::Physics, "no family of materials can be simulated with this object")
+                .fix("check the size of the object and the ground with `gradreel check`"));
+        };
+        let family = winner.family;
+        run.note(format!(
+            "the family was chosen by how well each, fitted to the frames before {seen}, agrees with all, and how usual it is: {family}"
+        ));
+        // what the run has found so far is of the material that its file names
+        run.state.unknowns = Some(winner.unknowns);
+        run.config.material = MaterialConfig { name: family, ..MaterialConfig::default() };
+        run.save()?;
+        run.save_config()
+    }
+
+    /// What every family makes of the clip.
+    fn compare(&self, run: &mut Run, [contact, seen, frames]: [usize; 3], start: &Unknowns) -> Result<Vec<Candidate>> {
         let mut candidates = Vec::new();
         for (family, law) in FAMILIES {
             let law = materials::find(law).expect("families have laws");
@@ -105,25 +135,12 @@ impl Stages<'_> {
                 self.search_from_kin(run, *pair, again, from, [seen, frames], &mut candidates)?;
             }
         }
-        let Some(winner) = choose(&candidates, self.observed.pictures()) else {
-            return Err(Error::new(ErrorKind::Physics, "no family of materials can be simulated with this object")
-                .fix("check the size of the object and the ground with `gradreel check`"));
-        };
-        let family = winner.family.clone();
-        run.note(format!(
-            "the family was chosen by how well each, fitted to the frames before {seen}, agrees with all, and how usual it is: {family}"
-        ));
-        // what the run has found so far is of the material that its file names
-        run.state.unknowns = Some(winner.unknowns.clone());
-        run.config.material = MaterialConfig { name: family, ..MaterialConfig::default() };
-        run.state.candidates = candidates;
-        run.save()?;
-        run.save_config()
+        Ok(candidates)
     }
 
     /// A search from where the better of two families came to, of which the one contains the other, for the worse: two that can do the same
     /// should not be told apart by where their searches began. `from` is where such a search of this pair began last: not there once more.
-    fn search_from_kin(
+    pub(super) fn search_from_kin(
         &self,
         run: &mut Run,
         pair: [&str; 2],
@@ -156,7 +173,13 @@ impl Stages<'_> {
     }
 
     /// What this law makes of the frames it was fitted to, and of all.
-    fn candidate(&self, run: &Run, family: &str, unknowns: Unknowns, [seen, frames]: [usize; 2]) -> Result<Candidate> {
+    pub(super) fn candidate(
+        &self,
+        run: &Run,
+        family: &str,
+        unknowns: Unknowns,
+        [seen, frames]: [usize; 2],
+    ) -> Result<Candidate> {
         let particles = self.particles(run)?;
         let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
         let loss = |frames: usize| match problem.misfit(&unknowns, frames, &mut 0, &mut |_| ()) {
@@ -175,7 +198,7 @@ impl Stages<'_> {
 }
 
 /// The run's settings for one family, about whose parameters nothing is told.
-fn of_family(run: &Run, family: &str) -> Config {
+pub(super) fn of_family(run: &Run, family: &str) -> Config {
     let material = MaterialConfig { name: family.to_owned(), ..MaterialConfig::default() };
     Config { material, ..run.config.clone() }
 }

@@ -46,6 +46,7 @@ mod problem;
 mod profile;
 mod reconstruct;
 mod run;
+mod second_look;
 mod sharpness;
 mod spin;
 mod stages;

@@ -76,14 +76,14 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     stages.shape(run, "shape in flight", iterations.div_ceil(2), flying)?;
     stages.velocity(run, "velocity in flight", flight.max(2).min(frames), &mut unknowns)?;
     if run.config.chooses_family() {
-        stages.choose_family(run, flight, frames, &unknowns)?;
+        stages.choose_family(run, flight, frames, flying, &unknowns)?;
     }
     let law = run.config.law()?;
     let stages = Stages { law: &law, ..stages };
     if !run.state.candidates.is_empty() && !run.config.flows(&law) {
         // until now it was treated as if it flowed
         stages.choose_surface(run)?;
-        stages.shape(run, "shape of what stays", iterations, flying)?;
+        stages.shape(run, OF_WHAT_STAYS, iterations, flying)?;
     }
     let early = match run.state.candidates.iter().find(|candidate| candidate.family == run.config.material.name) {
         Some(candidate) => {
@@ -119,7 +119,7 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
 
 /// How the voxels move through the frames they are fitted to.
 #[derive(Clone, Copy)]
-enum Moved<'a> {
+pub(super) enum Moved<'a> {
     /// In free flight, for the first frames.
     Flying { frames: usize, velocity: [f64; 3], spin: [f64; 3] },
     /// As simulated, through the first frames; the material is fitted with them, from these unknowns on.
@@ -210,7 +210,7 @@ impl Stages<'_> {
     }
 
     /// Keeps the voxels as they are before a stage changes them; once some of the new shape is written there is nothing to keep.
-    fn keep_before(&self, run: &Run, stage: &str) -> Result<()> {
+    pub(super) fn keep_before(&self, run: &Run, stage: &str) -> Result<()> {
         let reached = run.reached(stage)?;
         if run.has_finished(stage) || reached.ended || reached.iterations > 0 {
             return Ok(());
@@ -220,7 +220,7 @@ impl Stages<'_> {
 
     /// Fits the voxels to some frames, moved as the stage says; starts from the hull if there is no field yet. Where they are simulated, the
     /// material is fitted with them; what moves them in the end is returned.
-    fn shape(&self, run: &mut Run, stage: &str, iterations: usize, moved: Moved<'_>) -> Result<Unknowns> {
+    pub(super) fn shape(&self, run: &mut Run, stage: &str, iterations: usize, moved: Moved<'_>) -> Result<Unknowns> {
         let (simulated, start, frames) = match moved {
             Moved::Simulated { frames, unknowns } => (true, unknowns.clone(), frames),
             Moved::Flying { frames, velocity, spin } => {
@@ -398,6 +398,9 @@ pub(crate) fn describe(law: &Law, unknowns: &Unknowns) -> String {
     };
     format!("v ({x:.3}, {y:.3}, {z:.3}) m/s{spin}  {}{lean}", parameters.collect::<Vec<_>>().join("  "))
 }
+
+/// The stage that fits the shape of a body that keeps it, once its family is chosen.
+pub(super) const OF_WHAT_STAYS: &str = "shape of what stays";
 
 /// The stage that first estimates the whole material.
 pub(super) const MATERIAL: &str = "material";

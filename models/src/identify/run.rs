@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::field::temporal::Flight;
 use crate::identify::field_file::FIELD;
-use crate::identify::{Answer, Candidate, Config, Evaluation, Interval, Unknowns};
+use crate::identify::{Answer, Candidate, Config, Evaluation, Interval, MaterialConfig, Unknowns};
 use crate::report::run_folder::RunFolder;
 use crate::video::Clip;
 
@@ -130,6 +130,8 @@ pub struct Run {
     pub config: Config,
     /// What has been reached.
     pub state: State,
+    /// What its file goes on to say of the material while another is tried.
+    pub(super) open: Option<MaterialConfig>,
 }
 
 const STATE: &str = "state.json";
@@ -142,7 +144,7 @@ impl Run {
     /// [`ErrorKind::Input`] when the folder holds something.
     pub fn create(folder: RunFolder, config: Config, clip: &Clip) -> Result<Self> {
         folder.write(CONFIG, config.to_toml()?.as_bytes())?;
-        let run = Self { folder, config, state: State::of(clip) };
+        let run = Self { folder, config, state: State::of(clip), open: None };
         run.save()?;
         Ok(run)
     }
@@ -175,18 +177,20 @@ impl Run {
         if state.seconds.len() != state.finished.len() {
             return Err(damaged(&folder, STATE, &"stages without their times"));
         }
-        Ok(Self { folder, config, state })
+        Ok(Self { folder, config, state, open: None })
     }
 
     /// Writes the configuration as it is now.
     pub(super) fn save_config(&self) -> Result<()> {
-        self.folder.write(CONFIG, self.config.to_toml()?.as_bytes())
+        let material = self.open.as_ref().unwrap_or(&self.config.material).clone();
+        let config = Config { material, ..self.config.clone() };
+        self.folder.write(CONFIG, config.to_toml()?.as_bytes())
     }
 
     /// The same run, to be changed and written to another folder.
     #[must_use]
     pub fn copied(&self) -> Self {
-        Self { folder: self.folder.clone(), config: self.config.clone(), state: self.state.clone() }
+        Self { folder: self.folder.clone(), config: self.config.clone(), state: self.state.clone(), open: None }
     }
 
     /// Writes a changed copy of a run, with that run's voxels, to its own empty folder.
