@@ -87,7 +87,7 @@ impl Stages<'_> {
         let [decades, part] = if self.observed.sight.is_some() { ONE_SIDED } else { [MODEL_ERROR, SHARE_ERROR] };
         let parameter = &self.law.parameters()[p];
         let [low, high] = parameter.prior;
-        match (parameter.by_compression, self.is_magnitude(unknown)) {
+        match (parameter.by_compression.is_some(), self.is_magnitude(unknown)) {
             (true, true) => decades.hypot(of_compression(at.parameters[p], impact).min((high / low).log10())),
             (_, true) => decades,
             (_, false) => part * (high - low) / at.slope(self.law, unknown).abs(),

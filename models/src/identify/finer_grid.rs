@@ -1,11 +1,11 @@
-//! The choice of a finer grid: what flows ends in sheets thinner than a cell, and clips show on which grid it spreads as it was filmed.
+//! The choice of a finer grid: a grid damps motion within its cells, and clips show on which one a body moves as it was filmed.
 
 use gradreel::{ErrorKind, Result};
 
 use crate::identify::reconstruct::{MATERIAL, Stages};
 use crate::identify::run::Run;
 use crate::identify::stages::{Effort, Weighed};
-use crate::identify::{Config, Method, Steps, Unknowns};
+use crate::identify::{Method, Steps, Unknowns};
 use crate::physics::Parameter;
 
 /// The stages that look for the material on the full grid and on the finer one, from the same start.
@@ -16,12 +16,17 @@ const FINER: &str = "material, finer grid";
 /// that losses can be compared.
 const SHARE: f64 = 0.7;
 
+/// By how much an impact compresses what hardly is: an order less than hulls are too large.
+const HARDLY: f64 = 0.01;
+
 impl Stages<'_> {
-    /// The search for the material from the best of the first searches: on the grid that the clip agrees better with, if the body flows.
+    /// The search for the material from the best of the first searches: on the grid that the clip agrees better with.
     pub fn material(&self, run: &mut Run, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
         let holds_bulk = self.holds_bulk(run);
         if holds_bulk {
-            self.usual_bulk(&run.config, unknowns)?;
+            let bulk = self.bulk(run, unknowns)?;
+            let values = unknowns.parameters.iter_mut().zip(self.law.parameters());
+            values.filter(|(_, p)| bulk.contains(p)).for_each(|(value, p)| *value = p.usual[0]);
         }
         let spent = self.choose_grid(run, frames, unknowns)?;
         let steps = run.config.fine_of(self.law);
@@ -37,25 +42,21 @@ impl Stages<'_> {
         self.several_cameras() && run.config.estimate.rounds > 0 && run.config.estimate.method == Method::GaussNewton
     }
 
-    /// Makes what only compression tells what it usually is, unless it is held.
-    fn usual_bulk(&self, config: &Config, unknowns: &mut Unknowns) -> Result<()> {
-        let held = config.held(self.law)?;
-        let waits = |p: &Parameter| p.by_compression && !held.contains(&p.name);
-        let values = unknowns.parameters.iter_mut().zip(self.law.parameters());
-        values.filter(|(_, p)| waits(p)).for_each(|(value, p)| *value = p.usual[0]);
-        Ok(())
+    /// What only compression tells, if it is to be found and the impact hardly compresses what has the usual value: it may then wait. A paste
+    /// is compressed by hundredths, and what yields would make up for it if it waited.
+    pub(super) fn bulk(&self, run: &Run, at: &Unknowns) -> Result<Vec<&Parameter>> {
+        let (held, impact) = (run.config.held(self.law)?, self.impact(run, at));
+        let hardly = |p: &Parameter| p.by_compression.is_some_and(|times| impact < HARDLY * times * p.usual[0]);
+        Ok(self.law.parameters().iter().filter(|p| !held.contains(&p.name) && hardly(p)).collect())
     }
 
-    /// Searches the material of a body that flows, and that several cameras filmed, for a few steps on the full grid and on a finer one, and leaves it
+    /// Searches the material of a body that several cameras filmed for a few steps on the full grid and on a finer one, and leaves it
     /// where the loss is lower: all that follows is on that grid. Chosen later, the full one had made a cream 100 times too stiff.
     /// Films of a grid of 0.7 times the spacing ended at 0.34 to 0.94 times the loss, films of the full grid at 1.2 to 1.7 times.
     /// Returns how many steps the search on the grid chosen has had.
     fn choose_grid(&self, run: &mut Run, frames: usize, unknowns: &mut Unknowns) -> Result<usize> {
-        let steps = run.config.flowing.finer;
-        let tries = steps > 0
-            && self.several_cameras()
-            && run.config.flows(self.law)
-            && run.config.estimate.method == Method::GaussNewton;
+        let steps = run.config.estimate.finer;
+        let tries = steps > 0 && self.several_cameras() && run.config.estimate.method == Method::GaussNewton;
         let given = run.config.geometry.grid > 0.0 && !run.has_finished(FULL);
         if !tries || given {
             return Ok(0);

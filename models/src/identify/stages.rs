@@ -230,7 +230,9 @@ impl Stages<'_> {
         fall: Option<&'a Fallen>,
     ) -> Result<Plausible<'a>> {
         let mut held = run.config.held(self.law)?;
-        held.extend(self.law.parameters().iter().filter(|p| holds_bulk && p.by_compression).map(|p| p.name));
+        if holds_bulk {
+            held.extend(self.bulk(run, from)?.iter().map(|p| p.name));
+        }
         let free = self.free_but(run, &run.config, &held)?;
         let free = if self.clip.flight.is_some() { self.thrown(&run.config, free) } else { free };
         // of what was not seen to lean, it would only be taken for a velocity along the line of sight

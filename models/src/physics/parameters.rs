@@ -71,8 +71,9 @@ pub struct Parameter {
     pub usual: [f64; 2],
     /// The name of the parameter of which the middle of `usual` is a multiple ([`Parameter::usually_times`]).
     pub times: Option<&'static str>,
-    /// Whether it is known by how far an impact compresses the body only ([`Parameter::told_by_compression`]).
-    pub by_compression: bool,
+    /// If it is known by how far an impact compresses the body only: the bulk modulus at rest as a multiple of it
+    /// ([`Parameter::told_by_compression`]).
+    pub by_compression: Option<f64>,
 }
 
 /// Half the width of an interval of 90 % in standard deviations.
@@ -101,10 +102,11 @@ impl Parameter {
         Self { usual: [ratio, decades], times: Some(other), ..self }
     }
 
-    /// A bulk modulus of what flows: known by how far an impact compresses the body only, and so the less the stiffer it is.
+    /// A bulk modulus of what flows: known by how far an impact compresses the body only, and so the less the stiffer it is. `times` it is the
+    /// bulk modulus at rest.
     #[must_use]
-    pub fn told_by_compression(self) -> Self {
-        Self { by_compression: true, ..self }
+    pub fn told_by_compression(self, times: f64) -> Self {
+        Self { by_compression: Some(times), ..self }
     }
 
     /// A positive parameter fitted as its decimal logarithm, starting in the logarithmic middle of `prior`.
@@ -119,14 +121,14 @@ impl Parameter {
             prior,
             usual: [start, width(prior.map(f64::log10))],
             times: None,
-            by_compression: false,
+            by_compression: None,
         }
     }
 
     /// A parameter of any sign that is fitted as it is.
     pub fn linear(name: &'static str, symbol: &'static str, unit: &'static str, start: f64, prior: [f64; 2]) -> Self {
         let usual = [0.5 * (prior[0] + prior[1]), width(prior)];
-        Self { name, symbol, unit, map: Map::Linear, start, prior, usual, times: None, by_compression: false }
+        Self { name, symbol, unit, map: Map::Linear, start, prior, usual, times: None, by_compression: None }
     }
 
     /// A parameter that stays between `limits`, starting in the middle of `prior`.
@@ -140,7 +142,7 @@ impl Parameter {
         let map = Map::Bounded { low: limits[0], high: limits[1] };
         let start = (prior[0] + prior[1]) / 2.0;
         let usual = [start, width(prior)];
-        Self { name, symbol, unit, map, start, prior, usual, times: None, by_compression: false }
+        Self { name, symbol, unit, map, start, prior, usual, times: None, by_compression: None }
     }
 }
 

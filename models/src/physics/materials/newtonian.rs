@@ -25,7 +25,7 @@ impl Material for Newtonian {
     fn parameters(&self) -> Vec<Parameter> {
         vec![
             Parameter::log10("viscosity", "μ", "Pa s", [1e-1, 1e3]),
-            Parameter::log10("bulk", "κ", "Pa", [1e3, 1e7]).told_by_compression(),
+            Parameter::log10("bulk", "κ", "Pa", [1e3, 1e7]).told_by_compression(7.0),
         ]
     }
 

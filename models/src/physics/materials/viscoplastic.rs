@@ -31,7 +31,7 @@ impl Material for Viscoplastic {
     fn parameters(&self) -> Vec<Parameter> {
         vec![
             Parameter::log10("shear", "μ", "Pa", [1e2, 1e6]).usually_times("yield_stress", STIFF[0], STIFF[1]),
-            Parameter::log10("bulk", "κ", "Pa", [1e3, 1e7]).told_by_compression(),
+            Parameter::log10("bulk", "κ", "Pa", [1e3, 1e7]).told_by_compression(1.0),
             Parameter::log10("yield_stress", "τ_Y", "Pa", [1e1, 1e5]),
             Parameter::log10("plastic_viscosity", "η", "Pa s", [1e-1, 1e3]),
         ]
