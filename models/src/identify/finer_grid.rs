@@ -30,6 +30,8 @@ impl Stages<'_> {
         }
         let spent = self.choose_grid(run, frames, unknowns)?;
         let steps = run.config.fine_of(self.law);
+        // those that go on while the loss falls must not stop for having begun on both grids
+        let spent = if steps.falling > 0 { 0 } else { spent };
         let always = steps.always.saturating_sub(spent).max(1);
         let effort = Effort { holds_bulk, ..Effort::new(MATERIAL, Steps { always, ..steps }) };
         self.fine(run, &effort, frames, unknowns)
