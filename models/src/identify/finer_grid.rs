@@ -28,10 +28,16 @@ impl Stages<'_> {
             let values = unknowns.parameters.iter_mut().zip(self.law.parameters());
             values.filter(|(_, p)| bulk.contains(p)).for_each(|(value, p)| *value = p.usual[0]);
         }
-        let spent = self.choose_grid(run, frames, unknowns)?;
+        let begun = unknowns.clone();
+        let mut spent = self.choose_grid(run, frames, unknowns)?;
         let steps = run.config.fine_of(self.law);
-        // those that go on while the loss falls must not stop for having begun on both grids
-        let spent = if steps.falling > 0 { 0 } else { spent };
+        if steps.falling > 0 {
+            spent = 0;
+            // a search that goes on while the loss falls is stopped by what it has forgotten: how far it may trust its steps
+            if run.config.geometry.grid_share() >= 1.0 {
+                *unknowns = begun;
+            }
+        }
         let always = steps.always.saturating_sub(spent).max(1);
         let effort = Effort { holds_bulk, ..Effort::new(MATERIAL, Steps { always, ..steps }) };
         self.fine(run, &effort, frames, unknowns)
