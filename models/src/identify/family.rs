@@ -119,15 +119,9 @@ impl Stages<'_> {
         let mut candidates = Vec::new();
         for (family, law) in FAMILIES {
             let law = materials::find(law).expect("families have laws");
-            let own = of_family(run, family);
-            let mut unknowns = Unknowns { parameters: own.starting_values(&law)?, ..start.clone() };
             let stages = Stages { law: &law, ..*self };
             let stage = format!("{AUTO} {family}");
-            let early = stages.explore(run, &own, &stage, [contact, seen], &mut unknowns)?;
-            if early < seen {
-                stages.short_search(run, &own, &format!("{stage}: later"), seen, &mut unknowns)?;
-            }
-            candidates.push(stages.candidate(run, family, unknowns, [seen, frames])?);
+            candidates.push(stages.explored(run, family, &stage, [contact, seen, frames], start)?);
         }
         let mut from = [None, None];
         for again in ["", ", again"] {
@@ -136,6 +130,24 @@ impl Stages<'_> {
             }
         }
         Ok(candidates)
+    }
+
+    /// What a family makes of the clip from nothing, in stages whose names begin with `stage`.
+    pub(super) fn explored(
+        &self,
+        run: &mut Run,
+        family: &str,
+        stage: &str,
+        [contact, seen, frames]: [usize; 3],
+        start: &Unknowns,
+    ) -> Result<Candidate> {
+        let own = of_family(run, family);
+        let mut unknowns = Unknowns { parameters: own.starting_values(self.law)?, ..start.clone() };
+        let early = self.explore(run, &own, stage, [contact, seen], &mut unknowns)?;
+        if early < seen {
+            self.short_search(run, &own, &format!("{stage}: later"), seen, &mut unknowns)?;
+        }
+        self.candidate(run, family, unknowns, [seen, frames])
     }
 
     /// A search from where the better of two families came to, of which the one contains the other, for the worse: two that can do the same

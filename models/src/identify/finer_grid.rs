@@ -29,7 +29,7 @@ impl Stages<'_> {
             values.filter(|(_, p)| bulk.contains(p)).for_each(|(value, p)| *value = p.usual[0]);
         }
         let begun = unknowns.clone();
-        let mut spent = self.choose_grid(run, frames, unknowns)?;
+        let mut spent = self.choose_grid(run, holds_bulk, frames, unknowns)?;
         let steps = run.config.fine_of(self.law);
         if steps.falling > 0 {
             spent = 0;
@@ -62,7 +62,7 @@ impl Stages<'_> {
     /// where the loss is lower: all that follows is on that grid. Chosen later, the full one had made a cream 100 times too stiff.
     /// Films of a grid of 0.7 times the spacing ended at 0.34 to 0.94 times the loss, films of the full grid at 1.2 to 1.7 times.
     /// Returns how many steps the search on the grid chosen has had.
-    fn choose_grid(&self, run: &mut Run, frames: usize, unknowns: &mut Unknowns) -> Result<usize> {
+    fn choose_grid(&self, run: &mut Run, holds_bulk: bool, frames: usize, unknowns: &mut Unknowns) -> Result<usize> {
         let steps = run.config.estimate.finer;
         let tries = steps > 0 && self.several_cameras() && run.config.estimate.method == Method::GaussNewton;
         let given = run.config.geometry.grid > 0.0 && !run.has_finished(FULL);
@@ -71,7 +71,6 @@ impl Stages<'_> {
         }
         let particles = self.particles(run)?;
         let mut there = Unknowns { contact: unknowns.contact / SHARE, ..unknowns.clone() };
-        let holds_bulk = self.holds_bulk(run);
         let effort = |stage| Effort { holds_bulk, ..Effort::new(stage, steps) };
         self.weighed(run, &effort(FULL), &particles, Weighed::All, frames, unknowns)?;
         if run.config.geometry.grid == 0.0 {

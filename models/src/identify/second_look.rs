@@ -23,12 +23,12 @@ const LOOKED: &str = "auto: bodies that stay";
 impl Stages<'_> {
     /// Looks again at the families of bodies that keep their shape, with the shape and surface that they are given once they are chosen. While the family
     /// is open all are pictured as what flows, smooth and sharpened, and that eats thin parts: the bird of rubber had a loss of 0.093 then, whatever its
-    /// modulus, and of 0.015 with its wings; it was taken for a paste (0.047). Only where rubber is the second best at least as nearly as anything
-    /// that is not rubber never was, so that pictures that differ need not be compared closely.
+    /// modulus, and of 0.039 with its wings; it was taken for a paste (0.047). Only where rubber is not the best but [`NEAR`] it: pictures that differ
+    /// cannot be compared closely, and of films of anything else rubber is far from it.
     pub(super) fn look_again(
         &self,
         run: &mut Run,
-        [contact, seen, frames]: [usize; 3],
+        frames: [usize; 3],
         flying: Moved<'_>,
         start: &Unknowns,
     ) -> Result<()> {
@@ -44,12 +44,12 @@ impl Stages<'_> {
             // pictured as one of them; the run's file goes on to say that the family is open
             let rubber = of_family(run, STAY[0]).material;
             run.open = Some(std::mem::replace(&mut run.config.material, rubber));
-            let looked = self.of_what_stays(run, [contact, seen, frames], flying, start);
+            let looked = self.of_what_stays(run, frames, flying, start);
             run.config.material = run.open.take().unwrap_or_default();
             for candidate in looked? {
-                run.state.candidates.iter_mut().filter(|other| other.family == candidate.family).for_each(|other| {
-                    *other = candidate.clone();
-                });
+                if let Some(other) = run.state.candidates.iter_mut().find(|other| other.family == candidate.family) {
+                    *other = candidate;
+                }
             }
             run.finish(LOOKED, since)?;
         }
@@ -73,21 +73,15 @@ impl Stages<'_> {
         rubber.choose_surface(run)?;
         self.keep_before(run, OF_WHAT_STAYS)?;
         rubber.shape(run, OF_WHAT_STAYS, run.config.geometry.fit.iterations, flying)?;
-        let own = of_family(run, STAY[0]);
-        let mut unknowns = Unknowns { parameters: own.starting_values(rubber.law)?, ..start.clone() };
         let stage = format!("{AUTO} {}: as it is", STAY[0]);
-        let early = rubber.explore(run, &own, &stage, [contact, seen], &mut unknowns)?;
-        if early < seen {
-            rubber.short_search(run, &own, &format!("{stage}: later"), seen, &mut unknowns)?;
-        }
-        let first = rubber.candidate(run, STAY[0], unknowns, [seen, frames])?;
+        let first = rubber.explored(run, STAY[0], &stage, [contact, seen, frames], start)?;
         let before = run.state.candidates.iter().find(|candidate| candidate.family == STAY[1]);
         let mut unknowns = before.map_or_else(|| start.clone(), |candidate| candidate.unknowns.clone());
         let own = of_family(run, STAY[1]);
         solid.short_search(run, &own, &format!("{AUTO} {}: as it is", STAY[1]), seen, &mut unknowns)?;
         let second = solid.candidate(run, STAY[1], unknowns, [seen, frames])?;
         let mut both = vec![first, second];
-        self.search_from_kin(run, ["plasticine", "elastic"], ", as it is", &mut None, [seen, frames], &mut both)?;
+        self.search_from_kin(run, [STAY[1], STAY[0]], ", as it is", &mut None, [seen, frames], &mut both)?;
         Ok(both)
     }
 }
