@@ -220,9 +220,6 @@ pub struct EstimateConfig {
     /// Gauss–Newton steps more of each of these as long as every one lowers the loss by 1 %: a lump of plasticine whose search from afar ended
     /// at seven times less than its modulus, 7 % a step, had its shape fitted to that and stayed there.
     pub falling: usize,
-    /// The first so many steps of `fine` (of `flowing.fine`, if it flows) are tried on the full grid and on a finer one: all that follows is on that
-    /// which the clip agrees better with. 0 for no finer grid.
-    pub finer: usize,
     /// Rounds at most of fitting the shape to the whole motion and the material to the new shape; one more, if there are any, is of
     /// the early frames.
     pub rounds: usize,
@@ -247,7 +244,6 @@ impl Default for EstimateConfig {
             first: 3,
             fine: 5,
             falling: 15,
-            finer: 5,
             rounds: 1,
             early: 0.4,
             coarse: 4,

@@ -1,4 +1,4 @@
-//! The choice of a finer grid: a grid damps motion within its cells, and clips show on which one a body moves as it was filmed.
+//! The choice of a finer grid: a grid damps motion within its cells, and clips show on which one a body spreads as it was filmed.
 
 use gradreel::{ErrorKind, Result};
 
@@ -20,7 +20,7 @@ const SHARE: f64 = 0.7;
 const HARDLY: f64 = 0.01;
 
 impl Stages<'_> {
-    /// The search for the material from the best of the first searches: on the grid that the clip agrees better with.
+    /// The search for the material from the best of the first searches: on the grid that the clip agrees better with, if the body flows.
     pub fn material(&self, run: &mut Run, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
         let holds_bulk = self.holds_bulk(run);
         if holds_bulk {
@@ -28,16 +28,8 @@ impl Stages<'_> {
             let values = unknowns.parameters.iter_mut().zip(self.law.parameters());
             values.filter(|(_, p)| bulk.contains(p)).for_each(|(value, p)| *value = p.usual[0]);
         }
-        let begun = unknowns.clone();
-        let mut spent = self.choose_grid(run, holds_bulk, frames, unknowns)?;
+        let spent = self.choose_grid(run, holds_bulk, frames, unknowns)?;
         let steps = run.config.fine_of(self.law);
-        if steps.falling > 0 {
-            spent = 0;
-            // a search that goes on while the loss falls is stopped by what it has forgotten: how far it may trust its steps
-            if run.config.geometry.grid_share() >= 1.0 {
-                *unknowns = begun;
-            }
-        }
         let always = steps.always.saturating_sub(spent).max(1);
         let effort = Effort { holds_bulk, ..Effort::new(MATERIAL, Steps { always, ..steps }) };
         self.fine(run, &effort, frames, unknowns)
@@ -58,13 +50,16 @@ impl Stages<'_> {
         Ok(self.law.parameters().iter().filter(|p| !held.contains(&p.name) && hardly(p)).collect())
     }
 
-    /// Searches the material of a body that several cameras filmed for a few steps on the full grid and on a finer one, and leaves it
+    /// Searches the material of a body that flows, and that several cameras filmed, for a few steps on the full grid and on a finer one, and leaves it
     /// where the loss is lower: all that follows is on that grid. Chosen later, the full one had made a cream 100 times too stiff.
     /// Films of a grid of 0.7 times the spacing ended at 0.34 to 0.94 times the loss, films of the full grid at 1.2 to 1.7 times.
     /// Returns how many steps the search on the grid chosen has had.
     fn choose_grid(&self, run: &mut Run, holds_bulk: bool, frames: usize, unknowns: &mut Unknowns) -> Result<usize> {
-        let steps = run.config.estimate.finer;
-        let tries = steps > 0 && self.several_cameras() && run.config.estimate.method == Method::GaussNewton;
+        let steps = run.config.flowing.finer;
+        let tries = steps > 0
+            && self.several_cameras()
+            && run.config.flows(self.law)
+            && run.config.estimate.method == Method::GaussNewton;
         let given = run.config.geometry.grid > 0.0 && !run.has_finished(FULL);
         if !tries || given {
             return Ok(0);

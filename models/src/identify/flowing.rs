@@ -40,6 +40,9 @@ pub struct FlowingConfig {
     /// In place of `estimate.fine`: the valleys of four unknowns are long, and what a shape is fitted to before the end of one is reached
     /// keeps the search there: after 14 steps from afar, the loss of a cream still fell, and its yield stress ended a seventh too low.
     pub fine: usize,
+    /// The first so many steps of `fine` are tried on the full grid and on a finer one: all that follows is on that which the clip agrees
+    /// better with. 0 for no finer grid.
+    pub finer: usize,
 }
 
 impl Default for FlowingConfig {
@@ -50,6 +53,7 @@ impl Default for FlowingConfig {
             smoothness: 0.03,
             secant: 0.2,
             fine: 20,
+            finer: 5,
         }
     }
 }

@@ -16,7 +16,7 @@ use crate::scene::{Scene, bundled, text};
 
 /// Fits long enough to be saved half-way, searches of a few evaluations.
 const TINY: &str = "[clip]\nshrink = 12\n[geometry]\ndx = 0.12\n[geometry.fit]\niterations = 7\nin_motion = 7\n\
-                    [estimate]\nvelocity = 1\nscan = 1\nstarts = 1\nfirst = 1\ncoarse = 1\nfine = 1\nfalling = 0\nfiner = 0\nrounds = 1\n";
+                    [estimate]\nvelocity = 1\nscan = 1\nstarts = 1\nfirst = 1\ncoarse = 1\nfine = 1\nfalling = 0\nrounds = 1\n";
 
 /// What a run has found: everything in its state but how long it took, what it has settled, and its voxels.
 fn found(folder: &Path) -> (Value, Vec<u8>) {
@@ -110,9 +110,9 @@ fn between_writes_of_a_choice_of_family() {
 
 #[test]
 fn between_writes_of_least_squares() {
-    let tiny = TINY.replace("finer = 0", "finer = 1");
+    let tiny = format!("[flowing]\nfiner = 1\n{TINY}");
     let whole = killed_between_writes(&tiny, "newtonian", "gauss_newton", (0..2).chain((6..).step_by(7)));
-    // the finer grid is taken where the loss ended lower on it
+    // what flows takes the finer grid where the loss ended lower on it
     let rows = whole.0["history"].as_array().unwrap();
     let least = |stage: &str| {
         let losses = rows.iter().filter(|row| row["stage"] == stage).filter_map(|row| row["loss"].as_f64());
