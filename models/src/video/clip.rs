@@ -201,8 +201,7 @@ impl Clip {
             for (&number, image) in numbers.iter().zip(images) {
                 same_size(&layout.file(Kind::Image, id, number), image, id, size)?;
             }
-            let transparent = images.iter().any(Image::is_transparent_somewhere);
-            sources.push(Source::choose(&layout, id, &numbers, size, transparent)?);
+            sources.push(Source::choose(&layout, id, &numbers, images)?);
             let view = &layout.views[&id];
             let [fx, fy, cx, cy] = view.intrinsic;
             cameras.push(Camera { id, width: size[0], height: size[1], fx, fy, cx, cy, c2w: view.c2w });

@@ -9,7 +9,7 @@ use ndarray::{Array2, Array3};
 use super::clip::Frame;
 use super::image::Image;
 use super::layout::{EXCLUDED, Format, Kind, Layout, PLATE};
-use super::matte;
+use super::matte::{self, Light};
 use super::select::ranges;
 
 /// How a camera tells the object from the rest of its images.
@@ -56,13 +56,17 @@ impl fmt::Display for Foreground {
 pub(super) struct Source {
     pub foreground: Foreground,
     plate: Option<Image>,
-    excluded: Option<Image>,
+    /// The light of the images, where they are compared with a plate.
+    light: Light,
+    /// 0 for the pixels to leave out, else 1.
+    weight: Vec<f32>,
 }
 
 impl Source {
-    /// Chooses a camera's source; `transparent` says whether one of its images has transparent pixels.
-    pub fn choose(layout: &Layout, camera: i64, frames: &[i64], size: [usize; 2], transparent: bool) -> Result<Source> {
-        let foreground = choose(layout, camera, frames, transparent)?;
+    /// Chooses the source of a camera with these images.
+    pub fn choose(layout: &Layout, camera: i64, frames: &[i64], images: &[Image]) -> Result<Source> {
+        let size = [images[0].width, images[0].height];
+        let foreground = choose(layout, camera, frames, images.iter().any(Image::is_transparent_somewhere))?;
         let read = |frame: i64| -> Result<Image> {
             let path = layout.file(Kind::Image, camera, frame);
             let image = Image::read_frame(&path)?;
@@ -80,16 +84,17 @@ impl Source {
                 .wanted("an RGBA image whose alpha above 50/255 marks the pixels to leave out")
                 .fix("export it with transparency, or remove it"));
         }
-        Ok(Source { foreground, plate, excluded })
+        let weight = match &excluded {
+            None => vec![1.0; size[0] * size[1]],
+            Some(mask) => mask.pixels.iter().map(|p| if p[3] > 50 { 0.0 } else { 1.0 }).collect(),
+        };
+        let light = plate.as_ref().map(|plate| Light::of(images, plate, &weight)).unwrap_or_default();
+        Ok(Source { foreground, plate, light, weight })
     }
 
     /// Makes the frame of the image just read from `layout`.
     pub fn frame(&self, layout: &Layout, camera: i64, frame: i64, image: &Image) -> Result<Frame> {
         let (w, h) = (image.width, image.height);
-        let weight = match &self.excluded {
-            None => vec![1.0; w * h],
-            Some(mask) => mask.pixels.iter().map(|p| if p[3] > 50 { 0.0 } else { 1.0 }).collect(),
-        };
         let mask = |kind: Kind| -> Result<Image> {
             let path = layout.file(kind, camera, frame);
             let mask = Image::read_frame(&path)?;
@@ -107,13 +112,13 @@ impl Source {
             (Foreground::MaskAlpha, _) => on_white(&mask(Kind::MaskAlpha)?),
             (Foreground::MaskOnWhite, _) => matte::from_white(&mask(Kind::MaskOnWhite)?),
             (Foreground::Mask, _) => masked(image, &mask(Kind::Mask)?),
-            (Foreground::Plate, Some(plate)) => matte::against_plate(image, plate, &weight),
+            (Foreground::Plate, Some(plate)) => matte::against_plate(image, plate, &self.weight, &self.light),
             _ => on_white(image),
         };
         Ok(Frame {
             rgb: Array3::from_shape_vec((h, w, 3), rgb.into_iter().flatten().collect()).expect("three values a pixel"),
             alpha: Array2::from_shape_vec((h, w), alpha).expect("one value a pixel"),
-            weight: Array2::from_shape_vec((h, w), weight).expect("one value a pixel"),
+            weight: Array2::from_shape_vec((h, w), self.weight.clone()).expect("one value a pixel"),
         })
     }
 }

@@ -13,8 +13,8 @@ struct Scene {
     object: [[f64; 3]; 2],
     /// Linear colour of the floor.
     floor: [f64; 3],
-    /// Light left in the darkest part of the shadow.
-    shadow: f64,
+    /// Light left in the darkest part of the shadow, per channel.
+    shadow: [f64; 3],
     /// Amplitude of uniform noise (share of full scale, sRGB).
     noise: f64,
 }
@@ -60,20 +60,20 @@ impl Scene {
         [0, 1, 2].map(|c| (1.0 - t) * self.object[0][c] + t * self.object[1][c])
     }
 
-    fn image(&self, x: usize, y: usize) -> [f64; 3] {
+    fn image(&self, x: usize, y: usize, a: f64) -> [f64; 3] {
         // The shadow lies below the object and reaches under it; reflected light tints the floor on the other side.
         let (px, py) = (x as f64 + 0.5, y as f64 + 0.5);
         let dark = (-((px - 54.0).powi(2) / 700.0 + (py - 62.0).powi(2) / 160.0)).exp();
         let tint = 0.05 * (-((px - 40.0).powi(2) + (py - 30.0).powi(2)) / 500.0).exp();
-        let (plate, surface, a) = (self.plate(x, y), self.surface(x), coverage(x, y));
-        let floor = [0, 1, 2].map(|c| plate[c] * (1.0 - (1.0 - self.shadow) * dark) + tint * surface[c] * plate[c]);
+        let (plate, surface) = (self.plate(x, y), self.surface(x));
+        let floor = [0, 1, 2].map(|c| plate[c] * (1.0 - (1.0 - self.shadow[c]) * dark) + tint * surface[c] * plate[c]);
         [0, 1, 2].map(|c| a * surface[c] + (1.0 - a) * floor[c])
     }
 
     fn matte(&self) -> Frame {
         let mut builder = Builder::new(SIZE, SIZE);
         builder.list(0, 0);
-        builder.image('r', 0, 0, false, &|x, y| encode(self.image(x, y), self.noise, x, y, 1));
+        builder.image('r', 0, 0, false, &|x, y| encode(self.image(x, y, coverage(x, y)), self.noise, x, y, 1));
         builder.image('r', 0, -1, false, &|x, y| encode(self.plate(x, y), self.noise, x, y, 7));
         builder.open().unwrap().frames.remove(0).remove(0)
     }
@@ -95,18 +95,21 @@ const BLUE: [f64; 3] = [0.12, 0.15, 0.60];
 const PINK: [f64; 3] = [0.80, 0.15, 0.55];
 const GREY: [f64; 3] = [0.20, 0.20, 0.20];
 const ORANGE: [f64; 3] = [0.55, 0.22, 0.08];
+/// Half as bright as wood, and a tenth greener: less than the shadow is bluer.
+const BARK: [f64; 3] = [0.22, 0.20, 0.125];
+const BLUISH: [f64; 3] = [0.42, 0.5, 0.58];
 
 #[test]
 fn the_object_without_its_shadow() {
     let cases = [
-        ("blue to pink on wood", Scene { object: [BLUE, PINK], floor: WOOD, shadow: 0.3, noise: 0.01 }),
+        ("blue to pink on wood", Scene { object: [BLUE, PINK], floor: WOOD, shadow: [0.3; 3], noise: 0.01 }),
         (
             "blue to orange, through the floor's hue",
-            Scene { object: [BLUE, ORANGE], floor: WOOD, shadow: 0.5, noise: 0.0 },
+            Scene { object: [BLUE, ORANGE], floor: WOOD, shadow: [0.5; 3], noise: 0.0 },
         ),
-        ("grey on teal", Scene { object: [GREY, GREY], floor: TEAL, shadow: 0.4, noise: 0.01 }),
-        ("grey on wood", Scene { object: [GREY, GREY], floor: WOOD, shadow: 0.5, noise: 0.01 }),
-        ("white on grey", Scene { object: [[0.85; 3]; 2], floor: GREY, shadow: 0.3, noise: 0.015 }),
+        ("grey on teal", Scene { object: [GREY, GREY], floor: TEAL, shadow: [0.4; 3], noise: 0.01 }),
+        ("grey on wood", Scene { object: [GREY, GREY], floor: WOOD, shadow: [0.5; 3], noise: 0.01 }),
+        ("white on grey", Scene { object: [[0.85; 3]; 2], floor: GREY, shadow: [0.3; 3], noise: 0.015 }),
     ];
     for (name, scene) in cases {
         let frame = scene.matte();
@@ -121,10 +124,34 @@ fn the_object_without_its_shadow() {
     }
 }
 
+/// A body that is darker than the floor and hardly of another hue: what other pictures show of the light's shadows tells it from them, which
+/// are bluer, as the sky is.
+#[test]
+fn what_shadows_look_like_is_learned() {
+    let scene = Scene { object: [BARK, BARK], floor: WOOD, shadow: BLUISH, noise: 0.002 };
+    let mut builder = Builder::new(SIZE, SIZE);
+    for camera in 0..2 {
+        // another camera sees it in colours of its own
+        let scene = Scene { object: if camera == 0 { scene.object } else { [BLUE, PINK] }, ..scene };
+        builder.image('r', camera, -1, false, &|x, y| encode(scene.plate(x, y), scene.noise, x, y, 7));
+        for frame in 0..3 {
+            builder.list(camera, frame);
+            // it leaves the first one's picture, and its shadow stays
+            let covered = |x, y| if camera == 0 && frame > 0 { 0.0 } else { coverage(x, y) };
+            let paint = |x, y| encode(scene.image(x, y, covered(x, y)), scene.noise, x, y, 1 + frame as usize);
+            builder.image('r', camera, frame, false, &paint);
+        }
+    }
+    let clip = builder.open().unwrap();
+    let quality = iou(&clip.frames[0][0]);
+    assert!(quality >= 0.95, "IoU {quality:.3}");
+    assert!(clip.frames[0][1..].iter().all(|frame| frame.alpha.iter().all(|a| *a == 0.0)), "a shadow is no object");
+}
+
 /// Along the outline the floor's share is taken out of the colour before it is composited on white.
 #[test]
 fn no_fringe_of_the_background() {
-    let scene = Scene { object: [BLUE, BLUE], floor: WOOD, shadow: 0.6, noise: 0.0 };
+    let scene = Scene { object: [BLUE, BLUE], floor: WOOD, shadow: [0.6; 3], noise: 0.0 };
     let frame = scene.matte();
     let (mut error, mut count) = (0.0f64, 0);
     for ((y, x), &a) in frame.alpha.indexed_iter() {
@@ -145,7 +172,7 @@ fn no_fringe_of_the_background() {
 /// A frame without object stays empty, shadow or not; what the noise does is no object.
 #[test]
 fn noise_alone_is_no_object() {
-    let scene = Scene { object: [WOOD, WOOD], floor: WOOD, shadow: 0.3, noise: 0.03 };
+    let scene = Scene { object: [WOOD, WOOD], floor: WOOD, shadow: [0.3; 3], noise: 0.03 };
     let mut builder = Builder::new(SIZE, SIZE);
     builder.list(0, 0);
     builder.image('r', 0, 0, false, &|x, y| encode(scene.plate(x, y), scene.noise, x, y, 1));

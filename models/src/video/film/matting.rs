@@ -10,7 +10,7 @@ use super::{Decoded, FilmSettings, Wanted, backdrop, corrected, lost, network, p
 use crate::video::clip::Frame;
 use crate::video::foreground::{Foreground, masked, on_white};
 use crate::video::image::Image;
-use crate::video::matte::{self, Matte};
+use crate::video::matte::{self, Light, Matte};
 
 /// How far the border of a plain background may be from its median in every channel, and the share of it that is not farther.
 const PLAIN: (u8, f64) = (12, 0.95);
@@ -83,7 +83,8 @@ fn mattes(pictures: &Decoded, settings: &FilmSettings, wanted: Wanted) -> Result
             return (without, Some(with));
         }
         let weight = vec![1.0; plate.pixels.len()];
-        (images.par_iter().map(|image| matte::against_plate(image, plate, &weight)).collect(), None)
+        let light = Light::of(images, plate, &weight);
+        (images.par_iter().map(|image| matte::against_plate(image, plate, &weight, &light)).collect(), None)
     };
     let only = |foreground, mattes| Ok(Told { foreground, mattes, hueless: None, said: vec![] });
     let under = |masks: &[Image]| images.iter().zip(masks).map(|(image, mask)| masked(image, mask)).collect();

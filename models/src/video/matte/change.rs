@@ -7,23 +7,34 @@ const DARKEST_SHADOW: f32 = 0.12;
 /// … and light reflected by the object adds at most this share.
 const BRIGHTEST_REFLECTION: f32 = 1.08;
 
+/// The log ratios of three channels without their mean, in an orthonormal basis of what is left: red to green, and both to blue.
+pub(super) type Hue = [f32; 2];
+
+/// The hue that shadows have.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Tint {
+    /// Its direction, of length 1.
+    pub axis: Hue,
+    /// The least and the most of it, in shares of the brightness that they take.
+    pub shares: [f32; 2],
+}
+
 /// The log ratio of image and plate, `ln((I + ε)/(P + ε))` in linear light, split in brightness and hue.
 ///
-/// A shadow multiplies all channels by about the same factor: it moves the brightness and leaves the hue.
+/// A shadow multiplies all channels by about the same factor: it moves the brightness, and the hue in one direction only.
 pub(super) struct Change {
     /// Mean of the three log ratios.
     pub brightness: Vec<f32>,
     /// The log ratios without their mean.
-    pub hue: Vec<[f32; 3]>,
-    /// Evidence for the object, `sqrt(|hue|² + 3 e²)`; `e` is by how much the brightness leaves the range of shadows.
+    pub hue: Vec<Hue>,
+    /// Evidence for the object ([`evidence`]).
     pub evidence: Vec<f32>,
     /// Standard deviation of the hue, per dimension, where nothing happened.
     pub noise: f32,
 }
 
 impl Change {
-    pub fn between(seen: &[[f32; 3]], empty: &[[f32; 3]]) -> Change {
-        let (low, high) = (DARKEST_SHADOW.ln(), BRIGHTEST_REFLECTION.ln());
+    pub fn between(seen: &[[f32; 3]], empty: &[[f32; 3]], tint: Option<Tint>) -> Change {
         let mut change = Change {
             brightness: Vec::with_capacity(seen.len()),
             hue: Vec::with_capacity(seen.len()),
@@ -31,24 +42,39 @@ impl Change {
             noise: 0.0,
         };
         for (i, p) in seen.iter().zip(empty) {
-            let ratio = [0, 1, 2].map(|c| ((i[c] + FLOOR) / (p[c] + FLOOR)).ln());
-            let mean = (ratio[0] + ratio[1] + ratio[2]) / 3.0;
-            let hue = ratio.map(|r| r - mean);
-            let excess = (mean - high).max(0.0) + (low - mean).max(0.0);
-            change.brightness.push(mean);
+            let [r, g, b] = [0, 1, 2].map(|c| ((i[c] + FLOOR) / (p[c] + FLOOR)).ln());
+            let brightness = (r + g + b) / 3.0;
+            let hue = [(r - g) / 2.0f32.sqrt(), (r + g - 2.0 * b) / 6.0f32.sqrt()];
+            change.brightness.push(brightness);
             change.hue.push(hue);
-            change.evidence.push((hue.iter().map(|h| h * h).sum::<f32>() + 3.0 * excess * excess).sqrt());
+            change.evidence.push(evidence(brightness, hue, tint));
         }
         change.noise = noise(&change.hue);
         change
     }
 }
 
+/// Evidence for the object, `sqrt(h² + 3 e²)`: `e` is by how much the brightness leaves the range of shadows, and `h` the hue; where that of shadows
+/// is known, what is across its direction, and what along it is beyond that of a shadow of this darkness.
+pub(super) fn evidence(brightness: f32, [x, y]: Hue, tint: Option<Tint>) -> f32 {
+    let (low, high) = (DARKEST_SHADOW.ln(), BRIGHTEST_REFLECTION.ln());
+    let excess = (brightness - high).max(0.0) + (low - brightness).max(0.0);
+    let [along, across] = match tint {
+        Some(Tint { axis: [a, b], shares }) => {
+            let [least, most] = shares.map(|share| share * (-brightness).max(0.0));
+            let along = a * x + b * y;
+            [(along - most).max(0.0) + (least - along).max(0.0), a * y - b * x]
+        }
+        None => [x, y],
+    };
+    (along * along + across * across + 3.0 * excess * excess).sqrt()
+}
+
 /// From differences of neighbouring pixels, of which only few cross an outline. Pixels equal to the plate to the last
 /// bit (a rendered sky) say nothing about noise.
-fn noise(hue: &[[f32; 3]]) -> f32 {
-    let changed = |h: &[f32; 3]| *h != [0.0; 3];
-    let step = |pair: &[[f32; 3]]| (0..3).map(|c| (pair[0][c] - pair[1][c]).powi(2)).sum::<f32>().sqrt();
+fn noise(hue: &[Hue]) -> f32 {
+    let changed = |h: &Hue| *h != [0.0; 2];
+    let step = |pair: &[Hue]| (pair[0][0] - pair[1][0]).hypot(pair[0][1] - pair[1][1]);
     let mut steps: Vec<f32> = hue.windows(2).filter(|pair| pair.iter().all(changed)).map(step).collect();
     if steps.is_empty() {
         return 0.0;

@@ -83,7 +83,7 @@ mod tests {
             }
         };
         let seen: Vec<[f32; 3]> = (0..side * side).map(seen).collect();
-        let change = Change::between(&seen, &vec![[0.4, 0.37, 0.3]; side * side]);
+        let change = Change::between(&seen, &vec![[0.4, 0.37, 0.3]; side * side], None);
         let inside = (0..side * side).map(|i| red(i % side, i / side)).collect();
         let mut mask = Mask { width: side, height: side, inside };
         add(&mut mask, &change);

@@ -5,7 +5,7 @@
 //! of the object may have the floor's hue, and light reflected by a bright object tints the floor beside it. But a
 //! shadow of an extended light fades in over many pixels, and an outline does not. So
 //!
-//! 1. [`change`] compares image and plate in linear light, discounting what a shadow does;
+//! 1. [`change`] compares image and plate in linear light, discounting what a shadow does, in the [`light`] of the camera's pictures;
 //! 2. [`walk`] spreads this evidence to neighbouring pixels except across sharp edges of the change;
 //! 3. [`outline`] cuts the result at the level whose contour is sharpest and drops specks and pinholes;
 //! 4. [`edge`] estimates coverage in the pixels along the outline and removes the background from their colour.
@@ -15,10 +15,12 @@
 mod change;
 mod edge;
 mod hueless;
+mod light;
 mod outline;
 mod walk;
 
 use self::change::Change;
+pub(super) use self::light::Light;
 use super::image::Image;
 
 /// Colour on white (sRGB) and alpha of every pixel.
@@ -47,15 +49,15 @@ impl Mask {
 }
 
 /// Matte of an image by difference against its plate; pixels of weight 0 take part without an opinion.
-pub(super) fn against_plate(image: &Image, plate: &Image, weight: &[f32]) -> Matte {
-    let difference = Difference::between(image, plate);
+pub(super) fn against_plate(image: &Image, plate: &Image, weight: &[f32], light: &Light) -> Matte {
+    let difference = Difference::between(image, plate, light);
     difference.matte(image, &difference.mask(image, weight))
 }
 
 /// Matte of an image of few colours by difference against its plate, and the same with those parts that have the background's
 /// hue but are of one piece with the object.
 pub(super) fn of_few_colours(image: &Image, plate: &Image) -> (Matte, Matte) {
-    let difference = Difference::between(image, plate);
+    let difference = Difference::between(image, plate, &Light::default());
     let mut mask = difference.mask(image, &vec![1.0; image.pixels.len()]);
     let without = difference.matte(image, &mask);
     hueless::add(&mut mask, &difference.change);
@@ -67,19 +69,21 @@ struct Difference {
     seen: Vec<[f32; 3]>,
     empty: Vec<[f32; 3]>,
     change: Change,
+    /// Evidence at which a pixel is as likely object as not.
+    even: f32,
 }
 
 impl Difference {
-    fn between(image: &Image, plate: &Image) -> Self {
+    fn between(image: &Image, plate: &Image, light: &Light) -> Self {
         let table: Vec<f32> = (0..=255).map(linear_from_srgb).collect();
         let linear = |image: &Image| image.pixels.iter().map(|p| [0, 1, 2].map(|c| table[usize::from(p[c])])).collect();
         let (seen, empty): (Vec<[f32; 3]>, Vec<[f32; 3]>) = (linear(image), linear(plate));
-        Self { change: Change::between(&seen, &empty), seen, empty }
+        Self { change: Change::between(&seen, &empty, light.tint), even: light.even, seen, empty }
     }
 
     /// Where the object is.
     fn mask(&self, image: &Image, weight: &[f32]) -> Mask {
-        let belief = walk::spread(&self.change, weight, image.width, image.height);
+        let belief = walk::spread(&self.change, self.even, weight, image.width, image.height);
         outline::cut(&belief, image.width, image.height)
     }
 

@@ -8,8 +8,6 @@
 
 use super::change::Change;
 
-/// Evidence at which a pixel is as likely object as not.
-const EVEN: f32 = 0.2;
 /// Step of the change between neighbours that counts as an edge.
 const EDGE: f32 = 0.1;
 /// A step in brightness counts this much of one in hue: shadows have such steps, too.
@@ -21,13 +19,14 @@ const PRIOR: f32 = 0.01;
 /// Over-relaxation of the sweeps.
 const OVER: f32 = 1.8;
 
-/// Share of [`EVEN`] from which a pixel is worth a thought, and margin around such pixels (share of the image).
+/// Share of the evidence that makes a pixel as likely object as not from which it is worth a thought, and margin around such pixels (share of
+/// the image).
 const NOTICEABLE: f32 = 0.5;
 const MARGIN: f32 = 0.06;
 
-/// Belief of every pixel, 0 (background) … 1 (object).
-pub(super) fn spread(change: &Change, weight: &[f32], width: usize, height: usize) -> Vec<f32> {
-    let even = EVEN.max(6.0 * change.noise);
+/// Belief of every pixel, 0 (background) … 1 (object); with as much evidence as `even`, and more than noise, either is as likely.
+pub(super) fn spread(change: &Change, even: f32, weight: &[f32], width: usize, height: usize) -> Vec<f32> {
+    let even = even.max(6.0 * change.noise);
     let mut belief = vec![0.0; width * height];
     let Some([left, top, right, bottom]) = window(change, NOTICEABLE * even, width, height) else { return belief };
     let columns = right - left;
@@ -45,7 +44,7 @@ pub(super) fn spread(change: &Change, weight: &[f32], width: usize, height: usiz
         prior.iter().zip(&pixels).map(|(p, &i)| weight[i] * strength * ((2.0 * p - 1.0).abs() + 0.02) + 1e-6).collect();
     let edge2 = EDGE * EDGE + (3.0 * change.noise).powi(2);
     let coupling = |a: usize, b: usize| {
-        let hue: f32 = (0..3).map(|c| (change.hue[a][c] - change.hue[b][c]).powi(2)).sum();
+        let hue: f32 = (0..2).map(|c| (change.hue[a][c] - change.hue[b][c]).powi(2)).sum();
         let step = BRIGHTNESS_SHARE * (change.brightness[a] - change.brightness[b]);
         (-(hue + 3.0 * step * step) / edge2).exp() + LEAK
     };
