@@ -31,7 +31,7 @@ const MOST: f32 = 0.98;
 /// Evidence at which a pixel is as likely object as not, where nothing is known of the light …
 const UNKNOWN: f32 = 0.2;
 /// … where it is, at least …
-const LEAST_EVEN: f32 = 0.07;
+const LEAST_EVEN: f32 = 0.075;
 /// … and in shares of that which nine in ten of the pixels beside the object do not reach.
 const BESIDE: f32 = 3.0;
 
