@@ -218,7 +218,7 @@ pub struct EstimateConfig {
     /// Gauss–Newton steps at most from there, and half as many in each round; half the evaluations of a descent.
     pub fine: usize,
     /// Gauss–Newton steps more of each of these as long as every one lowers the loss by 1 %: a lump of plasticine whose search from afar ended
-    /// at seven times less than its modulus, 7 % a step, had its shape fitted to that and stayed there.
+    /// at seven times less than its modulus, 7 % a step, had its shape fitted to that and stayed there; so did another after 15 such steps.
     pub falling: usize,
     /// Rounds at most of fitting the shape to the whole motion and the material to the new shape; one more, if there are any, is of
     /// the early frames.
@@ -243,7 +243,7 @@ impl Default for EstimateConfig {
             starts: 2,
             first: 3,
             fine: 5,
-            falling: 15,
+            falling: 40,
             rounds: 1,
             early: 0.4,
             coarse: 4,
