@@ -7,7 +7,7 @@ use crate::video::image::Image;
 use crate::video::matte::{self, Matte};
 
 /// How far around the object a pixel is not trusted to be free of it \[pixels\].
-const DISTANCE: isize = 3;
+const DISTANCE: usize = 3;
 
 /// Of the frames in which a pixel is free, the share of which it shows about the same, at least …
 const COMMON: f64 = 0.2;
@@ -30,7 +30,9 @@ pub(super) fn of(images: &[Image], mattes: &[Matte], empty: &Image) -> Image {
         .par_iter()
         .zip(mattes)
         .step_by(step)
-        .map(|(image, (_, alpha))| (image, grown(&matte::largest_piece(alpha, width, height), width, height)))
+        .map(|(image, (_, alpha))| {
+            (image, matte::grown(&matte::largest_piece(alpha, width, height), width, height, DISTANCE))
+        })
         .collect();
     let pixel = |i: usize| {
         let free = frames.iter().filter(|(_, covered)| !covered[i]).map(|(image, _)| *image).collect::<Vec<_>>();
@@ -74,19 +76,6 @@ fn is_lit(colour: [usize; 3], shadowed: [usize; 3]) -> bool {
 fn mean(colours: &[[u8; 3]]) -> [usize; 3] {
     let count = colours.len().max(1);
     [0, 1, 2].map(|c| (colours.iter().map(|v| usize::from(v[c])).sum::<usize>() + count / 2) / count)
-}
-
-/// A mask and what is near it.
-fn grown(mask: &[bool], width: usize, height: usize) -> Vec<bool> {
-    let mut near = mask.to_vec();
-    for (x, y) in (0..width * height).filter(|i| mask[*i]).map(|i| ((i % width) as isize, (i / width) as isize)) {
-        for (u, v) in (-DISTANCE..=DISTANCE).flat_map(|dy| (-DISTANCE..=DISTANCE).map(move |dx| (x + dx, y + dy))) {
-            if (0..width as isize).contains(&u) && (0..height as isize).contains(&v) {
-                near[(v * width as isize + u) as usize] = true;
-            }
-        }
-    }
-    near
 }
 
 #[cfg(test)]

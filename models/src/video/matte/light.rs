@@ -8,8 +8,8 @@
 
 use rayon::prelude::*;
 
-use super::Difference;
 use super::change::{Hue, Tint, evidence};
+use super::{Difference, grown};
 use crate::video::image::Image;
 
 /// Margin around what may be the object \[pixels of an image of 320\].
@@ -73,23 +73,11 @@ fn beside_the_object(image: &Image, plate: &Image, weight: &[f32]) -> Vec<(f32, 
     let mask = difference.mask(image, weight);
     let (width, height) = (image.width, image.height);
     let margin = (MARGIN * width.max(height) as f32 / 320.0).ceil() as usize;
-    let rows = spread(&mask.inside, width, 1, margin);
-    let near = spread(&rows, height, width, margin);
+    let near = grown(&mask.inside, width, height, margin);
     let stride = (width * height).div_ceil(SAMPLES).max(1);
     let change = &difference.change;
     let beside = (0..width * height).step_by(stride).filter(|&i| !near[i] && weight[i] > 0.0);
     beside.map(|i| (change.brightness[i], change.hue[i])).collect()
-}
-
-/// What is within a margin of something in lines of this length, whose pixels are so far apart.
-fn spread(inside: &[bool], length: usize, step: usize, margin: usize) -> Vec<bool> {
-    let mut near = inside.to_vec();
-    let place = |i: usize| i / step % length;
-    for i in (0..inside.len()).filter(|&i| inside[i]) {
-        let (before, after) = (margin.min(place(i)), margin.min(length - 1 - place(i)));
-        (i - before * step..=i + after * step).step_by(step).for_each(|other| near[other] = true);
-    }
-    near
 }
 
 fn quantile(values: &mut [f32], share: f32) -> f32 {

@@ -125,6 +125,21 @@ pub(super) fn largest_piece(alpha: &[f32], width: usize, height: usize) -> Vec<b
     inside
 }
 
+/// A map and what is within a square of this margin around it.
+pub(super) fn grown(inside: &[bool], width: usize, height: usize, margin: usize) -> Vec<bool> {
+    // along lines of this length, whose pixels are so far apart
+    let along = |inside: &[bool], length: usize, step: usize| {
+        let mut near = inside.to_vec();
+        for i in (0..inside.len()).filter(|&i| inside[i]) {
+            let place = i / step % length;
+            let (before, after) = (margin.min(place), margin.min(length - 1 - place));
+            (i - before * step..=i + after * step).step_by(step).for_each(|other| near[other] = true);
+        }
+        near
+    };
+    along(&along(inside, width, 1), height, width)
+}
+
 /// Linear light of an 8-bit sRGB value.
 fn linear_from_srgb(value: u8) -> f32 {
     let v = f32::from(value) / 255.0;
