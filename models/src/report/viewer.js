@@ -5,7 +5,11 @@
   const scene = JSON.parse(byId("scene").textContent);
   const canvas = byId("view");
   const gl = canvas.getContext("webgl", { antialias: true, stencil: true });
-  if (!gl || scene.frames === 0 || scene.particles === 0) return;
+  if (!gl || scene.frames === 0 || scene.particles === 0) {
+    byId("no-player").textContent = gl ? "No particles to show." :
+      "The moving particles cannot be shown here: this browser gives the page no WebGL (is its graphics driver blocked?).";
+    return;
+  }
 
   const FIELD_OF_VIEW = 0.6; // vertical [rad]
   const HOLD = 0.8; // rest on the last frame before the motion starts again [s]
@@ -362,6 +366,7 @@
     `Drag to turn, wheel or pinch to zoom, shift-drag or two fingers to move, double-click to reset.${absent}`;
   byId("player").hidden = false;
   byId("no-player").hidden = true;
+  showClock();
   let before = null;
   const tick = (now) => {
     const elapsed = before === null ? 0 : Math.min(0.1, (now - before) / 1000);

@@ -18,8 +18,11 @@ fn browser() -> Option<PathBuf> {
     std::env::split_paths(&folders).flat_map(|folder| names.map(|name| folder.join(name))).find(|path| path.is_file())
 }
 
+/// How often the page is opened at most: a browser whose process of drawing ends as it starts gives the page no WebGL.
+const OPENED: usize = 5;
+
 fn run(browser: &Path, folder: &Path, arguments: &[&str]) -> String {
-    let profile = folder.join("profile");
+    let profile = TempDir::new_in(folder).unwrap();
     let output = Command::new(browser)
         .args([
             "--headless=new",
@@ -36,7 +39,7 @@ fn run(browser: &Path, folder: &Path, arguments: &[&str]) -> String {
         ])
         // whatever the page would ask the network for fails
         .args(["--proxy-server=127.0.0.1:9", "--no-first-run", "--disable-background-networking"])
-        .arg(format!("--user-data-dir={}", profile.display()))
+        .arg(format!("--user-data-dir={}", profile.path().display()))
         .args(arguments)
         .arg(format!("file://{}", folder.join("index.html").display()))
         .output()
@@ -97,16 +100,25 @@ fn the_player_draws_and_plays_in_a_browser() {
     let folder = folder.path();
     std::fs::write(folder.join("index.html"), page.html()).unwrap();
 
-    let after = run(&browser, folder, &["--dump-dom"]);
-    let clock = after.split("id=\"clock\"").nth(1).and_then(|rest| rest.split(['>', '<']).nth(1)).unwrap_or_default();
+    let text = |page: &str, id: &str| {
+        let element = page.split_once(&format!("id=\"{id}\""))?.1;
+        element.split_once('>')?.1.split('<').next().map(str::to_owned)
+    };
+    let after = (0..OPENED)
+        .map(|_| run(&browser, folder, &["--dump-dom"]))
+        .find(|page| !text(page, "no-player").is_none_or(|text| text.contains("no WebGL")))
+        .expect("a browser with WebGL");
+    let player = after.split("id=\"player\"").nth(1).and_then(|rest| rest.split('>').next()).unwrap();
+    assert!(!player.contains("hidden"), "the player did not start: {after}");
+    let clock = text(&after, "clock").unwrap_or_default();
     assert!(clock.contains("of 2") && clock.contains(" s · frame"), "the clock says {clock:?}");
-    let player =
-        after.split("id=\"player\"").nth(1).and_then(|rest| rest.split('>').next()).expect("the page has a player");
-    assert!(!player.contains("hidden"), "the player did not start");
     assert!(after.contains("1000 particles") && after.contains("301 kPa") && after.contains("295 kPa to 308 kPa"));
 
     let picture = folder.join("page.png");
-    run(&browser, folder, &[&format!("--screenshot={}", picture.display())]);
-    let count = magenta(&picture);
-    assert!(count > 1000, "{count} pixels of the particles' colour");
+    let seen = |_| {
+        run(&browser, folder, &[&format!("--screenshot={}", picture.display())]);
+        magenta(&picture)
+    };
+    let count = (0..OPENED).map(seen).find(|count| *count > 1000);
+    assert!(count.is_some(), "the particles' colour on no picture of the page");
 }
