@@ -1,6 +1,6 @@
 //! What the emitted WGSL computes, against the same program in `f64` on the CPU.
 //!
-//! Needs an adapter, real or software; says so and passes where there is none.
+//! Needs an adapter, real or software; says so and passes where there is none, unless `CI` is `true`.
 
 use gradreel::scalar::{Mat3, Program, Scalar};
 use wgpu::util::DeviceExt;
@@ -127,6 +127,7 @@ const FUNCTIONS: [(&str, f64, Function); 24] = [
 #[test]
 fn emitted_functions_compute_the_same_on_a_gpu() {
     let Some(gpu) = Gpu::open() else {
+        assert!(std::env::var("CI").as_deref() != Ok("true"), "no adapter, and CI wants one");
         eprintln!("skipped: no adapter; install a Vulkan driver (a software one will do) to run this test");
         return;
     };
@@ -134,6 +135,7 @@ fn emitted_functions_compute_the_same_on_a_gpu() {
     x.extend((-1000..1000).map(|i| i as f32 * 1e-4));
     x.extend((-1000..1000).map(|i| 1.0 + i as f32 * 1e-4));
     x.extend([0.0, 1e30, -1e30, 1e-30, f32::INFINITY, f32::NEG_INFINITY, f32::NAN, -1.0]);
+    let mut wrong = Vec::new();
     for (name, tolerance, f) in FUNCTIONS {
         let program = Program::trace(name, &["x"], &["y"], |x| vec![f(x[0])]);
         for (&x, y) in x.iter().zip(gpu.map(&program, &x)) {
@@ -144,7 +146,10 @@ fn emitted_functions_compute_the_same_on_a_gpu() {
             } else {
                 single == y || (single.is_nan() && y.is_nan())
             };
-            assert!(close, "{name} of {x:e}: {y:e}, wanted {wanted:e}");
+            if !close {
+                wrong.push(format!("{name} of {x:e}: {y:e}, wanted {wanted:e}"));
+            }
         }
     }
+    assert!(wrong.is_empty(), "{wrong:#?}");
 }

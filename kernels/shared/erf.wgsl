@@ -1,4 +1,5 @@
-// The error function. Twin of src/scalar/erf.rs, with the same coefficients.
+// The error function, and NaN for NaN: drivers may take the bound on |x| for a minimum, which drops NaN.
+// Twin of src/scalar/erf.rs, with the same coefficients.
 fn scalar_erf(x: f32) -> f32 {
     let square = x * x;
     var near = -0.0005959526;
@@ -17,5 +18,6 @@ fn scalar_erf(x: f32) -> f32 {
     p = p * t + 0.6351513;
     p = p * t + 0.12864849;
     let far = 1.0 - scalar_exp(-(p * t + t));
-    return select(select(far, -far, x < 0.0), near, abs(x) < 0.92);
+    let value = select(select(far, -far, x < 0.0), near, abs(x) < 0.92);
+    return select(value, x, scalar_is_nan(x));
 }

@@ -7,5 +7,5 @@ fn scalar_exp_m1(x: f32) -> f32 {
     p = p * near + 0.041666348;
     p = p * near + 0.16666666;
     p = p * near + 0.5;
-    return select(exp(x) - 1.0, near + near * near * p, abs(x) < 0.35);
+    return select(scalar_exp(x) - 1.0, near + near * near * p, abs(x) < 0.35);
 }

@@ -33,13 +33,13 @@ fragments! {
     SIGN = 3, "sign.wgsl", needs &[];
     LN = 4, "ln.wgsl", needs &[];
     LN_1P = 5, "ln_1p.wgsl", needs &[LN];
-    EXP_M1 = 6, "exp_m1.wgsl", needs &[];
-    TANH = 7, "tanh.wgsl", needs &[EXP_M1];
+    EXP_M1 = 6, "exp_m1.wgsl", needs &[EXP];
+    TANH = 7, "tanh.wgsl", needs &[EXP_M1, IS_NAN];
     EXP = 8, "exp.wgsl", needs &[IS_NAN];
     LOGISTIC = 9, "logistic.wgsl", needs &[EXP];
     SOFTPLUS = 10, "softplus.wgsl", needs &[LN_1P];
     POWF = 11, "powf.wgsl", needs &[LN];
-    ERF = 12, "erf.wgsl", needs &[EXP];
+    ERF = 12, "erf.wgsl", needs &[EXP, IS_NAN];
     SIN_COS = 13, "sin_cos.wgsl", needs &[];
     SIN = 14, "sin.wgsl", needs &[SIN_COS];
     COS = 15, "cos.wgsl", needs &[SIN_COS];

@@ -311,7 +311,7 @@ fn trajectory<T: Number>(kind: Kind, name: &str, tolerances: [f64; 4], gradient:
 
 /// Positions, velocities, affine velocities, deformations: plastic trajectories were made with an SVD accurate to 1e-9.
 const PLASTIC: [f64; 4] = [1e-9, 1e-7, 1e-5, 1e-7];
-pub const SINGLE: [f64; 4] = [2e-6, 1e-4, 2e-3, 1e-4];
+const SINGLE: [f64; 4] = [2e-6, 1e-4, 2e-3, 1e-4];
 
 #[test]
 fn trajectory_of_a_newtonian_fluid() {

@@ -3,8 +3,12 @@
 use gradreel_models::physics::{GpuSimulation, Remat, Simulation, State};
 
 use super::gpu;
-use crate::materials::{Kind, SINGLE, compare, compare_cotangents, compare_values, deformation, names};
+use crate::materials::{Kind, compare, compare_cotangents, compare_values, deformation, names};
 use crate::scene::{Vectors, close, close_norm, close_norm_of_most};
+
+/// Positions, velocities, affine velocities, deformations after 120 substeps. Quotients and roots are off by some units in the
+/// last place, by the driver: one of a data centre's card ends 3.1e-6 m away where sand yields, a software one below 2e-6 m.
+const DRIVERS: [f64; 4] = [6e-6, 3e-4, 6e-3, 3e-4];
 
 fn substep(kind: Kind, name: &str) {
     let Some(gpu) = gpu() else { return };
@@ -49,7 +53,7 @@ fn trajectory(kind: Kind, name: &str, gradient: f64) {
         let step = step as usize;
         last = simulation.run(&last, step - at).unwrap();
         at = step;
-        compare(&file, &last, names(|part| format!("{part}_{step}")), SINGLE, close);
+        compare(&file, &last, names(|part| format!("{part}_{step}")), DRIVERS, close);
     }
     // the last one kept is that at the end
     let target: Vec<[f32; 3]> = file.vectors("target");
