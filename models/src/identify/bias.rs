@@ -15,7 +15,7 @@ impl Stages<'_> {
     /// What all pictures have in common, each cause a column of deviations of the free unknowns' coordinates that go together: the grid's
     /// error, estimated from that of one of twice the spacing; the shape's, from a thinner body, and from what it was before the whole motion
     /// was known; the material's share of the motion's, from the one with the velocity of the fall; that of lengths, with which velocities and
-    /// moduli grow. What remains is each unknown's own: what a grid may change of a modulus or viscosity that stayed by chance (at least half
+    /// moduli grow; that of the search, which may have gone to the wrong end. What remains is each unknown's own: what a grid may change of a modulus or viscosity that stayed by chance (at least half
     /// the root mean square of those of all), that of a simulation which is not nature's, and that of outlines.
     pub(super) fn bias(&self, run: &Run, free: Free, fitted: &Unknowns) -> Result<Vec<Vec<f64>>> {
         let (here, list) = (fitted.coordinates(self.law, free), free.list(self.law));
@@ -31,7 +31,8 @@ impl Stages<'_> {
             apart
         };
         let flight = self.clip.flight.as_ref();
-        let (grid, thin, shape) = (from(COARSE), from(THIN), from(self.fitted()));
+        let (grid, thin, shape) = (from(COARSE), from(THIN), from(self.fitted(run)));
+        let end = self.other_end_error(run, free, &here);
         // the pictures tell of the depth, too: a loss that rises by all that it was makes its error less by a factor of √2
         let [thick_loss, thin_loss] = [AS_IT_IS, THIN].map(|stage| run.best_of(stage).map_or(0.0, |(_, loss)| loss));
         let doubt = if thin_loss > thick_loss { (thick_loss / thin_loss).sqrt() } else { 1.0 };
@@ -75,7 +76,7 @@ impl Stages<'_> {
         let all = |of: &dyn Fn(usize) -> f64| (0..list.len()).map(of).collect::<Vec<_>>();
         let of_material = |k: usize| if matches!(list[k], Unknown::Parameter(_)) { first[k] } else { 0.0 };
         let of_grid = all(&|k| share(k) * grid[k]);
-        let together = [of_grid, depth, all(&|k| SHAPE_ERROR * shape[k]), all(&of_material), all(&of_length)];
+        let together = [of_grid, depth, all(&|k| SHAPE_ERROR * shape[k]), all(&of_material), all(&of_length), end];
         let own = (0..list.len()).map(|unknown| all(&|k| if k == unknown { alone(k) } else { 0.0 }));
         Ok(together.into_iter().chain(own).collect())
     }

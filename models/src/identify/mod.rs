@@ -39,6 +39,7 @@ mod lean;
 mod linearise;
 mod loss;
 mod oracle;
+mod other_end;
 mod penalty;
 mod pixels;
 mod plausible;

@@ -97,6 +97,7 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
         }
     };
     stages.material(run, early, &mut unknowns)?;
+    stages.other_end(run, early, &mut unknowns)?;
     if clip.flight.is_some() {
         let effort = Effort::new(MOVING, run.config.fine_of(&law));
         stages.finer(run, &effort, early, &mut unknowns)?;
@@ -142,7 +143,7 @@ impl Stages<'_> {
     /// In rounds, fits the voxels to the frames as the simulation moves them, and then the material once more: first to the early ones,
     /// then to all. Ends after a round that does not agree better with the clip than what was there before, and goes back to that.
     fn refine(&self, run: &mut Run, [early, all]: [usize; 2], unknowns: &mut Unknowns) -> Result<()> {
-        let (rounds, mut fitted) = (run.config.estimate.rounds, self.fitted().to_owned());
+        let (rounds, mut fitted) = (run.config.estimate.rounds, self.fitted(run).to_owned());
         if early < all {
             if rounds > 0 {
                 self.round(run, "early frames", early, &fitted, unknowns)?;

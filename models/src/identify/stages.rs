@@ -11,7 +11,7 @@ use crate::identify::gauss_newton::search_most_probable;
 use crate::identify::interval;
 use crate::identify::lean::leans;
 use crate::identify::plausible::Plausible;
-use crate::identify::reconstruct::{DTYPE, MATERIAL, Stages, describe};
+use crate::identify::reconstruct::{DTYPE, Stages, describe};
 use crate::identify::run::{HistoryRow, Run, Search};
 use crate::identify::unknowns::{Ground, Unknown};
 use crate::identify::{
@@ -140,7 +140,7 @@ impl Stages<'_> {
     }
 
     /// The loss at the start and at some points that follow from it; the best is what is left in `unknowns`.
-    fn scan(
+    pub fn scan(
         &self,
         run: &mut Run,
         stage: &str,
@@ -177,7 +177,7 @@ impl Stages<'_> {
     }
 
     /// The points that a stage has tried.
-    fn tried(&self, run: &Run, stage: &str) -> Vec<Evaluation> {
+    pub fn tried(&self, run: &Run, stage: &str) -> Vec<Evaluation> {
         let point =
             |row: &HistoryRow| Evaluation { unknowns: row.unknowns.clone(), loss: row.loss.unwrap_or(f64::INFINITY) };
         run.rows(stage).map(point).collect()
@@ -268,10 +268,10 @@ impl Stages<'_> {
     }
 
     /// The stage that fits the material to the shape that was seen in flight, the last before the rounds that mend both.
-    pub fn fitted(&self) -> &'static str {
+    pub fn fitted(&self, run: &Run) -> &'static str {
         match self.clip.flight {
             Some(_) => MOVING,
-            None => MATERIAL,
+            None => self.lower_end(run),
         }
     }
 
@@ -536,7 +536,7 @@ const OTHERS: usize = 3;
 
 /// A material whose loss is so many times that of the best is no start for a search: in nine films the second start ended below the first
 /// where it began at 1.1 times its loss at most, and above it from 1.4 times on.
-const HOPELESS: f64 = 2.0;
+pub(super) const HOPELESS: f64 = 2.0;
 
 /// The share of its depth that a body seen from one side is tried with: what a deviation of it may be.
 const THINNESS: f64 = 0.6;

@@ -1,0 +1,97 @@
+//! A second start for what yields: of a body that keeps what bent it, the motion hardly tells how stiff it was before.
+
+use gradreel::Result;
+
+use crate::identify::reconstruct::{MATERIAL, Stages};
+use crate::identify::run::Run;
+use crate::identify::stages::{Effort, HOPELESS};
+use crate::identify::unknowns::Unknown;
+use crate::identify::{Free, Method, Unknowns};
+use crate::physics::Map;
+
+/// The stage that tries each magnitude larger and smaller, and the one that searches from the best of these.
+const ENDS: &str = "material, stiffer and softer";
+const OTHER: &str = "material, from the other end";
+
+/// How far a second start lies from where the first search ended, in decades. Of two films whose first search ended a factor of 3 and of 6 below the
+/// modulus, the losses at 4 times the one found were 1.3 times that there, and searches from there ended lower.
+const APART: f64 = 0.6;
+
+/// Losses that differ by this share are those of ends that one can be taken for the other at odds of e: what a shape is fitted to changes them by more.
+const TOLD: f64 = 0.1;
+
+impl Stages<'_> {
+    /// Searches once more from several times stiffer or softer, or stronger or weaker, whichever agrees best with the pictures, and goes
+    /// on from where that ends if it is lower. Only of bodies that yield and do not flow, seen by several cameras.
+    pub(super) fn other_end(&self, run: &mut Run, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
+        let config = &run.config;
+        let yields = !self.law.is_elastic() && !config.flows(self.law);
+        if !yields || !self.several_cameras() || config.estimate.method == Method::Descent {
+            return Ok(());
+        }
+        let free = self.free(run, config)?;
+        self.scan(run, ENDS, free, frames, &mut unknowns.clone(), &|start| self.ends(start, free))?;
+        let tried = self.tried(run, ENDS);
+        let Some((here, others)) = tried.split_first() else { return Ok(()) };
+        let Some(best) = others.iter().min_by(|a, b| a.loss.total_cmp(&b.loss)) else { return Ok(()) };
+        if best.loss <= HOPELESS * here.loss {
+            let mut there = best.unknowns.clone();
+            self.fine(run, &Effort::new(OTHER, run.config.fine_of(self.law)), frames, &mut there)?;
+            if self.lower_end(run) == OTHER {
+                *unknowns = there;
+            }
+        }
+        run.state.unknowns = Some(unknowns.clone());
+        run.save()
+    }
+
+    /// Each free magnitude of the material a few times larger and smaller, as far as that is plausible.
+    fn ends(&self, start: &Unknowns, free: Free) -> Vec<Unknowns> {
+        let x = start.coordinates(self.law, free);
+        let list = free.list(self.law);
+        let moved = |(k, sign): (usize, f64)| {
+            let Unknown::Parameter(p) = list[k] else { return None };
+            let parameter = &self.law.parameters()[p];
+            let mut x = x.clone();
+            x[k] += sign * APART;
+            let there = start.moved(self.law, free, &x);
+            let plausible = (parameter.prior[0]..=parameter.prior[1]).contains(&there.parameters[p]);
+            (parameter.map == Map::Log10 && plausible).then_some(there)
+        };
+        (0..list.len()).flat_map(|k| [(k, 1.0), (k, -1.0)]).filter_map(moved).collect()
+    }
+
+    /// The stage whose end what follows goes on from: the search for the material, or that from the other end if it ended lower.
+    pub(super) fn lower_end(&self, run: &Run) -> &'static str {
+        let loss = |stage| run.best_of(stage).map_or(f64::INFINITY, |(_, loss)| loss);
+        if run.has_finished(OTHER) && loss(OTHER) < loss(MATERIAL) { OTHER } else { MATERIAL }
+    }
+
+    /// The deviation of the free unknowns' coordinates, away from `here`, for another end that the pictures do not rule out: with odds `p`
+    /// that it is the right one, `√p` times the way there.
+    pub(super) fn other_end_error(&self, run: &Run, free: Free, here: &[f64]) -> Vec<f64> {
+        let other = if self.lower_end(run) == OTHER { MATERIAL } else { OTHER };
+        let both = run.has_finished(OTHER).then(|| Some((run.best_of(MATERIAL)?, run.best_of(OTHER)?))).flatten();
+        let Some(((_, first), (_, second))) = both else { return vec![0.0; here.len()] };
+        let there = run.best_of(other).map_or_else(|| here.to_vec(), |(end, _)| end.coordinates(self.law, free));
+        let share = doubt(first.max(second) / first.min(second)).sqrt();
+        there.iter().zip(here).map(|(there, here)| share * (there - here)).collect()
+    }
+}
+
+/// The probability of an end whose loss is so many times that of a lower one.
+fn doubt(times: f64) -> f64 {
+    1.0 / (1.0 + ((times - 1.0) / TOLD).exp())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn equal_ends_are_equally_probable_and_worse_ones_are_not() {
+        approx::assert_relative_eq!(doubt(1.0), 0.5);
+        approx::assert_relative_eq!(doubt(1.1), 1.0 / (1.0 + std::f64::consts::E), max_relative = 1e-12);
+        assert!(doubt(1.5) < 0.01 && doubt(1e300) == 0.0 && doubt(f64::INFINITY) == 0.0);
+    }
+}
