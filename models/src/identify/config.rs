@@ -265,6 +265,7 @@ pub(super) fn check_surface(surface: &Surface, table: &str) -> Result<()> {
     let positive = |x: f64| x > 0.0 && x.is_finite();
     let fraction = |x: f64| (0.0..=1.0).contains(&x);
     let rules = [
+        ((0.5..=4.0).contains(&surface.spacing), "spacing", "0.5 to 4 spacings of the particles"),
         (positive(surface.step) && surface.step <= 2.0, "step", "above 0, at most 2 cells"),
         (positive(surface.depth), "depth", "a positive optical depth"),
         (positive(surface.width) && fraction(surface.low), "low/width", "within 0 to 1"),

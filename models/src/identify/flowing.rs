@@ -16,10 +16,10 @@ use crate::render::Surface;
 ///
 /// let (sand, rubber) = (materials::find("drucker_prager").unwrap(), materials::find("neo_hookean").unwrap());
 /// let config = Config::default();
-/// assert!(config.surface_of(&sand).sharpening > config.surface_of(&rubber).sharpening);
+/// assert!(config.surface_of(&sand).spacing < config.surface_of(&rubber).spacing);
 /// // one's own material, too
 /// let config = Config::parse("[flowing]\nlaws = [\"neo_hookean\"]")?;
-/// assert_eq!(config.surface_of(&rubber).sharpening, 1.0);
+/// assert_eq!(config.surface_of(&rubber).spacing, 1.0);
 /// # Ok::<(), gradreel::Error>(())
 /// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -27,10 +27,10 @@ use crate::render::Surface;
 pub struct FlowingConfig {
     /// Names of the laws whose bodies flow.
     pub laws: Vec<String>,
-    /// How occupancy becomes opacity. The grid's blur loses thin rims: with the true particles of a pile of sand, the angle of
-    /// friction that fits best was 3 degrees too small.
+    /// How occupancy becomes opacity, on a grid of the particles' spacing. That of the simulation, of twice that, loses thin rims: of a pile of
+    /// sand, the angle of friction that fitted best was 3 degrees too small.
     pub surface: Surface,
-    /// [`FitSettings::smoothness`](crate::field::FitSettings::smoothness). Sharpened pictures drive pits into what is smooth, and a
+    /// [`FitSettings::smoothness`](crate::field::FitSettings::smoothness). Sharp pictures drive pits into what is smooth, and a
     /// body that would flow has no thin parts to lose.
     pub smoothness: f64,
     /// How far the derivatives of Gauss–Newton reach, in shares of its longest step; 0 for those of an infinitesimal step. Rims jump by
@@ -49,7 +49,7 @@ impl Default for FlowingConfig {
     fn default() -> Self {
         Self {
             laws: ["newtonian", "viscoplastic", "drucker_prager"].map(str::to_owned).to_vec(),
-            surface: Surface { low: 0.42, sharpening: 1.0, ..Surface::default() },
+            surface: Surface { spacing: 1.0, step: 1.0, depth: 6.0, low: 0.45, ..Surface::default() },
             smoothness: 0.03,
             secant: 0.2,
             fine: 20,

@@ -305,7 +305,7 @@ impl Problem<'_> {
 
     /// The pixels of a frame of particles of this opacity and colour, `[rays, 4]`, and how they change along each unknown, `[rays, unknowns, 4]`.
     fn drawn(&self, moved: &Moved, [opacity, colour]: &[Tensor; 2], frame: usize) -> Result<(Tensor, Tensor)> {
-        let (rays, settings) = (&self.observed.rays, Splat::of(self.particles));
+        let (rays, settings) = (&self.observed.rays, Splat::of(self.particles, &self.surface));
         let draw = |motion: &Tensor, directions: &[Tensor]| {
             render_jvp(&row(motion, frame), directions, opacity, colour, rays, &settings, &self.surface)
         };

@@ -314,7 +314,8 @@ impl<'a> Problem<'a> {
     /// # Errors
     /// What the renderer returns.
     pub fn render(&self, positions: &Var, opacity: &Var, colour: &Var, rays: &Arc<Rays>) -> Result<Var> {
-        render(positions, opacity, colour, rays, &Splat::of(self.particles), &self.surface)
+        let splat = Splat::of(self.particles, &self.surface);
+        render(positions, opacity, colour, rays, &splat, &self.surface)
     }
 
     /// Loss and gradient in the coordinates of the free unknowns, on the tape; with what implausible parameters cost.

@@ -19,7 +19,7 @@ const TRIAL: usize = 40;
 const SHARPER: f64 = 2.0 / 3.0;
 
 impl Stages<'_> {
-    /// Draws a body that keeps its shape with the sharpened surface of bodies that flow, if its first frame asks for that. A blunt surface loses
+    /// Draws a body that keeps its shape with a sharpened surface, if its first frame asks for that. A blunt surface loses
     /// what is sharp, and what is lost on one side only moves the body.
     pub(super) fn choose_surface(&self, run: &mut Run) -> Result<()> {
         let several = self.clip.cameras.len() > 1 && !self.clip.imagined.contains(&true);
@@ -31,7 +31,7 @@ impl Stages<'_> {
         let (field, params) = self.hull(run)?;
         let blunt = self.first_frame(run, &field, params.clone(), &run.config.surface)?;
         bar.set(1, "");
-        let sharp = self.first_frame(run, &field, params, &run.config.flowing.surface)?;
+        let sharp = self.first_frame(run, &field, params, &sharp(&run.config.surface))?;
         let needed = sharp < SHARPER * blunt;
         let loss = format!("loss of the first frame {sharp:.5}, {blunt:.5} as the grid draws it");
         if needed {
@@ -64,11 +64,17 @@ impl Stages<'_> {
     }
 }
 
+/// A surface of the same grid with all of its blur taken away. Flat faces are then met at an occupancy of ½, round ones a little below.
+fn sharp(surface: &Surface) -> Surface {
+    Surface { low: 0.42, sharpening: 1.0, ..surface.clone() }
+}
+
 /// Makes the configuration say what was decided; a run may have been killed after that.
 fn sharpened(run: &mut Run) -> Result<()> {
-    if run.state.sharpened != Some(true) || run.config.surface == run.config.flowing.surface {
+    let sharp = sharp(&run.config.surface);
+    if run.state.sharpened != Some(true) || run.config.surface == sharp {
         return Ok(());
     }
-    run.config.surface = run.config.flowing.surface.clone();
+    run.config.surface = sharp;
     run.save_config()
 }

@@ -56,12 +56,11 @@ pub fn render_jvp(
     let [x, opacity, colour] = [positions, opacity, colour].map(|tensor| tape.constant(tensor.clone()));
     let (grid, lattice) = splat(&x, &opacity, &colour, settings)?;
     let grid = sharpen(&grid, lattice, surface.sharpening)?;
-    let weight = &opacity * (settings.particle_spacing / settings.spacing).powi(3);
-    let values = weight.concat(&[&(&weight * &colour)], 1);
-    let (grid, values) = (grid.value()?, values.value()?);
+    let (places, values) = (settings.places(&x), settings.values(&opacity, &colour));
+    let (grid, places, values) = (grid.value()?, places.value()?, values.value()?);
     Ok(match positions.dtype() {
-        DType::F64 => tangents_of::<f64>(&lattice, surface, [positions, values, grid], directions, rays),
-        _ => tangents_of::<f32>(&lattice, surface, [positions, values, grid], directions, rays),
+        DType::F64 => tangents_of::<f64>(&lattice, surface, [places, values, grid], directions, rays),
+        _ => tangents_of::<f32>(&lattice, surface, [places, values, grid], directions, rays),
     })
 }
 
@@ -89,10 +88,13 @@ fn spread<T: Real>(lattice: &Lattice, positions: &Tensor, directions: &[Tensor],
     let directions: Vec<&[T]> = directions.iter().map(Tensor::slice).collect();
     let inverse = T::from_f64(1.0 / lattice.spacing);
     let [_, ny, nz] = lattice.dims;
-    for (p, value) in values.chunks_exact(4).enumerate() {
+    // parts move as the particles that they belong to do
+    let count = directions.first().map_or(1, |direction| direction.len() / 3).max(1);
+    for (part, value) in values.chunks_exact(4).enumerate() {
+        let p = part % count;
         let (mut base, mut near, mut far) = (0, [T::ZERO; 3], [T::ZERO; 3]);
         for axis in 0..3 {
-            let g = (positions[3 * p + axis] - T::from_f64(lattice.origin[axis])) * inverse;
+            let g = (positions[3 * part + axis] - T::from_f64(lattice.origin[axis])) * inverse;
             let cell = (g.to_f64().max(0.0) as usize).min(lattice.dims[axis].saturating_sub(2));
             far[axis] = g - T::from_f64(cell as f64);
             near[axis] = T::ONE - far[axis];

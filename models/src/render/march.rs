@@ -22,6 +22,8 @@ use crate::render::Rays;
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Surface {
+    /// Distance between the nodes of the grid that particles are spread to, in theirs at rest.
+    pub spacing: f64,
     /// Step along the ray, in grid spacings.
     pub step: f64,
     /// Optical depth of one step through a filled body.
@@ -36,7 +38,7 @@ pub struct Surface {
 
 impl Default for Surface {
     fn default() -> Self {
-        Self { step: 0.5, depth: 3.0, low: 0.40, width: 0.4, sharpening: 0.0 }
+        Self { spacing: 2.0, step: 0.5, depth: 3.0, low: 0.40, width: 0.4, sharpening: 0.0 }
     }
 }
 

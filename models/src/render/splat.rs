@@ -1,23 +1,24 @@
 //! Splat: opacity and premultiplied colour of particles, spread to a grid with trilinear weights.
 
 use gradreel::ops::Lattice;
-use gradreel::{Error, ErrorKind, Result, Var};
+use gradreel::{Error, ErrorKind, Result, Tensor, Var};
 
 use crate::particles::Particles;
+use crate::render::Surface;
 
 /// How particles are spread.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Splat {
-    /// Distance between grid nodes \[m\]; the grid spacing of the simulation is a good choice.
+    /// Distance between grid nodes \[m\]: the grid spacing of the simulation, or less, down to that of the particles.
     pub spacing: f64,
     /// Distance between neighbouring particles at rest \[m\]; decides how many share a cell.
     pub particle_spacing: f64,
 }
 
 impl Splat {
-    /// To the grid of the simulation, of twice the spacing of the particles.
-    pub fn of(particles: &Particles) -> Self {
-        Self { spacing: 2.0 * particles.spacing, particle_spacing: particles.spacing }
+    /// To the grid that a surface is drawn from.
+    pub fn of(particles: &Particles, surface: &Surface) -> Self {
+        Self { spacing: surface.spacing * particles.spacing, particle_spacing: particles.spacing }
     }
 }
 
@@ -25,17 +26,47 @@ impl Splat {
 ///
 /// Channel 0 of the result `[x, y, z, 4]` is the occupancy `o = Σ w α · (particle_spacing / spacing)³`: 1 inside a filled
 /// body, ½ at its surface, 0 outside. Channels 1–3 are `Σ w α c · (…)³`, the colour premultiplied by it. Both are smooth in
-/// the positions, also where a node is touched by a single particle's tail.
+/// the positions, also where a node is touched by a single particle's tail. On a grid finer than two spacings of the particles each is spread
+/// as eight parts of the cube that it stands for.
 ///
 /// # Errors
 /// [`ErrorKind::NonFinite`] for a position that is not finite; [`ErrorKind::Physics`] when the particles are spread over
 /// more than 2²⁶ nodes.
 pub fn splat(positions: &Var, opacity: &Var, colour: &Var, settings: &Splat) -> Result<(Var, Lattice)> {
     let lattice = cover(positions, settings.spacing)?;
-    let share = (settings.particle_spacing / settings.spacing).powi(3);
-    let weight = opacity * share;
-    let values = weight.concat(&[&(&weight * colour)], 1);
-    Ok((values.grid_scatter_3d(positions, lattice), lattice))
+    let (places, values) = (settings.places(positions), settings.values(opacity, colour));
+    Ok((values.grid_scatter_3d(&places, lattice), lattice))
+}
+
+impl Splat {
+    /// Where the parts of particles lie: side by side, all first parts, then all second ones.
+    pub(super) fn places(&self, positions: &Var) -> Var {
+        let (offsets, count) = (self.parts(), positions.dims()[0]);
+        if offsets.len() == 1 {
+            return positions.clone();
+        }
+        let all = offsets.iter().flat_map(|offset| std::iter::repeat_n(*offset, count)).flatten().collect();
+        let all = Tensor::from_vec(all, [offsets.len() * count, 3]).cast(positions.dtype()).expect("a float");
+        positions.repeat(&[offsets.len(), 1]) + positions.tape().constant(all)
+    }
+
+    /// What each part spreads, `[parts, 4]`: its share of the occupancy, and the colour premultiplied by it.
+    pub(super) fn values(&self, opacity: &Var, colour: &Var) -> Var {
+        let parts = self.parts().len();
+        let weight = opacity * ((self.particle_spacing / self.spacing).powi(3) / parts as f64);
+        weight.concat(&[&(&weight * colour)], 1).repeat(&[parts, 1])
+    }
+
+    /// The parts of a particle \[m\] from its middle. It stands for a cube: where the grid is finer than two of its spacings, one
+    /// place would spread over more or fewer nodes by where between them it lies.
+    pub(super) fn parts(&self) -> Vec<[f64; 3]> {
+        if self.spacing >= 2.0 * self.particle_spacing {
+            return vec![[0.0; 3]];
+        }
+        let quarter = 0.25 * self.particle_spacing;
+        let side = |part: usize, axis: usize| if part >> axis & 1 == 1 { quarter } else { -quarter };
+        (0..8).map(|part| [0, 1, 2].map(|axis| side(part, axis))).collect()
+    }
 }
 
 /// The lattice of multiples of `spacing` around all positions, one node wider on every side than their cells.

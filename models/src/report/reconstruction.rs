@@ -120,8 +120,8 @@ fn picture_of(found: &Reconstruction, run: &Run, points: &[[f32; 3]], camera: &C
     let opacity = tape.constant(particles.opacity(gradreel::DType::F32)?);
     let colour = tape.constant(particles.colour(gradreel::DType::F32)?);
     let rays = std::sync::Arc::new(Rays::of_camera(camera));
-    let pixels =
-        render(&positions, &opacity, &colour, &rays, &Splat::of(particles), run.config.surface_of(&found.law))?;
+    let surface = run.config.surface_of(&found.law);
+    let pixels = render(&positions, &opacity, &colour, &rays, &Splat::of(particles, surface), surface)?;
     Ok(pixels.value()?.slice::<f32>().to_vec())
 }
 

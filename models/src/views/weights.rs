@@ -86,7 +86,9 @@ impl FileWeights {
 
     /// The file of that model, safetensors in `f16`.
     pub fn built_in() -> &'static [u8] {
-        include_bytes!("../../weights/novel_view.safetensors")
+        // bytes without a place of their own are written once for each place that asks for them
+        static BYTES: &[u8] = include_bytes!("../../weights/novel_view.safetensors");
+        BYTES
     }
 
     /// The same weights as constants of this tape, for layers whose other weights are trained on it.
