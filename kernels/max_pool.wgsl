@@ -1,4 +1,5 @@
 // Values at the places where windows of x have their maxima: picked from an image, or put into one.
+#import "shared/is_nan.wgsl"
 #import "shared/linear.wgsl"
 
 struct Sizes {
@@ -15,11 +16,6 @@ struct Sizes {
 @group(0) @binding(1) var<storage, read_write> y: array<f32>;
 @group(0) @binding(2) var<storage, read> values: array<f32>;
 @group(0) @binding(3) var<storage, read> x: array<f32>;
-
-// On the bits: drivers may assume that x == x.
-fn is_nan(x: f32) -> bool {
-    return (bitcast<u32>(x) & 0x7fffffffu) > 0x7f800000u;
-}
 
 fn volume(size: vec4<u32>) -> u32 {
     return size.x * size.y * size.z;
@@ -45,7 +41,7 @@ fn first_maximum(start: u32, window: vec3<u32>) -> u32 {
             for (var k = low.z; k < high.z; k++) {
                 let at = number(vec3(i, j, k), sizes.image);
                 let value = x[start + at];
-                if (value > best || is_nan(value)) && !is_nan(best) {
+                if (value > best || scalar_is_nan(value)) && !scalar_is_nan(best) {
                     best = value;
                     found = at;
                 }

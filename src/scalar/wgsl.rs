@@ -37,8 +37,8 @@ fragments! {
     TANH = 7, "tanh.wgsl", needs &[EXP_M1, IS_NAN];
     EXP = 8, "exp.wgsl", needs &[IS_NAN];
     LOGISTIC = 9, "logistic.wgsl", needs &[EXP];
-    SOFTPLUS = 10, "softplus.wgsl", needs &[LN_1P];
-    POWF = 11, "powf.wgsl", needs &[LN];
+    SOFTPLUS = 10, "softplus.wgsl", needs &[LN_1P, IS_NAN];
+    POWF = 11, "powf.wgsl", needs &[LN, EXP];
     ERF = 12, "erf.wgsl", needs &[EXP, IS_NAN];
     SIN_COS = 13, "sin_cos.wgsl", needs &[];
     SIN = 14, "sin.wgsl", needs &[SIN_COS];

@@ -15,8 +15,9 @@ impl Stages<'_> {
     /// What all pictures have in common, each cause a column of deviations of the free unknowns' coordinates that go together: the grid's
     /// error, estimated from that of one of twice the spacing; the shape's, from a thinner body, and from what it was before the whole motion
     /// was known; the material's share of the motion's, from the one with the velocity of the fall; that of lengths, with which velocities and
-    /// moduli grow; that of the search, which may have gone to the wrong end. What remains is each unknown's own: what a grid may change of a modulus or viscosity that stayed by chance (at least half
-    /// the root mean square of those of all), that of a simulation which is not nature's, and that of outlines.
+    /// moduli grow; that of the search, which may have gone to the wrong end. What remains is each unknown's own: what a grid may change of
+    /// a modulus or viscosity that stayed by chance (at least half the root mean square of those of all), that of a simulation which is not
+    /// nature's, and that of outlines.
     pub(super) fn bias(&self, run: &Run, free: Free, fitted: &Unknowns) -> Result<Vec<Vec<f64>>> {
         let (here, list) = (fitted.coordinates(self.law, free), free.list(self.law));
         let from = |stage: &str| {

@@ -20,6 +20,9 @@ const CLOSE: std::ops::Range<f64> = 0.65..1.25;
 /// that losses can be compared.
 const SHARE: f64 = 0.7;
 
+/// The grids that are tried, in the order of [`TRIES`].
+const GRIDS: [f64; 2] = [1.0, SHARE];
+
 /// By how much an impact compresses what hardly is: an order less than hulls are too large.
 const HARDLY: f64 = 0.01;
 
@@ -69,14 +72,11 @@ impl Stages<'_> {
             return Ok(0);
         }
         let particles = self.particles(run)?;
-        let mut ends = [1.0, SHARE].map(|grid| Unknowns { contact: unknowns.contact / grid, ..unknowns.clone() });
+        let mut ends = GRIDS.map(|grid| Unknowns { contact: unknowns.contact / grid, ..unknowns.clone() });
         let (mut finer, mut spent) = (false, 0);
         for (round, stages) in TRIES.iter().enumerate() {
             let steps = steps << round;
-            let effort = |which: usize| {
-                let grid = [1.0, SHARE][which];
-                Effort { holds_bulk, grid, ..Effort::new(stages[which], steps) }
-            };
+            let effort = |which: usize| Effort { holds_bulk, grid: GRIDS[which], ..Effort::new(stages[which], steps) };
             self.weighed(run, &effort(0), &particles, Weighed::All, frames, &mut ends[0])?;
             spent += steps;
             let open = run.config.geometry.grid == 0.0 || run.has_finished(stages[1]);
@@ -89,7 +89,7 @@ impl Stages<'_> {
                     }
                     done => done.map(|()| true)?,
                 };
-            let losses = stages.map(|stage| run.best_of(stage).map_or(f64::INFINITY, |(_, loss)| loss));
+            let losses = stages.map(|stage| run.least_loss(stage));
             let ratio = if tried { losses[1] / losses[0] } else { f64::INFINITY };
             finer = ratio < 1.0;
             if !CLOSE.contains(&ratio) {

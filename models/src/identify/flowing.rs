@@ -35,7 +35,8 @@ pub struct FlowingConfig {
     pub smoothness: f64,
     /// How far the derivatives of Gauss–Newton reach, in shares of its longest step; 0 for those of an infinitesimal step. Rims jump by
     /// pixels, and pictures then change only in bands narrower than the jump. They reach to both sides where a search begins and after a step that gained
-    /// little, from where they reach a quarter as far, twice at most; else to where the last step went, for half the rollouts. Half as far as on the simulation's grid: what a cell is across is what hides a valley.
+    /// little, from where they reach a quarter as far, twice at most; else to where the last step went, for half the rollouts. Half as
+    /// far as on the simulation's grid would do: what a cell is across is what hides a valley.
     pub secant: f64,
     /// In place of `estimate.fine`: the valleys of four unknowns are long, and what a shape is fitted to before the end of one is reached
     /// keeps the search there: after 14 steps from afar, the loss of a cream still fell, and its yield stress ended a seventh too low.

@@ -13,8 +13,8 @@ use crate::physics::Map;
 const ENDS: &str = "material, stiffer and softer";
 const OTHER: &str = "material, from the other end";
 
-/// How far a second start lies from where the first search ended, in decades. Of two films whose first search ended a factor of 3 and of 6 below the
-/// modulus, the losses at 4 times the one found were 1.3 times that there, and searches from there ended lower.
+/// How far a second start lies from where the first search ended, in decades: a search of three crossed bars ended a factor of 3 below their modulus,
+/// and at 4 times the one found the loss was 1.3 times that there; a search from there ended lower.
 const APART: f64 = 0.6;
 
 /// Losses that differ by this share are those of ends that one can be taken for the other at odds of e: what a shape is fitted to changes them by more.
@@ -63,18 +63,20 @@ impl Stages<'_> {
 
     /// The stage whose end what follows goes on from: the search for the material, or that from the other end if it ended lower.
     pub(super) fn lower_end(&self, run: &Run) -> &'static str {
-        let loss = |stage| run.best_of(stage).map_or(f64::INFINITY, |(_, loss)| loss);
-        if run.has_finished(OTHER) && loss(OTHER) < loss(MATERIAL) { OTHER } else { MATERIAL }
+        let lower = run.has_finished(OTHER) && run.least_loss(OTHER) < run.least_loss(MATERIAL);
+        if lower { OTHER } else { MATERIAL }
     }
 
     /// The deviation of the free unknowns' coordinates, away from `here`, for another end that the pictures do not rule out: with odds `p`
     /// that it is the right one, `√p` times the way there.
     pub(super) fn other_end_error(&self, run: &Run, free: Free, here: &[f64]) -> Vec<f64> {
-        let other = if self.lower_end(run) == OTHER { MATERIAL } else { OTHER };
-        let both = run.has_finished(OTHER).then(|| Some((run.best_of(MATERIAL)?, run.best_of(OTHER)?))).flatten();
-        let Some(((_, first), (_, second))) = both else { return vec![0.0; here.len()] };
-        let there = run.best_of(other).map_or_else(|| here.to_vec(), |(end, _)| end.coordinates(self.law, free));
-        let share = doubt(first.max(second) / first.min(second)).sqrt();
+        let taken = self.lower_end(run);
+        let left = if taken == OTHER { MATERIAL } else { OTHER };
+        let (true, Some((end, loss))) = (run.has_finished(OTHER), run.best_of(left)) else {
+            return vec![0.0; here.len()];
+        };
+        let share = doubt(loss / run.least_loss(taken)).sqrt();
+        let there = end.coordinates(self.law, free);
         there.iter().zip(here).map(|(there, here)| share * (there - here)).collect()
     }
 }

@@ -193,7 +193,7 @@ impl Stages<'_> {
                 let steps = run.config.fine_of(self.law);
                 let effort = Effort::new(&material, Steps { always: steps.always.div_ceil(2), ..steps });
                 self.finer(run, &effort, frames, unknowns)?;
-                let (_, loss_after) = run.best_of(&material).unwrap_or((before.clone(), f64::INFINITY));
+                let loss_after = run.least_loss(&material);
                 if loss_after < loss_before {
                     return Ok(Some(material));
                 }

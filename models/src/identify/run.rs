@@ -327,6 +327,11 @@ impl Run {
         let known = self.rows(stage).filter_map(|row| Some((row.unknowns.clone(), row.loss?)));
         known.min_by(|a, b| a.1.total_cmp(&b.1))
     }
+
+    /// The least loss that a stage has seen; infinite if it has seen none.
+    pub fn least_loss(&self, stage: &str) -> f64 {
+        self.best_of(stage).map_or(f64::INFINITY, |(_, loss)| loss)
+    }
 }
 
 /// The first setting of a resolved configuration that its file does not hold: a run's file holds them all.

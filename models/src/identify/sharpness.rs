@@ -31,7 +31,7 @@ impl Stages<'_> {
         let (field, params) = self.hull(run)?;
         let blunt = self.first_frame(run, &field, params.clone(), &run.config.surface)?;
         bar.set(1, "");
-        let sharp = self.first_frame(run, &field, params, &sharp(&run.config.surface))?;
+        let sharp = self.first_frame(run, &field, params, &without_blur(&run.config.surface))?;
         let needed = sharp < SHARPER * blunt;
         let loss = format!("loss of the first frame {sharp:.5}, {blunt:.5} as the grid draws it");
         if needed {
@@ -65,13 +65,13 @@ impl Stages<'_> {
 }
 
 /// A surface of the same grid with all of its blur taken away. Flat faces are then met at an occupancy of ½, round ones a little below.
-fn sharp(surface: &Surface) -> Surface {
+fn without_blur(surface: &Surface) -> Surface {
     Surface { low: 0.42, sharpening: 1.0, ..surface.clone() }
 }
 
 /// Makes the configuration say what was decided; a run may have been killed after that.
 fn sharpened(run: &mut Run) -> Result<()> {
-    let sharp = sharp(&run.config.surface);
+    let sharp = without_blur(&run.config.surface);
     if run.state.sharpened != Some(true) || run.config.surface == sharp {
         return Ok(());
     }

@@ -100,14 +100,14 @@ impl Stages<'_> {
             // how it lies decides how it tips over, and so which material seems to fit
             let [leaning, again] = [LEANING, SCAN_LEANING].map(named);
             let upright = unknowns.clone();
-            let agrees = run.best_of(&scanned).is_some_and(|(_, loss)| loss <= NONE_AGREES);
+            let agrees = run.least_loss(&scanned) <= NONE_AGREES;
             let (seen, materials) = if agrees { (frames, 0) } else { (early(true), OTHERS) };
             self.scan(run, &leaning, free, seen, unknowns, &|start| {
                 let others = plausible.points(start, materials);
                 [start.clone()].iter().chain(&others).flat_map(leans).collect()
             })?;
             let as_it_was = run.rows(&leaning).next().and_then(|row| row.loss).unwrap_or(f64::INFINITY);
-            let leaning = run.best_of(&leaning).map_or(f64::INFINITY, |(_, loss)| loss);
+            let leaning = run.least_loss(&leaning);
             if leaning >= LEANS * as_it_was {
                 *unknowns = upright;
             } else {

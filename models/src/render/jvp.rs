@@ -9,7 +9,8 @@ use rayon::prelude::*;
 
 use super::march::Scene;
 use super::sharpen::{sharpen, sharpened};
-use crate::render::{Rays, Splat, Surface, splat};
+use super::splat::cover;
+use crate::render::{Rays, Splat, Surface};
 
 /// Renders as [`render`](super::render()), and differentiates along several directions of the positions at once.
 ///
@@ -54,9 +55,9 @@ pub fn render_jvp(
     }
     let tape = Tape::new();
     let [x, opacity, colour] = [positions, opacity, colour].map(|tensor| tape.constant(tensor.clone()));
-    let (grid, lattice) = splat(&x, &opacity, &colour, settings)?;
-    let grid = sharpen(&grid, lattice, surface.sharpening)?;
+    let lattice = cover(&x, settings.spacing)?;
     let (places, values) = (settings.places(&x), settings.values(&opacity, &colour));
+    let grid = sharpen(&values.grid_scatter_3d(&places, lattice), lattice, surface.sharpening)?;
     let (grid, places, values) = (grid.value()?, places.value()?, values.value()?);
     Ok(match positions.dtype() {
         DType::F64 => tangents_of::<f64>(&lattice, surface, [places, values, grid], directions, rays),

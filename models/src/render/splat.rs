@@ -59,7 +59,7 @@ impl Splat {
 
     /// The parts of a particle \[m\] from its middle. It stands for a cube: where the grid is finer than two of its spacings, one
     /// place would spread over more or fewer nodes by where between them it lies.
-    pub(super) fn parts(&self) -> Vec<[f64; 3]> {
+    fn parts(&self) -> Vec<[f64; 3]> {
         if self.spacing >= 2.0 * self.particle_spacing {
             return vec![[0.0; 3]];
         }
