@@ -71,7 +71,7 @@ impl Stages<'_> {
             Unknown::Parameter(_) => {
                 let least = if self.is_magnitude(list[k]) { CHANCE * typical } else { 0.0 };
                 let by_chance = (least * least - grid[k] * grid[k]).max(0.0).sqrt() * GRID_ERROR;
-                self.model_error(fitted, list[k], impact).hypot(by_chance)
+                self.own_error(run, fitted, list[k], impact).hypot(by_chance)
             }
         };
         let all = |of: &dyn Fn(usize) -> f64| (0..list.len()).map(of).collect::<Vec<_>>();
@@ -82,9 +82,19 @@ impl Stages<'_> {
         Ok(together.into_iter().chain(own).collect())
     }
 
+    /// How far a parameter's coordinate may be off by itself, however many pictures say otherwise: no simulation is right, and losses of
+    /// other magnitudes may be much the same.
+    pub(super) fn own_error(&self, run: &Run, at: &Unknowns, unknown: Unknown, impact: f64) -> f64 {
+        let open = match unknown {
+            Unknown::Parameter(p) if self.is_magnitude(unknown) => self.left_open(run, p),
+            _ => 0.0,
+        };
+        self.model_error(at, unknown, impact).hypot(open)
+    }
+
     /// How far a parameter's coordinate is off, whatever the pictures say: no simulation is nature's, and no shape quite right. `impact` is the
     /// pressure of its impact ([`Stages::impact`]).
-    pub(super) fn model_error(&self, at: &Unknowns, unknown: Unknown, impact: f64) -> f64 {
+    fn model_error(&self, at: &Unknowns, unknown: Unknown, impact: f64) -> f64 {
         let Unknown::Parameter(p) = unknown else { return 0.0 };
         let [decades, part] = if self.observed.sight.is_some() { ONE_SIDED } else { [MODEL_ERROR, SHARE_ERROR] };
         let parameter = &self.law.parameters()[p];

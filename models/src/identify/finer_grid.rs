@@ -13,8 +13,9 @@ const TRIES: [[&str; 2]; 2] =
     [["material, full grid", "material, finer grid"], ["material, full grid, on", "material, finer grid, on"]];
 
 /// Ratios of the loss on the finer grid to that on the full one that may yet turn: a cream of the full grid stood at 0.76 to 0.89, far from the
-/// material, which was then fitted on the wrong grid; where both searches ended it was 1.22.
-const CLOSE: std::ops::Range<f64> = 0.65..1.25;
+/// material, which was then fitted on the wrong grid; where both searches ended it was 1.22. The full grid has no second round: a film of it
+/// stood at 1.13, and at 0.88 after ten more steps, as a body that is ten times too soft makes up for a hull that is too large.
+const CLOSE: std::ops::Range<f64> = 0.65..1.0;
 
 /// The finer grid as a share of the full one. With the same particles, of which 2.7 then share a cell: shape and pictures stay as they are, so
 /// that losses can be compared.

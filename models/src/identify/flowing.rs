@@ -39,8 +39,10 @@ pub struct FlowingConfig {
     /// far as on the simulation's grid would do: what a cell is across is what hides a valley.
     pub secant: f64,
     /// In place of `estimate.fine`: the valleys of four unknowns are long, and what a shape is fitted to before the end of one is reached
-    /// keeps the search there: after 14 steps from afar, the loss of a cream still fell, and its yield stress ended a seventh too low.
+    /// keeps the search there.
     pub fine: usize,
+    /// In place of `estimate.falling`.
+    pub falling: usize,
     /// The first so many steps of `fine` are tried on the full grid and on a finer one: all that follows is on that which the clip agrees
     /// better with. 0 for no finer grid.
     pub finer: usize,
@@ -53,7 +55,8 @@ impl Default for FlowingConfig {
             surface: Surface { spacing: 1.0, step: 1.0, depth: 6.0, low: 0.45, ..Surface::default() },
             smoothness: 0.03,
             secant: 0.1,
-            fine: 20,
+            fine: 14,
+            falling: 6,
             finer: 5,
         }
     }
@@ -101,8 +104,9 @@ impl Config {
 
     /// Gauss–Newton steps of the search for the material of this law; half of those that are taken in any case in each round.
     pub fn fine_of(&self, law: &Law) -> Steps {
-        let EstimateConfig { fine, falling, .. } = self.estimate;
-        if self.flows(law) { self.flowing.fine.into() } else { Steps { always: fine, falling } }
+        let (EstimateConfig { fine, falling, .. }, flowing) = (&self.estimate, &self.flowing);
+        let [always, falling] = if self.flows(law) { [flowing.fine, flowing.falling] } else { [*fine, *falling] };
+        Steps { always, falling }
     }
 
     /// The frames that the first searches for the material of this law see of what was filmed, which touch the ground from `contact` on.

@@ -137,7 +137,7 @@ pub(super) fn most_probable(
     known.pulled_to(plausible, at)
 }
 
-/// The same where only the deviations `own` of parameters, which no picture knows of, are weighed with what is expected; other
+/// The same where only the deviations `own` of coordinates, which no picture knows of, are weighed with what is expected; other
 /// unknowns follow a parameter as the curvature has it.
 ///
 /// # Errors
@@ -146,17 +146,16 @@ pub(super) fn more_usual(
     plausible: &Plausible<'_>,
     at: &Unknowns,
     linearised: &Linearised,
-    own: &dyn Fn(Unknown) -> f64,
+    own: &[f64],
 ) -> Result<Vec<f64>> {
     let known = Known::of(linearised, plausible.factor(at))?;
-    let list = plausible.free.list(plausible.law);
-    let unsure = list.iter().map(|unknown| own(*unknown)).enumerate().filter(|(_, own)| *own > 0.0);
-    let following = |(k, own): (usize, f64)| {
+    let unsure = own.iter().enumerate().filter(|(_, own)| **own > 0.0);
+    let following = |(k, own): (usize, &f64)| {
         let way = known.along(k);
         way.iter().map(|moved| own * moved / way[k]).collect()
     };
     let bias: Vec<Vec<f64>> = unsure.map(following).collect();
-    known.but(&vec![0.0; list.len()], &bias).pulled_to(plausible, at)
+    known.but(&vec![0.0; own.len()], &bias).pulled_to(plausible, at)
 }
 
 /// What the clip alone tells of the unknowns, in units in which the prior's covariance is the unit matrix, so that everything is of
@@ -361,13 +360,12 @@ mod tests {
         let [x, expected] = [at.clone(), Unknowns { parameters: vec![1e5, 0.3], ..at.clone() }]
             .map(|unknowns| unknowns.coordinates(&law, Free::Material));
         // as sure as what is usual: half-way, along the valley, which what is expected of the modulus hardly stops
-        let found = more_usual(&plausible, &at, &linearised, &|u| if u == Unknown::Parameter(1) { prior } else { 0.0 })
-            .unwrap();
+        let found = more_usual(&plausible, &at, &linearised, &[0.0, prior]).unwrap();
         let moved = [found[0] - x[0], found[1] - x[1]];
         approx::assert_relative_eq!(moved[0], -0.5 * moved[1], max_relative = 1e-4);
         approx::assert_relative_eq!(moved[1], 0.5 * (expected[1] - x[1]), max_relative = 0.03);
         // nothing unsure, nothing moved
-        let same = more_usual(&plausible, &at, &linearised, &|_| 0.0).unwrap();
+        let same = more_usual(&plausible, &at, &linearised, &[0.0; 2]).unwrap();
         approx::assert_relative_eq!(same[1], x[1], max_relative = 1e-12);
     }
 

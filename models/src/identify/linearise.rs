@@ -7,6 +7,7 @@ use crate::identify::flight::displacement;
 use crate::identify::penalty::add_penalty;
 use crate::identify::plausible::Plausible;
 use crate::identify::problem::is_stress;
+use crate::identify::recent::Recent;
 use crate::identify::spin::Gyration;
 use crate::identify::unknowns::Unknown;
 use crate::identify::{Free, Problem, Unknowns};
@@ -142,10 +143,23 @@ impl Problem<'_> {
         substeps: &mut usize,
         notes: &mut dyn FnMut(String),
     ) -> Result<Linearised> {
+        self.linearise_after(&mut Recent::default(), unknowns, free, frames, substeps, notes)
+    }
+
+    /// The same for a search, which may have simulated the motion a moment ago.
+    pub(super) fn linearise_after(
+        &self,
+        recent: &mut Recent,
+        unknowns: &Unknowns,
+        free: Free,
+        frames: usize,
+        substeps: &mut usize,
+        notes: &mut dyn FnMut(String),
+    ) -> Result<Linearised> {
         let frames = frames.min(self.observed.targets.len());
         let reach = if self.flying { 0.0 } else { self.secant };
         let moved = self.with_step(unknowns, frames, substeps, notes, &mut |schedule| match reach > 0.0 {
-            true => self.beside(unknowns, free, schedule, reach),
+            true => self.beside(recent, unknowns, free, schedule, reach),
             false => {
                 let (motion, tangents) = self.tangents(unknowns, free, schedule)?;
                 Ok(Moved { motion, along: Along::Tangents(tangents) })
@@ -276,31 +290,54 @@ impl Problem<'_> {
 
     /// Positions at every frame, and what they are with each free unknown's coordinate moved by a share of the longest step that
     /// a search makes, to both sides or to one, each with the substep that it needs, as the losses that are compared have.
-    fn beside(&self, unknowns: &Unknowns, free: Free, schedule: Schedule, share: f64) -> Result<Moved> {
+    fn beside(
+        &self,
+        recent: &mut Recent,
+        unknowns: &Unknowns,
+        free: Free,
+        schedule: Schedule,
+        share: f64,
+    ) -> Result<Moved> {
         let here = unknowns.coordinates(&self.law, free);
         let longest = Plausible::new(&self.law, free).longest_step(unknowns);
         // in proportion to those here, which are more than what is needed where the simulation broke down
         let own = self.schedule(unknowns, schedule.frames).substeps;
-        let secant = |k: usize| {
-            let moved = |far: f64| {
-                let mut there = here.clone();
-                there[k] += far;
-                let there = unknowns.moved(&self.law, free, &there);
-                let needed = self.schedule(&there, schedule.frames);
-                let substeps = (needed.substeps * schedule.substeps).div_ceil(own);
-                self.positions_at(&there, Schedule { substeps, ..needed })
-            };
-            let far = share * longest[k];
+        let ends = |(k, longest): (usize, &f64)| {
+            let far = share * longest;
             match self.sides.get(k).copied().filter(|side| *side != 0.0) {
-                Some(side) => {
-                    let far = far.copysign(side);
-                    Ok(Secant { low: None, high: moved(far)?, length: far })
-                }
-                None => Ok(Secant { low: Some(moved(-far)?), high: moved(far)?, length: 2.0 * far }),
+                Some(side) => [None, Some(far.copysign(side))],
+                None => [Some(-far), Some(far)],
             }
         };
-        let along = Along::Secants((0..here.len()).map(secant).collect::<Result<_>>()?);
-        Ok(Moved { motion: self.positions_at(unknowns, schedule)?, along })
+        let ends: Vec<[Option<f64>; 2]> = longest.iter().enumerate().map(ends).collect();
+        let moved = |k: usize, far: f64| {
+            let mut there = here.clone();
+            there[k] += far;
+            let there = unknowns.moved(&self.law, free, &there);
+            let needed = self.schedule(&there, schedule.frames);
+            let substeps = (needed.substeps * schedule.substeps).div_ceil(own);
+            self.positions_at(&there, Schedule { substeps, ..needed })
+        };
+        // side by side: the threads of a single rollout wait for each other in every substep
+        let end = |i: usize| ends[i / 2][i % 2].map(|far| moved(i / 2, far)).transpose();
+        let known = recent.find(unknowns, schedule);
+        let (motion, motions) = rayon::join(
+            || known.clone().map_or_else(|| self.positions_at(unknowns, schedule), Ok),
+            || (0..2 * ends.len()).into_par_iter().map(end).collect::<Vec<Result<_>>>(),
+        );
+        let mut motions = motions.into_iter();
+        let mut next = || motions.next().expect("two of each unknown");
+        let secant = |[low, high]: &[Option<f64>; 2]| {
+            let length = high.unwrap_or(0.0) - low.unwrap_or(0.0);
+            let (low, high) = (next()?, next()?.expect("there is always a high end"));
+            Ok(Secant { low, high, length })
+        };
+        let along = Along::Secants(ends.iter().map(secant).collect::<Result<_>>()?);
+        let motion = motion?;
+        if known.is_none() {
+            recent.keep(unknowns, schedule, &motion);
+        }
+        Ok(Moved { motion, along })
     }
 
     /// The pixels of a frame of particles of this opacity and colour, `[rays, 4]`, and how they change along each unknown, `[rays, unknowns, 4]`.

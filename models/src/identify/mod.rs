@@ -45,6 +45,7 @@ mod pixels;
 mod plausible;
 mod problem;
 mod profile;
+mod recent;
 mod reconstruct;
 mod run;
 mod second_look;

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::identify::penalty::add_penalty;
 use crate::identify::plausible::Plausible;
+use crate::identify::recent::Recent;
 use crate::identify::{Evaluation, Free, Linearised, Problem, Unknowns};
 
 /// What one evaluation gave.
@@ -42,6 +43,7 @@ pub(crate) struct Oracle<'a, 'b> {
     pub plausible: Option<Plausible<'a>>,
     /// The linearisation at the first point, and its substeps, if somebody has computed it already.
     pub first: Option<(Linearised, usize)>,
+    recent: Recent,
     /// Whether the physics may break down at the first point, too.
     pub lenient: bool,
     /// The evaluation of least loss.
@@ -67,6 +69,7 @@ impl<'a, 'b> Oracle<'a, 'b> {
             sides: Vec::new(),
             plausible: None,
             first: None,
+            recent: Recent::default(),
             lenient: false,
             best: None,
         }
@@ -86,31 +89,38 @@ impl<'a, 'b> Oracle<'a, 'b> {
         if self.problem.secant > 0.0 {
             self.substeps = 0;
         }
+        let mut recent = std::mem::take(&mut self.recent);
         let answer = self.ask(at, &mut |problem, frames, substeps, notes| {
-            Ok((problem.misfit(at, frames, substeps, notes)?, Vec::new(), Vec::new()))
+            let there = problem.linearise_after(&mut recent, at, Free::NOTHING, frames, substeps, notes)?;
+            Ok((there.loss, Vec::new(), Vec::new()))
         });
+        self.recent = recent;
         Ok(answer?.loss)
     }
 
     /// Loss, gradient and curvature by forward mode; without the latter two where tangents grow beyond all numbers.
     pub fn linearised(&mut self, at: &Unknowns, free: Free) -> Result<Answer> {
         let (mut first, reach) = (self.first.take().filter(|_| self.known.is_empty()), self.reach);
-        let sides = std::mem::take(&mut self.sides);
+        let (sides, mut recent) = (std::mem::take(&mut self.sides), std::mem::take(&mut self.recent));
         let mut linearise = |problem: &Problem<'_>, frames, substeps: &mut usize, notes: &mut dyn FnMut(String)| {
             let Some((linearised, found)) = first.take() else {
-                return problem.reaching(reach, &sides).linearise(at, free, frames, substeps, notes);
+                let reaching = problem.reaching(reach, &sides);
+                return reaching.linearise_after(&mut recent, at, free, frames, substeps, notes);
             };
             *substeps = found;
             Ok(linearised)
         };
-        self.ask(at, &mut |problem, frames, substeps, notes| match linearise(problem, frames, substeps, notes) {
-            Ok(Linearised { loss, gradient, curvature, .. }) => Ok((loss, gradient, curvature)),
-            Err(error) if error.kind() == ErrorKind::NonFinite => {
-                notes(format!("no derivatives there: {error}"));
-                Ok((problem.misfit(at, frames, substeps, notes)?, Vec::new(), Vec::new()))
-            }
-            Err(error) => Err(error),
-        })
+        let answer =
+            self.ask(at, &mut |problem, frames, substeps, notes| match linearise(problem, frames, substeps, notes) {
+                Ok(Linearised { loss, gradient, curvature, .. }) => Ok((loss, gradient, curvature)),
+                Err(error) if error.kind() == ErrorKind::NonFinite => {
+                    notes(format!("no derivatives there: {error}"));
+                    Ok((problem.misfit(at, frames, substeps, notes)?, Vec::new(), Vec::new()))
+                }
+                Err(error) => Err(error),
+            });
+        self.recent = recent;
+        answer
     }
 
     /// Makes derivatives reach a quarter as far from now on, and to both sides next; whether they may.

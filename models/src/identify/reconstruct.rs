@@ -102,9 +102,9 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
         let effort = Effort::new(MOVING, run.config.fine_of(&law));
         stages.finer(run, &effort, early, &mut unknowns)?;
     }
-    stages.refine(run, [early, frames], &mut unknowns)?;
+    let weighed = stages.refine(run, [early, frames], &mut unknowns)?;
     stages.otherwise(run, early, &unknowns)?;
-    stages.weigh(run, frames, &mut unknowns)?;
+    stages.weigh(run, weighed, frames, &mut unknowns)?;
     stages.intervals(run, frames, &unknowns)?;
     if flight >= frames {
         run.note(format!(
@@ -142,7 +142,8 @@ pub(super) struct Stages<'a> {
 impl Stages<'_> {
     /// In rounds, fits the voxels to the frames as the simulation moves them, and then the material once more: first to the early ones,
     /// then to all. Ends after a round that does not agree better with the clip than what was there before, and goes back to that.
-    fn refine(&self, run: &mut Run, [early, all]: [usize; 2], unknowns: &mut Unknowns) -> Result<()> {
+    /// Returns whether the whole material was searched so, in all frames.
+    fn refine(&self, run: &mut Run, [early, all]: [usize; 2], unknowns: &mut Unknowns) -> Result<bool> {
         let (rounds, mut fitted) = (run.config.estimate.rounds, self.fitted(run).to_owned());
         if early < all {
             if rounds > 0 {
@@ -158,7 +159,7 @@ impl Stages<'_> {
                 None => break,
             }
         }
-        Ok(())
+        Ok(fitted != self.fitted(run))
     }
 
     /// One round after the stage `fitted`, and the stage that ended it; nothing if it did not help.

@@ -379,17 +379,17 @@ impl Stages<'_> {
     }
 
     /// The most probable material, given what the clip tells and what is plausible: parameters that the clip hardly shows are
-    /// pulled to what is usual. Of many cameras that is a search which weighs the pictures' scatter, and a step along the valley for the error
+    /// pulled to what is usual. Of many cameras that is a search which weighs the pictures' scatter (unless the last one did, as `weighed` says), and a step along the valley for the error
     /// that every parameter has whatever they say. Where a single camera made the shape, what all pictures have in common is the most of
     /// what makes an unknown unsure, and pixels that are wrong alike need not be asked again.
-    pub fn weigh(&self, run: &mut Run, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
+    pub fn weigh(&self, run: &mut Run, weighed: bool, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
         let effort = Effort::new(WEIGHED, run.config.estimate.weigh);
         if effort.steps.always == 0 {
             return Ok(());
         }
         let particles = self.particles(run)?;
         let many = self.several_cameras();
-        if many {
+        if many && !weighed {
             self.weighed(run, &effort, &particles, Weighed::All, frames, unknowns)?;
         }
         let fall = self.fall(run)?;
@@ -398,10 +398,11 @@ impl Stages<'_> {
         let bias = if many { Vec::new() } else { self.bias(run, free, unknowns)? };
         let effort = if many { Effort::of_points(USUAL, 2) } else { effort };
         let impact = self.impact(run, unknowns);
+        let own: Vec<f64> =
+            free.list(self.law).iter().map(|unknown| self.own_error(run, unknowns, *unknown, impact)).collect();
         self.search(run, &effort, &particles, unknowns, &mut |problem, search, each, notes| {
             let start = &search.start;
             let here = problem.linearise(start, free, frames, &mut 0, notes)?;
-            let own = |unknown| self.model_error(start, unknown, impact);
             let there = match many {
                 true => interval::more_usual(&plausible, start, &here, &own)?,
                 false => interval::most_probable(&plausible, start, &here, &bias)?,

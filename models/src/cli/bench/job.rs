@@ -176,7 +176,7 @@ fn quick() -> AblationSettings {
     (geometry.dx, geometry.fit.iterations, geometry.fit.in_motion) = (0.08, 6, 2);
     (estimate.velocity, estimate.scan, estimate.starts) = (2, 1, 1);
     (estimate.first, estimate.fine, estimate.falling, estimate.rounds, estimate.coarse) = (1, 1, 0, 0, 1);
-    (flowing.fine, flowing.finer) = (1, 1);
+    (flowing.fine, flowing.falling, flowing.finer) = (1, 0, 1);
     let encoding = &mut settings.config.temporal.first;
     (encoding.frames, encoding.side) = (3, 24);
     (encoding.field.width, encoding.field.channels) = (8, 2);
