@@ -12,7 +12,7 @@ use crate::identify::ground::find_ground;
 use crate::identify::run::Run;
 use crate::identify::stages::{Effort, MOVING};
 use crate::identify::with_voxels::{UNKNOWNS, WithVoxels};
-use crate::identify::{Observed, Problem, Reached, Steps, Unknowns, first_contact, velocity_of_silhouettes};
+use crate::identify::{Method, Observed, Problem, Reached, Steps, Unknowns, first_contact, velocity_of_silhouettes};
 use crate::particles::Particles;
 use crate::physics::Law;
 use crate::report::interrupt;
@@ -142,7 +142,7 @@ pub(super) struct Stages<'a> {
 impl Stages<'_> {
     /// In rounds, fits the voxels to the frames as the simulation moves them, and then the material once more: first to the early ones,
     /// then to all. Ends after a round that does not agree better with the clip than what was there before, and goes back to that.
-    /// Returns whether the whole material was searched so, in all frames.
+    /// Returns whether all frames were searched at last, and what is plausible weighed with them, which a descent does not do.
     fn refine(&self, run: &mut Run, [early, all]: [usize; 2], unknowns: &mut Unknowns) -> Result<bool> {
         let (rounds, mut fitted) = (run.config.estimate.rounds, self.fitted(run).to_owned());
         if early < all {
@@ -159,7 +159,7 @@ impl Stages<'_> {
                 None => break,
             }
         }
-        Ok(fitted != self.fitted(run))
+        Ok(run.config.estimate.method == Method::GaussNewton && fitted != self.fitted(run))
     }
 
     /// One round after the stage `fitted`, and the stage that ended it; nothing if it did not help.

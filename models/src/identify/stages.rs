@@ -379,8 +379,8 @@ impl Stages<'_> {
     }
 
     /// The most probable material, given what the clip tells and what is plausible: parameters that the clip hardly shows are
-    /// pulled to what is usual. Of many cameras that is a search which weighs the pictures' scatter (unless the last one did, as `weighed` says), and a step along the valley for the error
-    /// that every parameter has whatever they say. Where a single camera made the shape, what all pictures have in common is the most of
+    /// pulled to what is usual. Of many cameras that is a search which weighs the pictures' scatter (unless the last one did, as `weighed`
+    /// says), and a step along the valley for the error that every parameter has whatever they say. Where a single camera made the shape, what all pictures have in common is the most of
     /// what makes an unknown unsure, and pixels that are wrong alike need not be asked again.
     pub fn weigh(&self, run: &mut Run, weighed: bool, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
         let effort = Effort::new(WEIGHED, run.config.estimate.weigh);
