@@ -17,6 +17,10 @@ const TRIES: [[&str; 2]; 2] =
 /// stood at 1.13, and at 0.88 after ten more steps, as a body that is ten times too soft makes up for a hull that is too large.
 const CLOSE: std::ops::Range<f64> = 0.65..1.0;
 
+/// The finer grid is given up where half of its steps leave it at so many times the loss that the full one ended at: films of a finer grid stood at
+/// 1.2 then at most, films of the full one at 1.2 to 2.
+const GIVEN_UP: f64 = 1.3;
+
 /// The finer grid as a share of the full one. With the same particles, of which 2.7 then share a cell: shape and pictures stay as they are, so
 /// that losses can be compared.
 const SHARE: f64 = 0.7;
@@ -77,12 +81,16 @@ impl Stages<'_> {
         let (mut finer, mut spent) = (false, 0);
         for (round, stages) in TRIES.iter().enumerate() {
             let steps = steps << round;
-            let effort = |which: usize| Effort { holds_bulk, grid: GRIDS[which], ..Effort::new(stages[which], steps) };
-            self.weighed(run, &effort(0), &particles, Weighed::All, frames, &mut ends[0])?;
+            let effort = |which: usize, hopeless| {
+                let steps = Steps { hopeless, ..Steps::from(steps) };
+                Effort { holds_bulk, grid: GRIDS[which], ..Effort::new(stages[which], steps) }
+            };
+            self.weighed(run, &effort(0, f64::INFINITY), &particles, Weighed::All, frames, &mut ends[0])?;
+            let hopeless = GIVEN_UP * run.least_loss(stages[0]);
             spent += steps;
             let open = run.config.geometry.grid == 0.0 || run.has_finished(stages[1]);
             let tried = open
-                && match self.weighed(run, &effort(1), &particles, Weighed::All, frames, &mut ends[1]) {
+                && match self.weighed(run, &effort(1, hopeless), &particles, Weighed::All, frames, &mut ends[1]) {
                     Err(error) if matches!(error.kind(), ErrorKind::Physics | ErrorKind::NonFinite) => {
                         let stage = stages[1];
                         run.note(format!("{stage}: the simulation breaks down, and the grid stays as it is: {error}"));

@@ -13,19 +13,21 @@ use crate::identify::{Evaluation, Free, Linearised, Problem, Unknowns};
 /// ```
 /// use gradreel_models::identify::Steps;
 ///
-/// assert_eq!(Steps::from(5), Steps { always: 5, falling: 0 });
+/// assert_eq!(Steps::from(5), Steps { always: 5, falling: 0, hopeless: f64::INFINITY });
 /// ```
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Steps {
     /// However little each of them gains.
     pub always: usize,
     /// More, as long as each lowers the loss by 1 %.
     pub falling: usize,
+    /// The loss that half of the first have to reach: a search that is above it then ends.
+    pub hopeless: f64,
 }
 
 impl From<usize> for Steps {
     fn from(always: usize) -> Self {
-        Self { always, falling: 0 }
+        Self { always, falling: 0, hopeless: f64::INFINITY }
     }
 }
 
@@ -81,12 +83,18 @@ pub(super) fn search_most_probable(
         let Answer { loss, gradient, curvature, .. } = oracle.linearised(&here, free)?;
         let (Some(value), false) = (loss, curvature.is_empty()) else { break };
         let longest = Plausible::new(law, free).longest_step(&here);
-        let mut decrease = 0.0;
+        let (mut decrease, mut failed) = (0.0, None::<Vec<f64>>);
         for _ in 0..TRIALS {
             let Some(step) = damped_step(&gradient, &curvature, damping, &longest) else { break };
             if step.iter().all(|h| h.abs() < NEGLIGIBLE) {
                 break;
             }
+            if failed.as_ref().is_some_and(|failed| alike(failed, &step, &longest)) {
+                damping *= 2.0 * growth;
+                growth *= 2.0;
+                continue;
+            }
+            failed = Some(step.clone());
             let moved = along(&x, &step, 1.0, &limits);
             let step: Vec<f64> = moved.iter().zip(&x).map(|(moved, x)| moved - x).collect();
             let there = start.moved(law, free, &moved);
@@ -130,7 +138,8 @@ pub(super) fn search_most_probable(
             }
             (damping, growth) = (DAMPING, 2.0);
         }
-        if taken >= steps.always && decrease < FALLING * value {
+        let given_up = taken == steps.always / 2 && value - decrease > steps.hopeless;
+        if given_up || taken >= steps.always && decrease < FALLING * value {
             break;
         }
     }
@@ -145,6 +154,15 @@ const DAMPING: f64 = 1e-3;
 
 /// Trials of one step at most, each shorter.
 const TRIALS: usize = 5;
+
+/// A step that differs by less than this share from one that failed is not tried: the damping was far too small for either.
+const ALIKE: f64 = 0.1;
+
+/// Whether two steps are the same but for [`ALIKE`], each coordinate in units of the longest step.
+fn alike(a: &[f64], b: &[f64], longest: &[f64]) -> bool {
+    let square = |of: &dyn Fn(usize) -> f64| (0..a.len()).map(|k| (of(k) / longest[k]).powi(2)).sum::<f64>();
+    square(&|k| a[k] - b[k]) < ALIKE * ALIKE * square(&|k| a[k])
+}
 
 /// A step that keeps this share of what it promises is followed farther…
 const KEPT: f64 = 0.75;

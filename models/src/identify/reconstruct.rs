@@ -182,7 +182,7 @@ impl Stages<'_> {
         }
         let since = Instant::now();
         self.keep_before(run, &shape)?;
-        let in_motion = run.config.geometry.fit.in_motion;
+        let in_motion = run.config.in_motion_of(self.law);
         let no_help = match self.shape(run, &shape, in_motion, Moved::Simulated { frames, unknowns: &before }) {
             Err(error) if matches!(error.kind(), ErrorKind::Physics | ErrorKind::NonFinite) => {
                 format!("the simulation breaks down: {error}")
