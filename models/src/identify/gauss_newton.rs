@@ -306,4 +306,13 @@ mod tests {
         assert!((step[0] - 0.25).abs() < 1e-3 && step[1] > 0.1 && step[1] <= 0.6, "{step:?}");
         assert!(damped_step(&[0.0], &[vec![0.0]], 1.0, &[1.0]).is_none());
     }
+
+    #[test]
+    fn steps_are_alike_in_units_of_the_longest() {
+        let longest = [0.6, 1e-3];
+        assert!(alike(&[0.3, 0.0], &[0.28, 0.0], &longest));
+        assert!(!alike(&[0.3, 0.0], &[0.25, 0.0], &longest));
+        assert!(!alike(&[0.3, 0.0], &[0.3, 2e-4], &longest), "a short unknown counts as much");
+        assert!(!alike(&[0.0, 0.0], &[0.0, 1e-9], &longest));
+    }
 }
