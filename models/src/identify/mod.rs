@@ -32,6 +32,7 @@ mod field_file;
 mod finer_grid;
 mod flight;
 mod flowing;
+mod free_fall;
 mod gauss_newton;
 mod ground;
 mod interval;

@@ -175,7 +175,7 @@ impl<'a> Problem<'a> {
     /// A particle stands for a cube that is filled to the share that its opacity says: its density and its stress are in
     /// proportion to it. A stress is in proportion when every modulus, yield stress and viscosity is; strains and angles at
     /// which a material yields stay as they are. The velocity of the rollout is that of half a substep earlier (a leapfrog start), so that free flight
-    /// is exact whatever the substep: `x₀ + v t + g t²/2`.
+    /// is exact whatever the substep: `x₀ + v t + g t²/2`. Frames of which nothing else happens are not simulated.
     ///
     /// # Errors
     /// What the rollout returns.
@@ -195,7 +195,15 @@ impl<'a> Problem<'a> {
         // a voxel that a fit has emptied still has a mass
         let opacity = opacity.reshape([self.particles.len()]).clamp(EMPTY, f64::INFINITY);
         let parameters = self.law.parameters();
-        let velocity = &bound.velocity - &self.half_kick(tape, schedule)?;
+        let fall = self.free_fall_of(bound, schedule)?;
+        let still = tape.constant(self.placed(bound.contact, bound.lean)?);
+        let fallen = |t: f64| -> Result<Var> {
+            Ok(&still
+                + &(&(&bound.velocity * t) + &self.constant(tape, displacement([0.0; 3], self.world.gravity, t))?))
+        };
+        // the speed of the fall, half a substep before the simulation begins
+        let early = fall.time - 0.5 * schedule.dt();
+        let velocity = &bound.velocity + &self.constant(tape, self.world.gravity.map(|g| early * g))?;
         let velocity = match &bound.spin {
             Some(spin) => {
                 let turning = spin.reshape([1, 3]).matmul(&tape.constant(self.spin_field(bound.lean)?));
@@ -204,7 +212,7 @@ impl<'a> Problem<'a> {
             None => velocity,
         };
         let body = Body {
-            positions: tape.constant(self.placed(bound.contact, bound.lean)?),
+            positions: if fall.frames == 0 { still.clone() } else { fallen(fall.time)? },
             velocity,
             density: &opacity * self.density,
             parameters: parameters
@@ -213,12 +221,16 @@ impl<'a> Problem<'a> {
                 .map(|(p, value)| if is_stress(p) { value * &opacity } else { value.clone() })
                 .collect(),
         };
-        let motion = rollout(&self.world, &self.law, schedule, self.remat, &body)?;
+        let simulated = rollout(&self.world, &self.law, fall.rest(schedule), self.remat, &body)?;
+        let falling: Vec<Var> = fall.times().map(fallen).collect::<Result<_>>()?;
+        let motion = match &falling[..] {
+            [first, others @ ..] => first.stack(&others.iter().collect::<Vec<_>>(), 0).concat(&[&simulated], 0),
+            [] => simulated,
+        };
         if bound.contact == 0.0 {
             return Ok(motion);
         }
-        let back = Tensor::from_vec(vec![0.0, bound.contact * self.world.dx, 0.0], [3]).cast(self.dtype)?;
-        Ok(&motion + &tape.constant(back))
+        Ok(&motion + &self.constant(tape, [0.0, bound.contact * self.world.dx, 0.0])?)
     }
 
     /// `c + R(t) (x₀ − c) + v t + g t²/2` at every frame; not differentiated in the spin.
@@ -226,8 +238,7 @@ impl<'a> Problem<'a> {
         let spin = bound.fixed_spin()?;
         let frame = |(frame, turned): (usize, Vec<[f64; 3]>)| {
             let t = frame as f64 * schedule.frame_dt;
-            let fallen = displacement([0.0; 3], self.world.gravity, t);
-            let fallen = tape.constant(Tensor::from_vec(fallen.to_vec(), [3]).cast(self.dtype)?);
+            let fallen = self.constant(tape, displacement([0.0; 3], self.world.gravity, t))?;
             let turned = Tensor::from_vec(turned.into_flattened(), [self.particles.len(), 3]).cast(self.dtype)?;
             Ok(&tape.constant(turned) + &(&bound.velocity * t) + fallen)
         };
@@ -273,10 +284,9 @@ impl<'a> Problem<'a> {
         Ok(self.motion(&tape, &frozen, schedule)?.value()?.clone())
     }
 
-    /// What gravity adds to a velocity in half a substep, `[3]` \[m/s\].
-    fn half_kick(&self, tape: &Tape, schedule: Schedule) -> Result<Var> {
-        let kick = self.world.gravity.map(|g| 0.5 * g * schedule.dt());
-        Ok(tape.constant(Tensor::from_vec(kick.to_vec(), [3]).cast(self.dtype)?))
+    /// A vector, `[3]`.
+    fn constant(&self, tape: &Tape, vector: [f64; 3]) -> Result<Var> {
+        Ok(tape.constant(Tensor::from_vec(vector.to_vec(), [3]).cast(self.dtype)?))
     }
 
     /// The loss of the first `frames` frames, averaged over them, on the tape.

@@ -1,5 +1,6 @@
 //! The forward model and the estimates, on scenes made of a known motion.
 
+mod free_fall;
 mod gauss_newton;
 mod gradient;
 mod interval;
