@@ -17,8 +17,8 @@ const TRIES: [[&str; 2]; 2] =
 /// stood at 1.13, and at 0.88 after ten more steps, as a body that is ten times too soft makes up for a hull that is too large.
 const CLOSE: std::ops::Range<f64> = 0.65..1.0;
 
-/// The finer grid is given up where half of its steps leave it at so many times the loss that the full one ended at: films of a finer grid stood at
-/// 1.2 then at most, films of the full one at 1.2 to 2.
+/// The finer grid is given up where half of its steps leave it at so many times the loss that the full one ended at: three films of a finer grid
+/// stood at 1.2 then at most, most films of the full one at 1.3 to 2.
 const GIVEN_UP: f64 = 1.3;
 
 /// The finer grid as a share of the full one. With the same particles, of which 2.7 then share a cell: shape and pictures stay as they are, so
