@@ -84,14 +84,16 @@ pub(super) fn search_most_probable(
         let (Some(value), false) = (loss, curvature.is_empty()) else { break };
         let longest = Plausible::new(law, free).longest_step(&here);
         let (mut decrease, mut failed) = (0.0, None::<Vec<f64>>);
-        for _ in 0..TRIALS {
+        for trial in 0..TRIALS {
+            if trial > 0 {
+                damping *= 2.0 * growth;
+                growth *= 2.0;
+            }
             let Some(step) = damped_step(&gradient, &curvature, damping, &longest) else { break };
             if step.iter().all(|h| h.abs() < NEGLIGIBLE) {
                 break;
             }
             if failed.as_ref().is_some_and(|failed| alike(failed, &step, &longest)) {
-                damping *= 2.0 * growth;
-                growth *= 2.0;
                 continue;
             }
             failed = Some(step.clone());
@@ -128,8 +130,6 @@ pub(super) fn search_most_probable(
                 before = Some(step);
                 break;
             }
-            damping *= 2.0 * growth;
-            growth *= 2.0;
         }
         if decrease <= if problem.secant > 0.0 { LITTLE_BY_SECANTS } else { LITTLE } * value {
             // differences over a long way see no narrow valley: over a shorter one, or at the end

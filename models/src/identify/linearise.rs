@@ -254,58 +254,59 @@ impl Problem<'_> {
             Tensor::from_vec(values, [opacity.len(), 3]).cast(self.dtype)
         };
         let fall = self.free_fall(unknowns, spins, schedule);
-        let still = self.placed(unknowns.contact, unknowns.lean)?.to_vec()?;
-        let fallen = |t: f64| -> Vec<f64> {
-            let moved = displacement(unknowns.velocity, self.world.gravity, t);
-            still.iter().enumerate().map(|(i, x)| x + moved[i % 3]).collect()
+        let falling = match fall {
+            0 => None,
+            _ => Some(self.flight_tangents(unknowns, free, Schedule { frames: fall + 1, ..schedule })?),
         };
-        let begin = Tensor::from_vec(fallen(fall.time), [opacity.len(), 3]).cast(self.dtype)?;
+        let begin = match &falling {
+            None => self.placed(unknowns.contact, unknowns.lean)?,
+            Some((motion, _)) => raised(row(motion, fall), -unknowns.contact * self.world.dx),
+        };
         // half a substep before the simulation begins
-        let early = fall.time - 0.5 * schedule.dt();
+        let early = fall as f64 * schedule.frame_dt - 0.5 * schedule.dt();
         let early = std::array::from_fn(|k| unknowns.velocity[k] + early * self.world.gravity[k]);
         let density = tensor(opacity.iter().map(|o| o * self.density).collect())?;
         let mut inputs = vec![begin, velocity(early, unknowns.spin)?, density];
         for (k, &value) in unknowns.parameters.iter().enumerate() {
             inputs.push(spread(k, value)?);
         }
-        // how far positions in free fall move along an unknown
-        let along = |slope: f64, axis: usize| std::array::from_fn(|k| if k == axis { slope } else { 0.0 });
-        let moves = |unknown: Unknown, t: f64| -> Result<Vec<f64>> {
-            let slope = unknowns.slope(&self.law, unknown);
-            Ok(match unknown {
-                Unknown::Velocity(axis) => along(slope * t, axis).repeat(opacity.len()),
-                Unknown::Contact => along(-slope * self.world.dx, 1).repeat(opacity.len()),
-                Unknown::Lean(axis) => self.lean_field(axis)?.to_vec()?,
-                Unknown::Spin(_) | Unknown::Parameter(_) => vec![0.0; 3 * opacity.len()],
-            })
-        };
         let mut directions = Vec::new();
-        for &unknown in &list {
+        for (i, &unknown) in list.iter().enumerate() {
             let slope = unknowns.slope(&self.law, unknown);
+            let along = |axis: usize| std::array::from_fn(|k| if k == axis { slope } else { 0.0 });
             let mut direction = vec![None; inputs.len()];
             match unknown {
-                Unknown::Velocity(axis) => direction[1] = Some(velocity(along(slope, axis), [0.0; 3])?),
-                Unknown::Spin(axis) => direction[1] = Some(velocity([0.0; 3], along(slope, axis))?),
+                Unknown::Velocity(axis) => {
+                    direction[0] = falling.as_ref().map(|(_, tangents)| row(&tangents[i], fall));
+                    direction[1] = Some(velocity(along(axis), [0.0; 3])?);
+                }
+                Unknown::Spin(axis) => direction[1] = Some(velocity([0.0; 3], along(axis))?),
                 Unknown::Parameter(k) => direction[3 + k] = Some(spread(k, slope)?),
-                Unknown::Contact | Unknown::Lean(_) => {}
-            }
-            let begin = moves(unknown, fall.time)?;
-            if begin.iter().any(|&rate| rate != 0.0) {
-                direction[0] = Some(Tensor::from_vec(begin, [opacity.len(), 3]).cast(self.dtype)?);
+                Unknown::Contact => {
+                    let lower = [0.0, -slope * self.world.dx, 0.0].repeat(opacity.len());
+                    direction[0] = Some(Tensor::from_vec(lower, [opacity.len(), 3]).cast(self.dtype)?);
+                }
+                Unknown::Lean(axis) => direction[0] = Some(self.lean_field(axis)?),
             }
             directions.push(direction);
         }
-        let rollout = Rollout::of_one(&self.world, &self.law, fall.rest(schedule));
-        let (motion, tangents) = rollout.jvp(&inputs, &directions)?;
+        let rollout = Rollout::of_one(&self.world, &self.law, Schedule { frames: schedule.frames - fall, ..schedule });
+        let (motion, mut tangents) = rollout.jvp(&inputs, &directions)?;
         // back up by as much as the simulation has the body lower
-        let motion = raised(fall.before(|t| Ok(fallen(t)), motion)?, unknowns.contact * self.world.dx);
-        let whole = |(tangent, unknown): (Tensor, Unknown)| {
-            let tangent = fall.before(|t| moves(unknown, t), tangent)?;
-            let back =
-                if unknown == Unknown::Contact { unknowns.slope(&self.law, unknown) * self.world.dx } else { 0.0 };
-            Ok(raised(tangent, back))
+        let motion = raised(motion, unknowns.contact * self.world.dx);
+        for (tangent, unknown) in tangents.iter_mut().zip(list) {
+            if unknown == Unknown::Contact {
+                *tangent = raised(tangent.clone(), unknowns.slope(&self.law, unknown) * self.world.dx);
+            }
+        }
+        let Some((before, moved_before)) = falling else { return Ok((motion, tangents)) };
+        let tape = Tape::new();
+        let whole = |(before, after): (Tensor, Tensor)| {
+            let before = tape.constant(before).slice(0, 0..fall);
+            Ok(before.concat(&[&tape.constant(after)], 0).value()?.clone())
         };
-        let tangents = tangents.into_iter().zip(list).map(whole).collect::<Result<_>>()?;
+        let tangents = moved_before.into_iter().zip(tangents).map(whole).collect::<Result<_>>()?;
+        let motion = whole((before, motion))?;
         Ok((motion, tangents))
     }
 

@@ -196,13 +196,17 @@ impl<'a> Problem<'a> {
         let opacity = opacity.reshape([self.particles.len()]).clamp(EMPTY, f64::INFINITY);
         let parameters = self.law.parameters();
         let fall = self.free_fall_of(bound, schedule)?;
-        let still = tape.constant(self.placed(bound.contact, bound.lean)?);
-        let fallen = |t: f64| -> Result<Var> {
-            Ok(&still
-                + &(&(&bound.velocity * t) + &self.constant(tape, displacement([0.0; 3], self.world.gravity, t))?))
+        let falling = match fall {
+            0 => None,
+            _ => Some(self.flight(tape, bound, Schedule { frames: fall + 1, ..schedule })?),
+        };
+        let lower = self.constant(tape, [0.0, bound.contact * self.world.dx, 0.0])?;
+        let positions = match &falling {
+            None => tape.constant(self.placed(bound.contact, bound.lean)?),
+            Some(falling) => &falling.select(0, fall) - &lower,
         };
         // the speed of the fall, half a substep before the simulation begins
-        let early = fall.time - 0.5 * schedule.dt();
+        let early = fall as f64 * schedule.frame_dt - 0.5 * schedule.dt();
         let velocity = &bound.velocity + &self.constant(tape, self.world.gravity.map(|g| early * g))?;
         let velocity = match &bound.spin {
             Some(spin) => {
@@ -212,7 +216,7 @@ impl<'a> Problem<'a> {
             None => velocity,
         };
         let body = Body {
-            positions: if fall.frames == 0 { still.clone() } else { fallen(fall.time)? },
+            positions,
             velocity,
             density: &opacity * self.density,
             parameters: parameters
@@ -221,16 +225,11 @@ impl<'a> Problem<'a> {
                 .map(|(p, value)| if is_stress(p) { value * &opacity } else { value.clone() })
                 .collect(),
         };
-        let simulated = rollout(&self.world, &self.law, fall.rest(schedule), self.remat, &body)?;
-        let falling: Vec<Var> = fall.times().map(fallen).collect::<Result<_>>()?;
-        let motion = match &falling[..] {
-            [first, others @ ..] => first.stack(&others.iter().collect::<Vec<_>>(), 0).concat(&[&simulated], 0),
-            [] => simulated,
-        };
-        if bound.contact == 0.0 {
-            return Ok(motion);
-        }
-        Ok(&motion + &self.constant(tape, [0.0, bound.contact * self.world.dx, 0.0])?)
+        let schedule = Schedule { frames: schedule.frames - fall, ..schedule };
+        let motion = rollout(&self.world, &self.law, schedule, self.remat, &body)?;
+        // back up by as much as the simulation has the body lower
+        let motion = if bound.contact == 0.0 { motion } else { &motion + &lower };
+        Ok(falling.map_or(motion.clone(), |falling| falling.slice(0, 0..fall).concat(&[&motion], 0)))
     }
 
     /// `c + R(t) (x₀ − c) + v t + g t²/2` at every frame; not differentiated in the spin.

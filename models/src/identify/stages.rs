@@ -398,8 +398,8 @@ impl Stages<'_> {
         let bias = if many { Vec::new() } else { self.bias(run, free, unknowns)? };
         let effort = if many { Effort::of_points(USUAL, 2) } else { effort };
         let impact = self.impact(run, unknowns);
-        let own: Vec<f64> =
-            free.list(self.law).iter().map(|unknown| self.own_error(run, unknowns, *unknown, impact)).collect();
+        let list = if many { free.list(self.law) } else { Vec::new() };
+        let own: Vec<f64> = list.into_iter().map(|unknown| self.own_error(run, unknowns, unknown, impact)).collect();
         self.search(run, &effort, &particles, unknowns, &mut |problem, search, each, notes| {
             let start = &search.start;
             let here = problem.linearise(start, free, frames, &mut 0, notes)?;
