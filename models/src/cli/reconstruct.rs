@@ -169,11 +169,11 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     Ok((Run::create(folder, config, &clip)?, clip))
 }
 
-/// The configuration in a file.
+/// The configuration in a file, which the command line may complete before it is checked.
 pub(super) fn read_config(path: &Path) -> Result<Config> {
     let text = std::fs::read_to_string(path)
         .map_err(|e| Error::io(path, "read the configuration", &e).fix("give the path of a TOML file to --config"))?;
-    Config::parse(&text).map_err(|e| e.at(path.display()))
+    Config::read(&text).map_err(|e| e.at(path.display()))
 }
 
 fn resume(arguments: &Arguments) -> Result<(Run, Clip)> {
@@ -243,13 +243,17 @@ fn summarise(found: &Reconstruction, run: &Run) {
     if !run.state.candidates.is_empty() {
         let against = |candidate: &Candidate| candidate.against(found.observed.pictures());
         let least = run.state.candidates.iter().map(against).fold(f64::INFINITY, f64::min);
+        let (mut chosen, name) = (String::new(), &run.config.material.name);
         say!("  family            loss of frames fitted   of frames foretold   of all   less probable by e^");
         for candidate in &run.state.candidates {
             let Candidate { family, seen, foretold, all, .. } = candidate;
             let behind = against(candidate) - least;
             say!("  {family:<16} {seen:>22.5} {foretold:>20.5} {all:>8.5} {behind:>21.1}");
+            if family == name && behind > 0.0 {
+                chosen = ", as what yields is not more probable by the frames alone".to_owned();
+            }
         }
-        say!("  chosen: {}\n", run.config.material.name);
+        say!("  chosen: {name}{chosen}\n");
     }
     for quantity in quantities(found, run) {
         let known = match (quantity.readable_interval(), quantity.determined) {

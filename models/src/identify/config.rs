@@ -283,13 +283,22 @@ impl Config {
     /// # Errors
     /// [`ErrorKind::Input`] for text that is not TOML, names an unknown setting, or holds a value outside its range.
     pub fn parse(text: &str) -> Result<Self> {
-        let config: Self = toml::from_str(text).map_err(|e| {
+        let config = Self::read(text)?;
+        config.check()?;
+        Ok(config)
+    }
+
+    /// Reads a configuration that something else completes, such as the command line with the material whose parameters it
+    /// holds; what belongs together is for [`Config::check`] to say then.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] for text that is not TOML, or names an unknown setting.
+    pub fn read(text: &str) -> Result<Self> {
+        toml::from_str(text).map_err(|e| {
             Error::new(ErrorKind::Input, "the configuration cannot be read")
                 .found(e.to_string().trim())
                 .fix("compare with the config.toml of any run, which names every setting")
-        })?;
-        config.check()?;
-        Ok(config)
+        })
     }
 
     /// The configuration as TOML.

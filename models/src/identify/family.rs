@@ -39,12 +39,19 @@ impl Candidate {
     }
 }
 
-/// The candidate to go on with: the one against which least speaks. Frames that it was fitted to count as well as those that it foretold: a
-/// law that cannot even fit them is not that of the object. Nor is one that fits them by numbers that no such material has: a paste whose
-/// shear modulus is ten thousand times its yield stress only imitates a fluid.
-pub fn choose(candidates: &[Candidate], pictures: usize) -> Option<&Candidate> {
+/// The candidate to go on with, of so many pictures of so many frames: the one against which least speaks. Frames that it was fitted to count as
+/// well as those that it foretold: a law that cannot even fit them is not that of the object. Nor is one that fits them by numbers that no such
+/// material has: a paste whose shear modulus is ten thousand times its yield stress only imitates a fluid.
+///
+/// Plasticine has to be more probable than rubber by the frames alone, too. What a shape lacks is alike in all pictures of a frame; how it
+/// bounces and rolls on shows that more than its material, and yielding makes up for some of it.
+pub fn choose(candidates: &[Candidate], pictures: usize, frames: usize) -> Option<&Candidate> {
     let against = |candidate: &Candidate| candidate.against(pictures);
-    candidates.iter().filter(|candidate| candidate.all.is_finite()).min_by(|a, b| against(a).total_cmp(&against(b)))
+    let usable = || candidates.iter().filter(|candidate| candidate.all.is_finite());
+    let best = usable().min_by(|a, b| against(a).total_cmp(&against(b)))?;
+    let [plasticine, rubber] = CONTAINING[1];
+    let simpler = usable().find(|candidate| candidate.family == rubber && best.family == plasticine);
+    Some(simpler.filter(|rubber| rubber.against(frames) < best.against(frames)).unwrap_or(best))
 }
 
 /// Families that contain another: a fluid beyond a yield stress without its viscosity is plasticine, and that is rubber if it never yields.
@@ -99,13 +106,17 @@ impl Stages<'_> {
             run.save()?;
         }
         self.look_again(run, [contact, seen, frames], flying, start)?;
-        let Some(winner) = choose(&run.state.candidates, self.observed.pictures()).cloned() else {
+        let Some(winner) = choose(&run.state.candidates, self.observed.pictures(), frames).cloned() else {
             return Err(Error::new(ErrorKind::Physics, "no family of materials can be simulated with this object")
                 .fix("check the size of the object and the ground with `gradreel check`"));
         };
+        let pictures = self.observed.pictures();
+        let outvoted = run.state.candidates.iter().find(|other| other.against(pictures) < winner.against(pictures));
+        let outvoted = outvoted.map(|other| format!(", as {} is not more probable by the frames alone", other.family));
         let family = winner.family;
         run.note(format!(
-            "the family was chosen by how well each, fitted to the frames before {seen}, agrees with all, and how usual it is: {family}"
+            "the family was chosen by how well each, fitted to the frames before {seen}, agrees with all, and how usual it is: {family}{}",
+            outvoted.unwrap_or_default()
         ));
         // what the run has found so far is of the material that its file names
         run.state.unknowns = Some(winner.unknowns);
@@ -229,7 +240,7 @@ mod tests {
             all,
             price,
         };
-        let chosen = |candidates: &[Candidate]| choose(candidates, 100).map(|candidate| candidate.family.clone());
+        let chosen = |candidates: &[Candidate]| choose(candidates, 100, 20).map(|candidate| candidate.family.clone());
         // a hundred pictures: two hundredths of the loss are worth a parameter
         let [simple, better, best] =
             [candidate("simple", 0.103, 1.0), candidate("better", 0.1002, 2.0), candidate("best", 0.099, 4.0)];
@@ -237,8 +248,29 @@ mod tests {
         let unusual = candidate("unusual", 0.099, 2.0 + 0.5 * 3.0 * 3.0);
         assert_eq!(chosen(&[unusual.clone(), better.clone()]).unwrap(), "better");
         // many more pictures know better than what is usual
-        assert_eq!(choose(&[unusual, better], 1000).unwrap().family, "unusual");
+        assert_eq!(choose(&[unusual, better], 1000, 20).unwrap().family, "unusual");
         assert!(chosen(&[candidate("s", f64::NAN, 0.0)]).is_none());
+    }
+
+    #[test]
+    fn what_yields_has_to_be_more_probable_than_rubber_by_the_frames_alone() {
+        let candidate = |family: &str, all, price| Candidate {
+            family: family.into(),
+            unknowns: Unknowns::default(),
+            seen: all,
+            foretold: all,
+            all,
+            price,
+        };
+        let chosen = |candidates: &[Candidate]| choose(candidates, 98, 14).map(|candidate| candidate.family.clone());
+        // a ring of rubber whose shape nobody had seen well, and a lump that yields
+        let (yielding, rubber) = (candidate("plasticine", 0.1162, 5.7), candidate("elastic", 0.1540, 2.2));
+        assert_eq!(chosen(&[rubber.clone(), yielding.clone()]).unwrap(), "elastic");
+        let lump = candidate("plasticine", 0.0163, 6.6);
+        assert_eq!(chosen(&[candidate("elastic", 0.4389, 3.5), lump]).unwrap(), "plasticine");
+        // of other families each picture counts
+        let paste = candidate("non_newtonian", 0.1, 6.9);
+        assert_eq!(chosen(&[rubber, yielding, paste]).unwrap(), "non_newtonian");
     }
 
     #[test]

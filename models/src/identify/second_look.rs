@@ -32,7 +32,7 @@ impl Stages<'_> {
         flying: Moved<'_>,
         start: &Unknowns,
     ) -> Result<()> {
-        let chosen = |run: &Run| choose(&run.state.candidates, self.observed.pictures()).cloned();
+        let chosen = |run: &Run| choose(&run.state.candidates, self.observed.pictures(), frames[2]).cloned();
         if !run.has_finished(LOOKED) {
             let Some(winner) = chosen(run) else { return Ok(()) };
             let near = |rubber: &Candidate| rubber.all <= NEAR * winner.all;

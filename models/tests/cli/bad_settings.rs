@@ -38,6 +38,16 @@ fn files_of_settings() {
     scene.refuses("reconstruct clip --out out --config missing.toml", &["missing.toml"]);
 }
 
+/// A file may speak of parameters of the material that the command line names: what is refused is the frames then.
+#[test]
+fn a_file_that_the_command_line_completes() {
+    let scene = Scene::with_clip(&[0, 3], 2);
+    scene.write("held.toml", "[material]\nheld = ['yield_stress']\n[material.start]\nyield_stress = 500.0");
+    scene.refuses("reconstruct clip --out out --config held.toml", &["yield_stress", "material.held", "young"]);
+    scene.refuses("reconstruct clip --out out --config held.toml --material sand", &["yield_stress", "cohesion"]);
+    scene.refuses("reconstruct clip --out out --config held.toml --material plasticine --frames 1", &["two frames"]);
+}
+
 #[test]
 fn starting_values() {
     let scene = Scene::with_clip(&[0, 3], 2);
