@@ -8,7 +8,7 @@ use crate::cli::film::FilmArguments;
 use crate::cli::imagine::{self, ImagineArguments};
 use crate::cli::output::say;
 use crate::field::{bounding_sphere, hull};
-use crate::identify::{Candidate, Config, Reconstruction, Run, half_of_imagined, reconstruct};
+use crate::identify::{Candidate, Config, Reconstruction, Run, compared, half_of_imagined, reconstruct};
 use crate::monocular;
 use crate::report::interrupt;
 use crate::report::progress::Progress;
@@ -241,16 +241,13 @@ pub(super) fn open(path: &Path, config: &Config) -> Result<Clip> {
 fn summarise(found: &Reconstruction, run: &Run) {
     say!();
     if !run.state.candidates.is_empty() {
-        let against = |candidate: &Candidate| candidate.against(found.observed.pictures());
-        let least = run.state.candidates.iter().map(against).fold(f64::INFINITY, f64::min);
-        let (mut chosen, name) = (String::new(), &run.config.material.name);
+        let (mut chosen, name) = ("", &run.config.material.name);
         say!("  family            loss of frames fitted   of frames foretold   of all   less probable by e^");
-        for candidate in &run.state.candidates {
+        for (candidate, behind) in compared(&run.state.candidates, found.observed.pictures()) {
             let Candidate { family, seen, foretold, all, .. } = candidate;
-            let behind = against(candidate) - least;
             say!("  {family:<16} {seen:>22.5} {foretold:>20.5} {all:>8.5} {behind:>21.1}");
             if family == name && behind > 0.0 {
-                chosen = ", as what yields is not more probable by the frames alone".to_owned();
+                chosen = OUTVOTED;
             }
         }
         say!("  chosen: {name}{chosen}\n");
@@ -265,6 +262,9 @@ fn summarise(found: &Reconstruction, run: &Run) {
     }
     say!("\n  open {}", run.folder.path("index.html").display());
 }
+
+/// Said of a family that is chosen although another is more probable by the pictures.
+const OUTVOTED: &str = ", as what yields is not more probable by the frames alone";
 
 /// What is known of the height of the ground \[m\].
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -291,6 +291,17 @@ impl Config {
     /// Reads a configuration that something else completes, such as the command line with the material whose parameters it
     /// holds; what belongs together is for [`Config::check`] to say then.
     ///
+    /// ```
+    /// use gradreel_models::identify::Config;
+    ///
+    /// let text = "[material]\nheld = [\"yield_stress\"]";
+    /// assert!(Config::parse(text).is_err(), "rubber has none");
+    /// let mut config = Config::read(text)?;
+    /// config.material.name = "plasticine".to_owned();
+    /// config.check()?;
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// [`ErrorKind::Input`] for text that is not TOML, or names an unknown setting.
     pub fn read(text: &str) -> Result<Self> {

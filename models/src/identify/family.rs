@@ -39,6 +39,24 @@ impl Candidate {
     }
 }
 
+/// Every candidate with how much less probable it is than the most probable one, after so many pictures \[nat\].
+///
+/// ```
+/// use gradreel_models::identify::{Candidate, Unknowns, compared};
+///
+/// let of = |family: &str, all| {
+///     let (family, unknowns) = (family.to_owned(), Unknowns::default());
+///     Candidate { family, unknowns, seen: all, foretold: all, all, price: 2.0 }
+/// };
+/// let candidates = [of("elastic", 0.1), of("sand", 0.2)];
+/// let [best, other] = compared(&candidates, 98)[..] else { panic!("two of two") };
+/// assert!(best.1 == 0.0 && (other.1 - 49.0 * 2f64.ln()).abs() < 1e-9);
+/// ```
+pub fn compared(candidates: &[Candidate], pictures: usize) -> Vec<(&Candidate, f64)> {
+    let least = candidates.iter().map(|candidate| candidate.against(pictures)).fold(f64::INFINITY, f64::min);
+    candidates.iter().map(|candidate| (candidate, candidate.against(pictures) - least)).collect()
+}
+
 /// The candidate to go on with, of so many pictures of so many frames: the one against which least speaks. Frames that it was fitted to count as
 /// well as those that it foretold: a law that cannot even fit them is not that of the object. Nor is one that fits them by numbers that no such
 /// material has: a paste whose shear modulus is ten thousand times its yield stress only imitates a fluid.
@@ -110,13 +128,9 @@ impl Stages<'_> {
             return Err(Error::new(ErrorKind::Physics, "no family of materials can be simulated with this object")
                 .fix("check the size of the object and the ground with `gradreel check`"));
         };
-        let pictures = self.observed.pictures();
-        let outvoted = run.state.candidates.iter().find(|other| other.against(pictures) < winner.against(pictures));
-        let outvoted = outvoted.map(|other| format!(", as {} is not more probable by the frames alone", other.family));
         let family = winner.family;
         run.note(format!(
-            "the family was chosen by how well each, fitted to the frames before {seen}, agrees with all, and how usual it is: {family}{}",
-            outvoted.unwrap_or_default()
+            "the family was chosen by how well each, fitted to the frames before {seen}, agrees with all, and how usual it is: {family}"
         ));
         // what the run has found so far is of the material that its file names
         run.state.unknowns = Some(winner.unknowns);

@@ -65,7 +65,7 @@ pub use config::{
 };
 pub use contact::first_contact;
 pub use estimate::{Evaluation, estimate};
-pub use family::{Candidate, choose};
+pub use family::{Candidate, choose, compared};
 pub use field_file::Reached;
 pub use flight::velocity_of_silhouettes;
 pub use flowing::FlowingConfig;

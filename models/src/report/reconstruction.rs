@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use gradreel::{Result, Tape, Tensor};
 
-use crate::identify::{HistoryRow, Reconstruction, Run};
+use crate::identify::{Candidate, HistoryRow, Reconstruction, Run, compared};
 use crate::render::{Rays, Splat, render};
 use crate::report::animation::{Picture, gif};
 use crate::report::page::{Headline, Page, Scene};
@@ -293,6 +293,12 @@ fn notes(
     if farther != 0.0 {
         let share = format!("{:+.1} % of what its fall alone says, as it is where it lands", 100.0 * farther);
         notes.push(("How much farther away it is".into(), share));
+    }
+    for (candidate, behind) in compared(&run.state.candidates, found.observed.pictures()) {
+        let Candidate { family, seen, foretold, all, .. } = candidate;
+        let chosen = if *family == run.config.material.name { ": chosen" } else { "" };
+        let losses = format!("loss {all:.4} (frames it was fitted to {seen:.4}, those that it foretold {foretold:.4})");
+        notes.push((format!("As {family}"), format!("{losses}, less probable than the best by e^{behind:.1}{chosen}")));
     }
     let figure = |name: &str| quality.get(name).copied();
     if let (Some(iou), Some(psnr)) = (figure("silhouette_iou"), figure("psnr_on_object_db")) {

@@ -67,7 +67,7 @@ Each clip is reconstructed from all its views with the settings that `gradreel r
 every number is off, and whether the truth is in the interval of 90 % that the run states. Parameters that are no magnitudes
 (Poisson's ratio, angles) start at the end of what is plausible that is farther from the truth.
 
-It takes about 35 minutes on two cores; with --only-auto an hour and a half, with --auto both. After Ctrl-C, go on with --out FOLDER --resume.
+It takes about half an hour on two cores; with --only-auto a little over an hour, with --auto both. After Ctrl-C, go on with --out FOLDER --resume.
 
 Examples:
   gradreel bench families                                 ten films, families told, starts a factor of 30 off
