@@ -67,13 +67,16 @@ pub fn choose(candidates: &[Candidate], pictures: usize, frames: usize) -> Optio
     let against = |candidate: &Candidate| candidate.against(pictures);
     let usable = || candidates.iter().filter(|candidate| candidate.all.is_finite());
     let best = usable().min_by(|a, b| against(a).total_cmp(&against(b)))?;
-    let [plasticine, rubber] = CONTAINING[1];
+    let [rubber, plasticine] = STAY;
     let simpler = usable().find(|candidate| candidate.family == rubber && best.family == plasticine);
     Some(simpler.filter(|rubber| rubber.against(frames) < best.against(frames)).unwrap_or(best))
 }
 
 /// Families that contain another: a fluid beyond a yield stress without its viscosity is plasticine, and that is rubber if it never yields.
-const CONTAINING: [[&str; 2]; 2] = [["non_newtonian", "plasticine"], ["plasticine", "elastic"]];
+const CONTAINING: [[&str; 2]; 2] = [["non_newtonian", STAY[1]], [STAY[1], STAY[0]]];
+
+/// The families of bodies that keep their shape until they yield.
+pub(super) const STAY: [&str; 2] = ["elastic", "plasticine"];
 
 /// A family whose loss is so many times that of the best is not looked for again: more than a better start can mend.
 const BEATEN: f64 = 2.0;
@@ -244,16 +247,12 @@ pub(super) fn of_family(run: &Run, family: &str) -> Config {
 mod tests {
     use super::*;
 
+    fn candidate(family: &str, all: f64, price: f64) -> Candidate {
+        Candidate { family: family.into(), unknowns: Unknowns::default(), seen: all, foretold: all, all, price }
+    }
+
     #[test]
     fn the_best_wins_unless_a_simpler_or_a_more_usual_one_does_nearly_as_well() {
-        let candidate = |family: &str, all, price| Candidate {
-            family: family.into(),
-            unknowns: Unknowns::default(),
-            seen: all,
-            foretold: all,
-            all,
-            price,
-        };
         let chosen = |candidates: &[Candidate]| choose(candidates, 100, 20).map(|candidate| candidate.family.clone());
         // a hundred pictures: two hundredths of the loss are worth a parameter
         let [simple, better, best] =
@@ -268,14 +267,6 @@ mod tests {
 
     #[test]
     fn what_yields_has_to_be_more_probable_than_rubber_by_the_frames_alone() {
-        let candidate = |family: &str, all, price| Candidate {
-            family: family.into(),
-            unknowns: Unknowns::default(),
-            seen: all,
-            foretold: all,
-            all,
-            price,
-        };
         let chosen = |candidates: &[Candidate]| choose(candidates, 98, 14).map(|candidate| candidate.family.clone());
         // a ring of rubber whose shape nobody had seen well, and a lump that yields
         let (yielding, rubber) = (candidate("plasticine", 0.1162, 5.7), candidate("elastic", 0.1540, 2.2));

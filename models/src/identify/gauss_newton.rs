@@ -138,7 +138,8 @@ pub(super) fn search_most_probable(
             }
             (damping, growth) = (DAMPING, 2.0);
         }
-        let given_up = taken == steps.always / 2 && value - decrease > steps.hopeless;
+        let hopeless = oracle.best.as_ref().is_some_and(|best| best.loss > steps.hopeless);
+        let given_up = taken == steps.always / 2 && hopeless;
         if given_up || taken >= steps.always && decrease < FALLING * value {
             break;
         }

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use gradreel::Result;
 
-use crate::identify::family::{Candidate, choose, of_family};
+use crate::identify::family::{Candidate, STAY, choose, of_family};
 use crate::identify::reconstruct::{Moved, OF_WHAT_STAYS, Stages};
 use crate::identify::run::Run;
 use crate::identify::stages::AUTO;
@@ -13,9 +13,6 @@ use crate::identify::{Unknowns, law_of};
 /// A rubber whose loss is so many times that of the best at most is looked at again. Of films of anything else it was 15 to 50 times that; of a
 /// bird of rubber, which has thin parts, 2.3 times.
 const NEAR: f64 = 4.0;
-
-/// The families of bodies that keep their shape until they yield.
-const STAY: [&str; 2] = ["elastic", "plasticine"];
 
 /// The stage that ends it.
 const LOOKED: &str = "auto: bodies that stay";
