@@ -1,10 +1,81 @@
-//! From a video to shape, motion and material: the stages of the method, in the order in which data flows.
+//! From a video to shape, motion and material: the method, one module a stage in the order of the flow, and the `gradreel` command.
 //!
 //! ```text
-//! video → monocular → views → field → particles → physics → render → identify → report
-//!                          scenes → physics → report
-//! ablation: what the parts of it are worth
+//! video ─┬─► monocular ─┐
+//!        │    (scale)   ├─► field ─► particles ─► physics ─► render ─► identify ─► report
+//!        └─► views ─────┘   (hull,   (material    (MLS-MPM)  (splat,   (Gauss–     (page,
+//!        (imagined sides)   voxels)   points)                 march)    Newton)     files)
+//!
+//! scenes ─► physics ─► report                      (simulate a scene file, film it)
 //! ```
+//!
+//! Quantities are in SI units; the world's y axis points up. `docs/method.md` of the sources has the equations.
+//!
+//! # The five calls of a library user
+//!
+//! | call | does |
+//! |---|---|
+//! | [`video::Clip::open`] | reads a folder with calibrated cameras; [`monocular::clip_of_film`] makes a clip of a film |
+//! | [`identify::Config`] | every setting, with defaults; [`Config::parse`](identify::Config::parse) reads TOML |
+//! | [`identify::reconstruct()`] | runs the stages in a run folder, from which it can continue |
+//! | [`scenes::Runner`], [`physics::rollout()`] | simulate: a scene file frame by frame; a body on the tape, with derivatives |
+//! | [`identify::Tracks::fit`] | velocity and material from particle tracks, without pictures |
+//!
+//! A reconstruction takes minutes:
+//!
+//! ```no_run
+//! use std::path::Path;
+//!
+//! use gradreel_models::identify::{Config, Run, reconstruct};
+//! use gradreel_models::report::{progress::Progress, run_folder::RunFolder};
+//! use gradreel_models::video::{Clip, OpenOptions};
+//!
+//! let clip = Clip::open(Path::new("examples/clips/bird"), &OpenOptions::default())?;
+//! let config = Config::parse("[material]\nname = \"elastic\"")?;
+//! let mut run = Run::create(RunFolder::create(Path::new("runs/bird"))?, config, &clip)?;
+//! let found = reconstruct(&clip, &mut run, &Progress::new(true))?;
+//! for (parameter, value) in found.law.parameters().iter().zip(&found.unknowns.parameters) {
+//!     println!("{} = {value} {}", parameter.name, parameter.unit);
+//! }
+//! println!("velocity {:?} m/s, intervals {:?}", found.unknowns.velocity, run.state.intervals);
+//! # Ok::<(), gradreel::Error>(())
+//! ```
+//!
+//! A simulation takes a moment:
+//!
+//! ```
+//! use std::path::Path;
+//!
+//! use gradreel_models::scenes::{Runner, SceneFile, Setup};
+//!
+//! let scene = r#"
+//!     [time]
+//!     duration_s = 0.1
+//!     [grid]
+//!     spacing_m = 0.05
+//!     [ground]
+//!     [materials.rubber]
+//!     law = "neo_hookean"
+//!     density_kg_m3 = 1000.0
+//!     young = 1e5     # Pa
+//!     poisson = 0.3
+//!     [[objects]]
+//!     material = "rubber"
+//!     shape.sphere = { centre_m = [0.0, 0.3, 0.0], radius_m = 0.1 }
+//! "#;
+//! let setup = Setup::of(&SceneFile::parse(scene)?, Path::new("."))?;
+//! let mut runner = Runner::<f32>::new(&setup)?;
+//! let height = |runner: &Runner<'_, f32>| {
+//!     let positions = runner.frame().positions;
+//!     positions.iter().map(|x| x[1]).sum::<f32>() / positions.len() as f32
+//! };
+//! let before = height(&runner);
+//! runner.advance(|| true)?; // one frame of 1/24 s in free fall: g t²/2 = 8.5 mm
+//! assert!((before - height(&runner) - 0.0085).abs() < 0.001);
+//! # Ok::<(), gradreel::Error>(())
+//! ```
+//!
+//! A material of one's own implements [`physics::Material`]; [`physics::check_material`] tests it.
 
 mod constant;
 mod fnv1a;
