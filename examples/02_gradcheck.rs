@@ -8,7 +8,7 @@
 //! cargo run --release --example 02_gradcheck
 //! ```
 
-use gradreel::{Backward, Forward, GradReport, Op, Result, Spec, Tensor, Var, gradcheck};
+use gradreel::{Backward, Forward, GradReport, Op, Operands, Result, Spec, Tensor, Var, gradcheck};
 
 /// `√(a² + b²)`, element by element.
 #[derive(Debug)]
@@ -23,12 +23,14 @@ impl Op for Length {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        Ok(inputs[0].clone())
+        let [a, _] = Spec::exactly(self.name(), inputs)?;
+        Ok(a.clone())
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
-        let pairs = inputs[0].slice::<f64>().iter().zip(inputs[1].slice::<f64>());
-        Ok(Tensor::from_vec(pairs.map(|(a, b)| a.hypot(*b)).collect(), inputs[0].shape()).into())
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+        let [a, b] = inputs.array();
+        let pairs = a.slice::<f64>().iter().zip(b.slice::<f64>());
+        Ok(Tensor::from_vec(pairs.map(|(a, b)| a.hypot(*b)).collect(), a.shape()).into())
     }
 
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {

@@ -15,8 +15,8 @@ use gradreel::backend::gpu::{Gpu, Kernel, Work};
 use gradreel::ops::uniform;
 use gradreel::scalar::Real;
 use gradreel::{
-    Backward, DType, Device, Error, ErrorKind, Forward, Op, Reads, Result, Spec, Tape, Tensor, Var, devicecheck,
-    gradcheck,
+    Backward, DType, Device, Error, ErrorKind, Forward, Op, Operands, Reads, Result, Spec, Tape, Tensor, Var,
+    devicecheck, gradcheck,
 };
 
 /// One step of heat conduction along a vector.
@@ -72,7 +72,7 @@ impl Op for Conduct {
         }
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         let x = &inputs[0];
         Ok(match x.dtype() {
             DType::F64 => Tensor::from_vec(self.run::<f64>(x.slice()), x.shape()),
@@ -81,7 +81,7 @@ impl Op for Conduct {
         .into())
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         let x = &inputs[0];
         let parameters = [x.len() as u32, (self.rate as f32).to_bits()];
         Ok(gpu.launch(&KERNEL, &[x], &parameters, x.spec(), Work::Invocations(x.len()))?.into())

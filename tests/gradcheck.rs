@@ -1,7 +1,7 @@
 //! The gradient check itself: a derivative that is wrong, however little and wherever, must not pass.
 
 use gradreel::ops::{Case, uniform};
-use gradreel::{Backward, DType, Forward, GradCheck, GradReport, Op, Reads, Result, Spec, Tape, Tensor, Var};
+use gradreel::{Backward, DType, Forward, GradCheck, GradReport, Op, Operands, Reads, Result, Spec, Tape, Tensor, Var};
 
 /// What is wrong with a derivative.
 #[derive(Debug, Clone, Copy)]
@@ -45,7 +45,7 @@ impl Op for Power {
         Ok(inputs[0].clone())
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         let values = inputs[0].slice::<f64>().iter().map(|x| x.powi(self.0.into())).collect();
         Ok(Tensor::from_vec(values, inputs[0].shape()).into())
     }

@@ -1,8 +1,10 @@
 //! Every op of the registry: gradient check in `f64`, `f32` against `f64`, non-finite operands, empty shapes.
 
+use std::rc::Rc;
+
 use gradreel::backend::cpu::pool;
 use gradreel::ops::{Case, registry};
-use gradreel::{DType, ErrorKind, GradReport, Tape, Tensor, Var};
+use gradreel::{Backward, DType, ErrorKind, Forward, GradReport, Op, Operands, Result, Spec, Tape, Tensor, Var};
 
 /// Applies a case's op to operands of another dtype or device.
 fn apply(case: &Case, inputs: &[Tensor]) -> Tensor {
@@ -87,4 +89,114 @@ fn pointwise_ops_accept_empty_tensors() {
             }
         }
     }
+}
+
+/// Zeros of a type, or small numbers.
+fn filled(shape: &[usize], dtype: DType) -> Tensor {
+    Tensor::full(if dtype == DType::U32 { 0.0 } else { 0.25 }, shape, dtype)
+}
+
+/// The operands with one of them made shorter, longer, of another rank or type; and fewer and more of them.
+fn spoilt(inputs: &[Tensor]) -> Vec<Vec<Tensor>> {
+    let mut all = vec![Vec::new(), inputs[..inputs.len() - 1].to_vec(), [inputs, &inputs[..1]].concat()];
+    let mut with = |number: usize, x: Tensor| {
+        let mut changed = inputs.to_vec();
+        changed[number] = x;
+        all.push(changed);
+    };
+    for (number, x) in inputs.iter().enumerate() {
+        let dims = x.dims().to_vec();
+        for axis in 0..dims.len() {
+            for size in [0, dims[axis].saturating_sub(1), dims[axis] + 1, 3 * dims[axis] + 7] {
+                let mut other = dims.clone();
+                other[axis] = size;
+                with(number, filled(&other, x.dtype()));
+            }
+        }
+        with(number, filled(&[&dims[..], &[2]].concat(), x.dtype()));
+        with(number, filled(&[], x.dtype()));
+        for dtype in [DType::F16, DType::F32, DType::F64, DType::U32] {
+            with(number, filled(&dims, dtype));
+        }
+    }
+    all
+}
+
+#[test]
+fn operands_that_a_shape_rule_refuses_never_reach_a_kernel() {
+    for entry in registry() {
+        let mut refused = 0;
+        for case in (entry.cases)() {
+            for inputs in spoilt(&case.inputs) {
+                let specs: Vec<_> = inputs.iter().map(Tensor::spec).collect();
+                match (case.op.infer(&specs), case.op.forward(&inputs)) {
+                    // data that do not fit, such as offsets, are the forward pass's to refuse
+                    (Ok(spec), Ok(found)) => assert_eq!(found.output.spec(), spec, "{} of {specs:?}", entry.name),
+                    (Ok(_), Err(error)) => assert_ne!(error.kind(), ErrorKind::Shape, "{}: {error}", entry.name),
+                    (Err(error), found) => {
+                        let kinds = [ErrorKind::Shape, ErrorKind::Unsupported];
+                        assert!(kinds.contains(&error.kind()), "{}: {error}", entry.name);
+                        let text = error.to_string();
+                        assert!(text.contains(case.op.name()) || text.contains("broadcast"), "{}: {text}", entry.name);
+                        assert!(found.is_err(), "{} of {specs:?}", entry.name);
+                        refused += 1;
+                    }
+                }
+            }
+        }
+        assert!(refused > 0, "{} refuses nothing", entry.name);
+    }
+}
+
+/// An op of somebody's whose shape rule accepts anything, and who hands the operands on to one of the crate's.
+#[derive(Debug)]
+struct Careless(Rc<dyn Op>);
+
+impl Op for Careless {
+    fn name(&self) -> &'static str {
+        "careless"
+    }
+
+    fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
+        Ok(inputs[0].clone())
+    }
+
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+        self.0.forward_cpu(inputs)
+    }
+
+    fn vjp(&self, _cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
+        Ok(Vec::new())
+    }
+}
+
+#[test]
+fn kernels_look_at_sizes_themselves_when_a_shape_rule_lies() {
+    // hundreds of planted cases panic: their messages would bury those of a failure
+    std::panic::set_hook(Box::new(|_| {}));
+    let mut caught = 0;
+    for entry in registry() {
+        for case in (entry.cases)() {
+            let careless = Careless(case.op.clone());
+            for inputs in spoilt(&case.inputs) {
+                let run = || careless.forward(&inputs).map(|found| found.output.len());
+                caught += usize::from(std::panic::catch_unwind(std::panic::AssertUnwindSafe(run)).is_err());
+            }
+        }
+    }
+    let _ = std::panic::take_hook();
+    assert!(caught > 100, "only {caught} were found out");
+}
+
+#[test]
+fn a_short_volume_is_refused_with_its_name() {
+    let case =
+        registry().into_iter().find(|entry| entry.name == "depth_attention").map(|entry| (entry.cases)().remove(0));
+    let case = case.unwrap();
+    let [q, k] = [case.inputs[0].clone(), case.inputs[1].clone()];
+    let mut dims = k.dims().to_vec();
+    dims[3] -= 1;
+    let error = case.op.forward(&[q, k, filled(&dims, DType::F64)]).err().unwrap();
+    assert_eq!(error.kind(), ErrorKind::Shape);
+    assert!(error.to_string().contains("depth_attention"), "{error}");
 }

@@ -224,3 +224,42 @@ fn a_path_of_the_processor_is_found() {
     #[cfg(target_arch = "aarch64")]
     assert!(all.contains(&Path::Neon));
 }
+
+#[test]
+fn paths_have_names_and_others_are_refused() {
+    assert_eq!(Path::named("scalar").unwrap(), Path::Portable);
+    for path in Path::available() {
+        assert_eq!(Path::named(path.name()).unwrap(), path);
+    }
+    for name in ["sse9", "AVX2", "", " scalar"] {
+        let error = Path::named(name).unwrap_err();
+        assert_eq!(error.kind(), ErrorKind::Input);
+        let text = error.to_string();
+        assert!(text.contains("GRADREEL_ISA") && text.contains("one of scalar"), "{text}");
+    }
+}
+
+/// The name that a process of its own reports when the environment says so: this test runs itself again.
+#[test]
+fn the_environment_caps_the_path_of_a_run() {
+    const CHILD: &str = "GRADREEL_TEST_CHILD";
+    if std::env::var_os(CHILD).is_some() {
+        println!("runs on {}", gradreel::isa());
+        return;
+    }
+    let run = |name: &str| {
+        let mut command = std::process::Command::new(std::env::current_exe().unwrap());
+        command.args(["--exact", "the_environment_caps_the_path_of_a_run", "--nocapture", "--test-threads", "1"]);
+        let output = command.env(CHILD, "1").env(Path::VARIABLE, name).output().unwrap();
+        (
+            output.status.success(),
+            String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr),
+        )
+    };
+    for path in Path::available() {
+        let (done, text) = run(path.name());
+        assert!(done && text.contains(&format!("runs on {path}")), "{text}");
+    }
+    let (done, text) = run("avx1024");
+    assert!(!done && text.contains("GRADREEL_ISA") && text.contains("`avx1024`"), "{text}");
+}

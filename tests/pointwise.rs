@@ -316,3 +316,63 @@ fn operators_take_variables_by_value_and_by_reference() {
     let y = -(2.0 * &x.clone() - x.clone() * 0.5) / (&x + 1.0) + x.clone() * &x - &x / x.clone();
     assert_eq!(y.item().unwrap(), -4.5 / 4.0 + 9.0 - 1.0);
 }
+
+/// Gradients of `x^y` in `x` and in `y`.
+fn slopes_of_powf(x: f64, y: f64, dtype: DType) -> [f64; 2] {
+    let tape = Tape::new();
+    let [x, y] = [x, y].map(|value| tape.leaf(Tensor::full(value, [2], dtype)));
+    let gradients = x.powf(&y).sum_all().backward().unwrap();
+    [&x, &y].map(|leaf| gradients.wrt(leaf).unwrap().to_vec().unwrap()[1])
+}
+
+#[test]
+fn powers_at_their_edges_have_the_slopes_of_pytorch() {
+    let (infinite, nan) = (f64::INFINITY, f64::NAN);
+    // base, exponent, slope in the base, slope in the exponent
+    for (x, y, in_base, in_exponent) in [
+        (0.0, 0.0, 0.0, 0.0),
+        (0.0, -3.0, -infinite, -infinite),
+        (0.0, 0.5, infinite, 0.0),
+        (0.0, 1.0, 1.0, 0.0),
+        (0.0, 2.5, 0.0, 0.0),
+        (-2.0, 3.0, 12.0, nan),
+        (-2.0, 0.0, 0.0, nan),
+        (-2.0, 2.5, nan, nan),
+        (2.0, 0.0, 0.0, std::f64::consts::LN_2),
+        (nan, 0.0, 0.0, nan),
+        (nan, 2.0, nan, nan),
+        (1.0, 7.0, 7.0, 0.0),
+    ] {
+        for (dtype, tolerance) in [(DType::F64, 1e-15), (DType::F32, 1e-6)] {
+            let found = slopes_of_powf(x, y, dtype);
+            for (found, wanted) in found.into_iter().zip([in_base, in_exponent]) {
+                let same = found == wanted || (found.is_nan() && wanted.is_nan());
+                assert!(
+                    same || (found - wanted).abs() <= tolerance * wanted.abs(),
+                    "{x}^{y} in {dtype}: {found}, not {wanted}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn other_functions_at_zero_have_the_slopes_of_pytorch() {
+    let infinite = f64::INFINITY;
+    let slope = |function: &dyn Fn(&Var) -> Var, x: f64| {
+        let leaf = Tape::new().leaf(Tensor::full(x, [2], DType::F64));
+        let gradients = function(&leaf).sum_all().backward().unwrap();
+        gradients.wrt(&leaf).unwrap().slice::<f64>()[0]
+    };
+    assert_eq!(slope(&|x| x.pow(0.0), 0.0), 0.0);
+    assert_eq!(slope(&|x| x.pow(-3.0), 0.0), -infinite);
+    assert_eq!(slope(&|x| x.pow(-2.0), 2.0), -0.25);
+    assert_eq!(slope(&|x| x.pow(0.5), 0.0), infinite);
+    assert_eq!(slope(&|x| x.pow(2.4), 0.0), 0.0);
+    assert_eq!(slope(&Var::sqrt, 0.0), infinite);
+    assert_eq!(slope(&Var::rsqrt, 0.0), -infinite);
+    assert_eq!(slope(&Var::recip, 0.0), -infinite);
+    assert_eq!(slope(&Var::ln, 0.0), infinite);
+    assert_eq!(slope(&Var::ln, -2.0), -0.5);
+    assert_eq!(slope(&|x| 3.0 / x, 0.0), -infinite);
+}

@@ -87,7 +87,7 @@ fn sheared(x: Scalar) -> Mat3 {
 
 /// Functions with the relative error they may have; differences below 1e-37 do not count, since devices may flush
 /// subnormal numbers.
-const FUNCTIONS: [(&str, f64, Function); 24] = [
+const FUNCTIONS: [(&str, f64, Function); 26] = [
     ("abs", 0.0, |x| x.abs()),
     ("sign", 0.0, |x| x.sign()),
     ("floor", 0.0, |x| x.floor()),
@@ -104,6 +104,16 @@ const FUNCTIONS: [(&str, f64, Function); 24] = [
     ("erf", 1e-6, |x| x.erf()),
     ("exp_m1", 1e-5, |x| x.exp_m1()),
     ("powf", 1e-5, |x| x.abs().powf(2.2)),
+    ("whole_power", 1e-5, |x| x.powf((2.0 * x.lt(0.0).to_scalar() + 3.0) * (x * 0.0 + 1.0))),
+    ("slope_of_power", 1e-5, |x| {
+        // 0⁰, 0 to −3 and −1 to 3 among them
+        let exponent = x.eq(0.0).select(-3.0, 3.0 * x.abs().gt(0.5).to_scalar());
+        Program::trace("f", &["x", "b"], &["y"], |v| vec![v[0].powf(v[1])]).vjp().apply(&[
+            x.floor(),
+            exponent,
+            1.0.into(),
+        ])[0]
+    }),
     ("min", 0.0, |x| x.min(0.5)),
     ("max", 0.0, |x| Scalar::from(0.5).max(x)),
     ("minus_infinity", 0.0, |x| x.max(f64::NEG_INFINITY)),

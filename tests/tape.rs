@@ -194,7 +194,7 @@ fn a_derivative_that_reads_what_it_left_out_is_found_out() {
         fn infer(&self, inputs: &[gradreel::Spec]) -> gradreel::Result<gradreel::Spec> {
             Ok(inputs[0].clone())
         }
-        fn forward_cpu(&self, inputs: &[Tensor]) -> gradreel::Result<gradreel::Forward> {
+        fn forward_cpu(&self, inputs: gradreel::Operands<'_>) -> gradreel::Result<gradreel::Forward> {
             Ok(inputs[0].clone().into())
         }
         fn reads(&self, _: &[bool]) -> gradreel::Reads {
@@ -209,7 +209,9 @@ fn a_derivative_that_reads_what_it_left_out_is_found_out() {
     let y = tape.leaf(list(&[1.0, 2.0])).apply(Forgetful, &[]).unwrap();
     let caught = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| y.sum_all().backward().is_ok())).unwrap_err();
     let text = caught.downcast_ref::<String>().unwrap();
-    assert!(text.contains("`reads` leaves out"), "{text}");
+    for part in ["forgetful", "operand 0", "f64[2]", "`reads` leaves out", "fix: add .input(0)"] {
+        assert!(text.contains(part), "{part:?} is not in: {text}");
+    }
 }
 
 #[test]
@@ -266,4 +268,84 @@ fn a_hundred_thousand_nodes_are_spent_and_dropped_without_a_deep_stack() {
     for slope in thread.unwrap().join().unwrap() {
         assert!((slope - 1.0).abs() < 1e-9, "{slope}");
     }
+}
+
+#[test]
+fn an_op_that_is_recorded_refuses_operands_of_other_tapes() {
+    let (tape, other) = (Tape::new(), Tape::new());
+    let x = tape.leaf(list(&[1.0]));
+    let (constant, leaf) = (other.constant(list(&[2.0])), other.leaf(list(&[2.0])));
+    let mul = |a, b| {
+        tape.apply(
+            gradreel::ops::registry().iter().find(|e| e.name == "mul").map(|e| (e.cases)()[0].op.clone()).unwrap(),
+            &[a, b],
+        )
+    };
+    for (operand, said, fix) in [
+        (&constant, "operand 1 is a constant of another tape", "tape.constant("),
+        (&leaf, "operand 1 is differentiable on another tape", "detach"),
+    ] {
+        let error = mul(&x, operand).unwrap_err();
+        assert_eq!(error.kind(), ErrorKind::NoGradient);
+        let text = error.to_string();
+        for part in ["mul", said, fix, "tests/tape.rs"] {
+            assert!(text.contains(part), "{part:?} is not in: {text}");
+        }
+    }
+    // nothing is recorded of constants, and so nothing can be lost
+    assert_eq!((&tape.constant(list(&[3.0])) * &constant).item().unwrap(), 6.0);
+}
+
+#[test]
+#[should_panic(expected = "mul: operand 1 is a constant of another tape")]
+fn operators_refuse_constants_of_other_tapes() {
+    let _ = &Tape::new().leaf(list(&[2.0])) * &Tape::new().constant(list(&[1.0]));
+}
+
+#[test]
+fn the_segment_of_a_remat_may_use_constants_from_outside() {
+    let tape = Tape::new();
+    let (x, two) = (tape.leaf(list(&[3.0])), tape.constant(list(&[2.0])));
+    let y = tape.remat(&[&x], move |_, v| Ok(&v[0] * &two)).unwrap();
+    assert_eq!(y.backward().unwrap().wrt(&x).unwrap().slice::<f64>(), [2.0]);
+}
+
+#[test]
+fn mixed_dtypes_are_refused_with_the_op_and_the_cast_that_helps() {
+    let tape = Tape::new();
+    let (double, single) = (tape.leaf(list(&[1.0, 2.0])), tape.leaf(Tensor::from_vec(vec![1.0f32, 2.0], [2])));
+    let of = |name: &str| (gradreel::ops::registry().iter().find(|e| e.name == name).unwrap().cases)()[0].op.clone();
+    for (name, operands, fix) in [
+        ("add", [&double, &single], "cast operand 1 to f64, with .cast(DType::F64)"),
+        ("add", [&single, &double], "cast operand 0 to f64, with .cast(DType::F64)"),
+        ("concat", [&single, &double], "cast operand 0 to f64"),
+        ("matmul", [&double, &single], "cast operand 1 to f64"),
+    ] {
+        let error = tape.apply(of(name), &operands).unwrap_err();
+        assert_eq!(error.kind(), ErrorKind::Shape);
+        let text = error.to_string();
+        assert!(text.contains(name) && text.contains(fix), "{text}");
+    }
+    let whole = tape.constant(Tensor::from_vec(vec![1u32, 2], [2]));
+    let text = tape.apply(of("sum"), &[&whole]).unwrap_err().to_string();
+    assert!(text.contains("sum does not compute in u32") && text.contains(".cast(DType::F32)"), "{text}");
+}
+
+#[test]
+fn a_tensor_shows_its_numbers() {
+    let text = |x: Tensor| format!("{x:?}");
+    assert_eq!(text(list(&[1.0, 2.5])), "f64[2] on cpu: [1.0, 2.5]");
+    assert_eq!(text(Tensor::scalar(-3.0, DType::F32)), "f32[] on cpu: -3.0");
+    assert_eq!(text(Tensor::from_vec(vec![1u32, 2, 3, 4], [2, 2])), "u32[2, 2] on cpu: [[1, 2], [3, 4]]");
+    assert_eq!(text(Tensor::zeros([2, 0], DType::F16)), "f16[2, 0] on cpu: [[], []]");
+    let many = Tensor::from_vec((0..125).map(f64::from).collect(), [125]);
+    assert_eq!(text(many.reshape([125])), "f64[125] on cpu: [0.0, 1.0, 2.0, …, 124.0]");
+    assert_eq!(
+        text(many.reshape([5, 5, 5])),
+        "f64[5, 5, 5] on cpu: [[[0.0, 1.0, 2.0, …, 4.0], [5.0, 6.0, 7.0, …, 9.0], [10.0, 11.0, 12.0, …, 14.0], …, \
+         [20.0, 21.0, 22.0, …, 24.0]], …, [[100.0, 101.0, 102.0, …, 104.0], [105.0, 106.0, 107.0, …, 109.0], \
+         [110.0, 111.0, 112.0, …, 114.0], …, [120.0, 121.0, 122.0, …, 124.0]]]"
+    );
+    // a shape that no memory could hold is not made in the first place
+    assert!(std::panic::catch_unwind(|| Tensor::from_vec(vec![1.0, 2.0], [(1usize << 63) + 1, 2])).is_err());
 }

@@ -3,6 +3,8 @@
 use std::hint::black_box;
 use std::time::Instant;
 
+#[cfg(target_arch = "x86_64")]
+use gradreel::scalar::Path;
 use gradreel::{DType, Shape, Tensor, ops};
 
 /// One thing to time.
@@ -38,7 +40,12 @@ pub fn seconds(run: impl Fn()) -> f64 {
 /// Times every case that matches and prints one row each.
 pub fn run(threads: usize, filter: &str, groups: &[fn() -> Vec<Case>]) {
     let (flops, bytes) = (peak_flops(threads), copy_bandwidth(threads));
-    println!("{threads} threads: multiply-add {:.0} GFLOP/s, copy {:.1} GB/s", flops * 1e-9, bytes * 1e-9);
+    println!(
+        "{} on {threads} threads: multiply-add {:.0} GFLOP/s, copy {:.1} GB/s",
+        gradreel::isa(),
+        flops * 1e-9,
+        bytes * 1e-9
+    );
     let peer = peer(threads);
     println!(
         "{:44} {:>10} {:>8} {:>9} {:>10} {:>9}",
@@ -107,12 +114,13 @@ fn peak_flops(threads: usize) -> f64 {
             }
             black_box(sums);
         }
-        // SAFETY: the instruction sets were detected.
-        if is_x86_feature_detected!("avx512f") {
+        if Path::best() == Path::Avx512 {
+            // SAFETY: the processor has the path of the run.
             let time = on_all(threads, || unsafe { wide(black_box(ROUNDS)) });
             return (threads * ROUNDS * 14 * 16 * 2) as f64 / time;
         }
-        if is_x86_feature_detected!("fma") && is_x86_feature_detected!("avx2") {
+        if Path::best() == Path::Avx2 {
+            // SAFETY: as above.
             let time = on_all(threads, || unsafe { middle(black_box(ROUNDS)) });
             return (threads * ROUNDS * 12 * 8 * 2) as f64 / time;
         }

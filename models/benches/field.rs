@@ -133,7 +133,11 @@ fn temporal(name: &str, opaque: Option<f64>, masked: bool) -> Result<()> {
 }
 
 fn main() -> Result<()> {
-    println!("{RAYS} rays, {} threads", std::thread::available_parallelism().map_or(1, usize::from));
+    println!(
+        "{RAYS} rays, {}, {} threads",
+        gradreel::isa(),
+        std::thread::available_parallelism().map_or(1, usize::from)
+    );
     still()?;
     temporal("temporal, fog within silhouettes", None, true)?;
     temporal("temporal, a ball within silhouettes", Some(8.0), true)?;

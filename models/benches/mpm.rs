@@ -22,7 +22,7 @@ fn main() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a thread pool");
     pool.install(|| {
         let bandwidth = copy_bandwidth(threads);
-        println!("copy {:.1} GB/s on {threads} threads", bandwidth * 1e-9);
+        println!("{}; copy {:.1} GB/s on {threads} threads", gradreel::isa(), bandwidth * 1e-9);
         for count in counts {
             for (name, parameters) in [
                 ("neo_hookean", vec![1e5, 0.3]),

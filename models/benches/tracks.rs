@@ -17,6 +17,7 @@ fn main() {
     if files.is_empty() {
         println!("name a file of tracks: cargo bench -p gradreel-models --bench tracks -- scene.safetensors");
     }
+    println!("{}", gradreel::isa());
     for file in &files {
         measure(Path::new(file));
     }

@@ -112,7 +112,8 @@ fn main() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a thread pool");
     let peer = std::fs::read(format!("{}/../target/pytorch-views-{threads}.json", env!("CARGO_MANIFEST_DIR")));
     let peer: serde_json::Value = peer.ok().and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default();
-    println!("{threads} threads\n{:24} {:>9} {:>10} {:>10} {:>10}", "case", "s", "GFLOP/s", "PyTorch s", "ratio");
+    println!("{}, {threads} threads", gradreel::isa());
+    println!("{:24} {:>9} {:>10} {:>10} {:>10}", "case", "s", "GFLOP/s", "PyTorch s", "ratio");
     for case in CASES.iter().filter(|case| case.name.contains(&filter)) {
         pool.install(|| time(case, &peer, profile));
     }

@@ -11,7 +11,7 @@ use crate::ops::put::Put;
 use crate::ops::reduction::{Axes, Join};
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{DType, Result, Spec, Tensor};
 
@@ -187,17 +187,18 @@ impl Op for ArgExtremum {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let shape = self.axes.infer_some(self.name(), &inputs[0])?.shape;
-        self.axes.check_numbers(self.name(), &inputs[0].shape)?;
+        let x = Spec::one_real(self.name(), inputs)?;
+        let shape = self.axes.infer_some(self.name(), x)?.shape;
+        self.axes.check_numbers(self.name(), &x.shape)?;
         Ok(Spec::new(shape, DType::U32))
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         let x = &inputs[0];
         for_real!(x.dtype(), T => Ok(Tensor::from_vec(self.run::<T>(x), self.axes.kept(x.shape())).into()))
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         let x = &inputs[0];
         let (kept, dropped) = (self.axes.walk(x.shape(), false), self.axes.walk(x.shape(), true));
         if x.len() > gpu.part_len() {

@@ -9,7 +9,7 @@ use crate::backend::cpu::attention::{self as cpu, Heads, Mask};
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Var};
 use crate::tensor::for_real;
 use crate::{Device, Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -187,7 +187,7 @@ impl Op for Attention {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let dtype = inputs[0].dtype;
+        let dtype = Spec::between(self.name(), inputs, 3..=4)?[0].dtype;
         let sizes = Sizes::new(&inputs.iter().map(|x| &x.shape).collect::<Vec<_>>());
         match sizes.filter(|_| dtype.is_real() && inputs.iter().all(|x| x.dtype == dtype)) {
             Some(sizes) => Ok(Spec::new([&sizes.leading[..], &[sizes.queries, sizes.values]].concat(), dtype)),
@@ -200,7 +200,7 @@ impl Op for Attention {
         }
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         let inputs: Vec<_> = inputs.iter().collect();
         let sizes = Sizes::of(&inputs);
         for_real!(inputs[0].dtype(), T => {
@@ -212,7 +212,7 @@ impl Op for Attention {
         })
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         let inputs: Vec<_> = inputs.iter().collect();
         let sizes = Sizes::of(&inputs);
         let words = sizes.words(self.scale);

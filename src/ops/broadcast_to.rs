@@ -5,7 +5,7 @@ use std::rc::Rc;
 use crate::backend::cpu::strided::gather;
 use crate::backend::gpu::{Gpu, Strides};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -44,21 +44,22 @@ impl Op for BroadcastTo {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        if inputs[0].shape.broadcast(&self.shape)? != self.shape {
+        let x = Spec::one_real(self.name(), inputs)?;
+        if x.shape.broadcast(&self.shape)? != self.shape {
             return Err(Error::new(ErrorKind::Shape, "broadcast_to: the operand does not stretch to this shape")
-                .found(format!("{:?}", inputs[0]))
+                .found(format!("{:?}", x))
                 .wanted(&self.shape));
         }
-        Ok(Spec::new(&self.shape, inputs[0].dtype))
+        Ok(Spec::new(&self.shape, x.dtype))
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         let x = &inputs[0];
         let axes = self.axes(x.shape());
         for_real!(x.dtype(), T => Ok(Tensor::from_vec(gather::<T>(x.slice(), 0, &axes), &self.shape).into()))
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         let x = &inputs[0];
         Ok(self.axes(x.shape()).gather(gpu, self.name(), x, 0, Spec::new(&self.shape, x.dtype()))?.into())
     }

@@ -7,8 +7,8 @@ use std::rc::Rc;
 
 use crate::backend::gpu::Gpu;
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Reads, Var};
-use crate::{DType, Error, ErrorKind, Result, Spec, Tensor};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
+use crate::{DType, Error, ErrorKind, Result, Spec};
 
 pub(super) const ENTRY: Entry = Entry {
     name: "cast",
@@ -28,19 +28,20 @@ impl Op for Cast {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        if inputs[0].dtype == DType::U32 || self.dtype == DType::U32 {
+        let [x] = Spec::exactly(self.name(), inputs)?;
+        if x.dtype == DType::U32 || self.dtype == DType::U32 {
             return Err(Error::new(ErrorKind::Shape, "cast: only floats have derivatives")
-                .found(format!("{:?} to {}", inputs[0], self.dtype))
+                .found(format!("{:?} to {}", x, self.dtype))
                 .fix("cast the tensor itself with Tensor::cast, and make it a constant"));
         }
-        Ok(Spec::new(&inputs[0].shape, self.dtype))
+        Ok(Spec::new(&x.shape, self.dtype))
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         Ok(inputs[0].cast(self.dtype)?.into())
     }
 
-    fn forward_gpu(&self, _gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, _gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         self.forward_cpu(inputs)
     }
 

@@ -5,7 +5,7 @@ use std::rc::Rc;
 use crate::backend::cpu::rows::{Part, joined};
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Element, Error, ErrorKind, Result, Spec, Tensor};
 
@@ -72,7 +72,7 @@ impl Op for Concat {
             (self.axis < dims.len()).then(|| dims.remove(self.axis))?;
             Some((dims, x.dtype))
         };
-        let first = without_axis(&inputs[0]);
+        let first = without_axis(Spec::between(self.name(), inputs, 1..=usize::MAX)?[0].real(self.name())?);
         if first.is_none() || inputs.iter().any(|x| without_axis(x) != first) {
             return Err(Error::new(ErrorKind::Shape, "concat: operands must agree in all axes but one")
                 .found(format!("{inputs:?} along axis {}", self.axis)));
@@ -82,14 +82,14 @@ impl Op for Concat {
         Ok(Spec::new(dims, inputs[0].dtype))
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         let specs: Vec<_> = inputs.iter().map(Tensor::spec).collect();
         let spec = self.infer(&specs)?;
-        for_real!(spec.dtype, T => Ok(Tensor::from_vec(self.run::<T>(inputs), spec.shape).into()))
+        for_real!(spec.dtype, T => Ok(Tensor::from_vec(self.run::<T>(&inputs), spec.shape).into()))
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
-        Ok(join(gpu, inputs, self.axis)?.into())
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
+        Ok(join(gpu, &inputs, self.axis)?.into())
     }
 
     fn reads(&self, _wanted: &[bool]) -> Reads {

@@ -5,7 +5,7 @@ use std::rc::Rc;
 use crate::backend::cpu::scan::scan;
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -54,17 +54,18 @@ impl Op for CumSum {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        check_axis(self.name(), self.axis, &inputs[0])?;
-        Ok(inputs[0].clone())
+        let x = Spec::one_real(self.name(), inputs)?;
+        check_axis(self.name(), self.axis, x)?;
+        Ok(x.clone())
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         let x = &inputs[0];
         let sizes = around(x.shape(), self.axis);
         for_real!(x.dtype(), T => Ok(Tensor::from_vec(scan::<T>(None, x.slice(), sizes, self.reverse), x.shape()).into()))
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         let x = &inputs[0];
         let [outer, len, inner] = around(x.shape(), self.axis);
         let lines = outer * inner;

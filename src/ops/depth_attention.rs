@@ -8,7 +8,7 @@ use std::rc::Rc;
 use crate::backend::cpu::depth_attention::{self as cpu, Sizes};
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Device, Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -83,7 +83,7 @@ impl Op for DepthAttention {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let [q, k, v] = inputs else { unreachable!("depth_attention has three operands") };
+        let [q, k, v] = Spec::exactly(self.name(), inputs)?;
         let fits = match (q.shape.dims(), k.shape.dims()) {
             (&[images, heads, channels, height, width], volume) if channels > 0 => {
                 matches!(*volume, [a, b, c, _, d, e]
@@ -99,8 +99,8 @@ impl Op for DepthAttention {
         Ok(q.clone())
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
-        let [q, k, v] = inputs else { unreachable!("depth_attention has three operands") };
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+        let [q, k, v] = inputs.array();
         let sizes = sizes(q.shape(), k.shape());
         for_real!(q.dtype(), T => {
             let operands = [q.slice::<T>(), k.slice::<T>(), v.slice::<T>()];
@@ -111,8 +111,8 @@ impl Op for DepthAttention {
         })
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
-        let [q, k, v] = inputs else { unreachable!("depth_attention has three operands") };
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
+        let [q, k, v] = inputs.array();
         let sizes = sizes(q.shape(), k.shape());
         let words = self.words(sizes);
         let weights = Spec::new([sizes.heads * sizes.depths * sizes.pixels], q.dtype());

@@ -5,7 +5,7 @@ use std::rc::Rc;
 use crate::backend::cpu::strided::gather;
 use crate::backend::gpu::{Gpu, Strides};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -39,21 +39,22 @@ impl Op for Flip {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        if self.axis >= inputs[0].shape.rank() {
+        let x = Spec::one_real(self.name(), inputs)?;
+        if self.axis >= x.shape.rank() {
             return Err(Error::new(ErrorKind::Shape, "flip: no such axis")
-                .found(format!("axis {} of {:?}", self.axis, inputs[0]))
-                .wanted(format!("an axis below {}", inputs[0].shape.rank())));
+                .found(format!("axis {} of {:?}", self.axis, x))
+                .wanted(format!("an axis below {}", x.shape.rank())));
         }
-        Ok(inputs[0].clone())
+        Ok(x.clone())
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         let x = &inputs[0];
         let (start, axes) = self.walk(x.shape());
         for_real!(x.dtype(), T => Ok(Tensor::from_vec(gather::<T>(x.slice(), start, &axes), x.shape()).into()))
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         let x = &inputs[0];
         let (start, axes) = self.walk(x.shape());
         Ok(axes.gather(gpu, self.name(), x, start, x.spec())?.into())

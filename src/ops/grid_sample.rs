@@ -7,7 +7,7 @@ use crate::backend::gpu::{Gpu, Kernel, Work};
 use crate::ops::grid::Placement;
 use crate::ops::grid_scatter::GridScatter;
 use crate::ops::{Case, Entry, GridSampling, Interpolation, Lattice, Padding, uniform};
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Device, Error, ErrorKind, Result, Spec, Tensor};
 
@@ -61,12 +61,12 @@ impl Op for GridSample {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let [grid, points] = inputs else { unreachable!("grid_sample has two operands") };
+        let [grid, points] = Spec::exactly(self.name(), inputs)?;
         Ok(self.place.sampled(self.name(), grid, points)?.1)
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
-        let [grid, points] = inputs else { unreachable!("grid_sample has two operands") };
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+        let [grid, points] = inputs.array();
         let (extent, result) = self.place.sampled(self.name(), &grid.spec(), &points.spec())?;
         for_real!(result.dtype, T => {
             let samples = cpu::grid::sample::<T>(&self.place, extent, grid.slice(), points.slice());
@@ -74,8 +74,8 @@ impl Op for GridSample {
         })
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
-        let [grid, points] = inputs else { unreachable!("grid_sample has two operands") };
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
+        let [grid, points] = inputs.array();
         let (extent, result) = self.place.sampled(self.name(), &grid.spec(), &points.spec())?;
         let len = result.shape.len();
         let words = self.place.words(extent, len);

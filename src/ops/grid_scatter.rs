@@ -8,7 +8,7 @@ use crate::backend::gpu::{Gpu, Kernel, Work, sorted_pairs, words};
 use crate::ops::grid::{Extent, Placement};
 use crate::ops::grid_sample::{GridSample, slope};
 use crate::ops::{Case, Entry, GridSampling, Interpolation, Lattice, Padding, uniform};
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{DType, Result, Spec, Tensor};
 
@@ -79,12 +79,12 @@ impl Op for GridScatter {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let [samples, points] = inputs else { unreachable!("grid_scatter has two operands") };
+        let [samples, points] = Spec::exactly(self.name(), inputs)?;
         Ok(self.place.scattered(self.name(), samples, points)?.1)
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
-        let [samples, points] = inputs else { unreachable!("grid_scatter has two operands") };
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+        let [samples, points] = inputs.array();
         let (extent, result) = self.place.scattered(self.name(), &samples.spec(), &points.spec())?;
         for_real!(result.dtype, T => {
             let grid = cpu::grid::scatter::<T>(&self.place, extent, samples.slice(), points.slice());
@@ -92,8 +92,8 @@ impl Op for GridScatter {
         })
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
-        let [samples, points] = inputs else { unreachable!("grid_scatter has two operands") };
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
+        let [samples, points] = inputs.array();
         let (extent, result) = self.place.scattered(self.name(), &samples.spec(), &points.spec())?;
         Ok(self.run(gpu, samples, points, extent, result)?.into())
     }

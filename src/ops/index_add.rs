@@ -9,7 +9,7 @@ use crate::backend::cpu::{Bins, buffer, partition};
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::index_select::check_rows;
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{DType, Device, Element, Error, ErrorKind, Result, Spec, Tensor};
 
@@ -82,7 +82,7 @@ impl Op for IndexAdd {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let [x, index] = inputs else { unreachable!("index_add has two operands") };
+        let [x, index] = Spec::exactly(self.name(), inputs)?;
         let fits = x.shape.rank() > 0 && index.shape.dims() == &x.shape.dims()[..1] && index.dtype == DType::U32;
         if !fits {
             return Err(Error::new(ErrorKind::Shape, "index_add: the operands do not fit")
@@ -94,8 +94,8 @@ impl Op for IndexAdd {
         Ok(Spec::new(dims, x.dtype))
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
-        let [x, index] = inputs else { unreachable!("index_add has two operands") };
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+        let [x, index] = inputs.array();
         check_rows(self.name(), index.slice(), self.rows)?;
         let shape = self.infer(&[x.spec(), index.spec()])?.shape;
         for_real!(x.dtype(), T => {
@@ -103,8 +103,8 @@ impl Op for IndexAdd {
         })
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
-        let [x, index] = inputs else { unreachable!("index_add has two operands") };
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
+        let [x, index] = inputs.array();
         let rows = index.gpu_buffer().indices()?;
         check_rows(self.name(), rows, self.rows)?;
         let result = self.infer(&[x.spec(), index.spec()])?;

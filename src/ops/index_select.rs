@@ -5,7 +5,7 @@ use std::rc::Rc;
 use crate::backend::cpu::{CHUNK, filled};
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{DType, Element, Error, ErrorKind, Result, Spec, Tensor};
 
@@ -60,7 +60,7 @@ impl Op for IndexSelect {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let [x, index] = inputs else { unreachable!("index_select has two operands") };
+        let [x, index] = Spec::exactly(self.name(), inputs)?;
         if x.shape.rank() == 0 || index.shape.rank() != 1 || index.dtype != DType::U32 {
             return Err(Error::new(ErrorKind::Shape, "index_select: the operands do not fit")
                 .found(format!("{x:?} by {index:?}"))
@@ -71,15 +71,15 @@ impl Op for IndexSelect {
         Ok(Spec::new(dims, x.dtype))
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
-        let [x, index] = inputs else { unreachable!("index_select has two operands") };
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+        let [x, index] = inputs.array();
         check_rows(self.name(), index.slice(), x.dims()[0])?;
         let spec = self.infer(&[x.spec(), index.spec()])?;
         for_real!(x.dtype(), T => Ok(Tensor::from_vec(Self::run::<T>(x, index.slice()), spec.shape).into()))
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
-        let [x, index] = inputs else { unreachable!("index_select has two operands") };
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
+        let [x, index] = inputs.array();
         check_rows(self.name(), index.gpu_buffer().indices()?, x.dims()[0])?;
         let result = self.infer(&[x.spec(), index.spec()])?;
         let len = result.shape.len();

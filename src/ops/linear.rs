@@ -5,7 +5,7 @@ use std::rc::Rc;
 use crate::backend::gpu::Gpu;
 use crate::ops::matmul::{Product, product};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Spec, Tensor};
 
@@ -37,7 +37,7 @@ impl Op for Linear {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let [x, w, bias] = inputs else { unreachable!("linear has three operands") };
+        let [x, w, bias] = Spec::exactly(self.name(), inputs)?;
         let same = x.dtype.is_real() && x.dtype == w.dtype && x.dtype == bias.dtype;
         match (x.shape.dims(), w.shape.dims(), bias.shape.dims()) {
             (&[rows, width], &[out, depth], &[biases]) if same && width == depth && out == biases => {
@@ -50,15 +50,15 @@ impl Op for Linear {
         }
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
-        let [x, w, bias] = inputs else { unreachable!("linear has three operands") };
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+        let [x, w, bias] = inputs.array();
         let product = Self::product(x, w);
         let shape = [product.m, product.n];
         for_real!(x.dtype(), T => Ok(Tensor::from_vec(product.run::<T>(x, w, Some(bias)), shape).into()))
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
-        let [x, w, bias] = inputs else { unreachable!("linear has three operands") };
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
+        let [x, w, bias] = inputs.array();
         let product = Self::product(x, w);
         let result = Spec::new([product.m, product.n], x.dtype());
         Ok(product.launch(gpu, &[x, w, bias], result)?.into())

@@ -15,7 +15,7 @@ use crate::backend::gpu::{Gpu, Kernel, Strides, words};
 use crate::ops::broadcast_to::steps;
 use crate::ops::{Case, Entry};
 use crate::scalar::{Lanes, Program, Real, Scalar};
-use crate::tape::{AddressMap, Backward, Forward, Op, Reads, Var};
+use crate::tape::{AddressMap, Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -292,16 +292,16 @@ impl Op for Map {
         Ok(Spec { shape: self.shape(inputs.iter().map(|x| &x.shape))?, dtype })
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         let shape = self.shape(inputs.iter().map(Tensor::shape))?;
         for_real!(inputs[0].dtype(), T => Ok(match shape.len() {
-            1 => Tensor::one(self.single::<T>(inputs), shape),
-            _ => Tensor::from_vec(self.run::<T>(inputs, &shape), shape),
+            1 => Tensor::one(self.single::<T>(&inputs), shape),
+            _ => Tensor::from_vec(self.run::<T>(&inputs, &shape), shape),
         }
         .into()))
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         let specs: Vec<_> = inputs.iter().map(Tensor::spec).collect();
         let result = self.infer(&specs)?;
         let len = result.shape.len();

@@ -12,7 +12,7 @@ use crate::backend::cpu::gemm::{Gemm, Out, Par, Strided};
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -168,7 +168,7 @@ impl Op for MatMul {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let [a, b] = inputs else { unreachable!("matmul has two operands") };
+        let [a, b] = Spec::exactly(self.name(), inputs)?;
         let product = Product::new(self.transposed, &a.shape, &b.shape);
         let Some(product) = product.filter(|_| a.dtype == b.dtype && a.dtype.is_real()) else {
             let side = |transposed: bool, plain, turned| if transposed { turned } else { plain };
@@ -181,13 +181,13 @@ impl Op for MatMul {
         Ok(Spec::new(product.shape(), a.dtype))
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         let (a, b) = (&inputs[0], &inputs[1]);
         let product = Product::new(self.transposed, a.shape(), b.shape()).expect("checked by infer");
         for_real!(a.dtype(), T => Ok(Tensor::from_vec(product.run::<T>(a, b, None), product.shape()).into()))
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         let (a, b) = (&inputs[0], &inputs[1]);
         let product = Product::new(self.transposed, a.shape(), b.shape()).expect("checked by infer");
         Ok(product.launch(gpu, &[a, b], Spec::new(product.shape(), a.dtype()))?.into())

@@ -7,7 +7,7 @@ use crate::backend::gpu::Gpu;
 use crate::ops::reduction::{Axes, Join};
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Result, Spec, Tensor};
 
@@ -61,14 +61,15 @@ impl Op for Max {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        self.axes.infer_some(self.name(), &inputs[0])
+        let x = Spec::one_real(self.name(), inputs)?;
+        self.axes.infer_some(self.name(), x)
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         for_real!(inputs[0].dtype(), T => Ok(self.axes.on_cpu::<T, Largest>(&inputs[0]).into()))
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         Ok(self.axes.on_gpu(gpu, self.name(), &inputs[0], Join::Max)?.into())
     }
 

@@ -11,7 +11,7 @@ use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::pool::{Pool, Windows};
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Spec, Tensor};
 
@@ -109,7 +109,7 @@ impl Op for MaxPool {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let [values, image] = inputs else { unreachable!("{} has two operands", self.name()) };
+        let [values, image] = Spec::exactly(self.name(), inputs)?;
         let pooled = Self::pooled(image, &self.settings.windows(self.name(), image)?);
         let (wanted, result) = if self.unpools { (pooled, image.clone()) } else { (image.clone(), pooled) };
         if *values != wanted {
@@ -120,8 +120,8 @@ impl Op for MaxPool {
         Ok(result)
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
-        let [values, image] = inputs else { unreachable!("{} has two operands", self.name()) };
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+        let [values, image] = inputs.array();
         let result = self.infer(&[values.spec(), image.spec()])?;
         let windows = self.settings.windows(self.name(), &image.spec())?;
         for_real!(result.dtype, T => {
@@ -129,8 +129,8 @@ impl Op for MaxPool {
         })
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
-        let [values, image] = inputs else { unreachable!("{} has two operands", self.name()) };
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
+        let [values, image] = inputs.array();
         let result = self.infer(&[values.spec(), image.spec()])?;
         let windows = self.settings.windows(self.name(), &image.spec())?;
         let len = result.shape.len();

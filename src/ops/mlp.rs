@@ -12,7 +12,7 @@ use crate::backend::cpu::mlp;
 use crate::backend::gpu::Gpu;
 use crate::ops::{Activation, Case, Entry, uniform};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Reads, Tape, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Tape, Var};
 use crate::tensor::for_real;
 use crate::{Device, Error, ErrorKind, Result, Spec, Tensor};
 
@@ -124,7 +124,7 @@ impl Op for Mlp {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let (x, layers) = inputs.split_first().expect("mlp has operands");
+        let (x, layers) = (&Spec::between(self.name(), inputs, 1..=usize::MAX)?[0], &inputs[1..]);
         let mut shape = x.shape.dims().to_vec();
         let mut fits = shape.len() == 2 && !layers.is_empty() && layers.len() % 2 == 0 && x.dtype.is_real();
         for layer in layers.chunks_exact(2) {
@@ -146,17 +146,17 @@ impl Op for Mlp {
             ))
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         let (x, rows) = (&inputs[0], inputs[0].dims()[0]);
         let width = inputs[inputs.len() - 1].len();
         for_real!(x.dtype(), T => {
-            let (result, kept) = mlp::forward(x.slice::<T>(), &self.layers(inputs), rows, self.keep);
+            let (result, kept) = mlp::forward(x.slice::<T>(), &self.layers(&inputs), rows, self.keep);
             let bytes = kept.bytes();
             Ok(Forward::with_residual(Tensor::from_vec(result, [rows, width]), kept).holding(bytes))
         })
     }
 
-    fn forward_gpu(&self, _gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, _gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         let tape = Tape::new();
         let inputs: Vec<Var> = inputs.iter().map(|x| tape.constant(x.clone())).collect();
         let made = self.compose(&inputs.iter().collect::<Vec<_>>());

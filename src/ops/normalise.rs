@@ -10,7 +10,7 @@ use crate::backend::cpu::normalise as cpu;
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Device, Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -148,8 +148,8 @@ impl Op for Normalise {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let x = &inputs[0];
-        let layout = self.layout(&x.shape);
+        let x = &Spec::between(self.name(), inputs, 1..=3)?[0];
+        let layout = self.layout(&x.shape).filter(|_| inputs.len() != 2);
         let fits = layout.is_some_and(|(_, parameters)| inputs[1..].iter().all(|p| p.shape == parameters));
         if !fits || !x.dtype.is_real() || inputs.iter().any(|other| other.dtype != x.dtype) {
             let wanted = match self.over {
@@ -167,7 +167,7 @@ impl Op for Normalise {
         Ok(x.clone())
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         let operands: Vec<_> = inputs.iter().collect();
         for_real!(inputs[0].dtype(), T => {
             let (y, statistics) = self.cpu::<T>(&operands).forward();
@@ -177,7 +177,7 @@ impl Op for Normalise {
         })
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         let (layout, sizes, [x, scale, shift]) = self.gpu(&inputs.iter().collect::<Vec<_>>());
         let spec = Spec::new([3 * layout.groups], x.dtype());
         let runs = gpu.launch(&STATISTICS, &[x], &sizes, spec, Work::Groups(layout.groups))?;

@@ -5,7 +5,7 @@ use std::rc::Rc;
 use crate::backend::cpu::rows::{Part, joined};
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Element, Error, ErrorKind, Result, Spec, Tensor};
 
@@ -48,21 +48,23 @@ impl Op for Pad {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let mut dims = inputs[0].shape.dims().to_vec();
+        let x = Spec::one_real(self.name(), inputs)?;
+        let mut dims = x.shape.dims().to_vec();
         let Some(size) = dims.get_mut(self.axis) else {
-            return Err(Error::new(ErrorKind::Shape, "pad: no such axis")
-                .found(format!("axis {} of {:?}", self.axis, inputs[0])));
+            return Err(
+                Error::new(ErrorKind::Shape, "pad: no such axis").found(format!("axis {} of {:?}", self.axis, x))
+            );
         };
         *size += self.before + self.after;
-        Ok(Spec::new(dims, inputs[0].dtype))
+        Ok(Spec::new(dims, x.dtype))
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         let spec = self.infer(&[inputs[0].spec()])?;
         for_real!(spec.dtype, T => Ok(Tensor::from_vec(self.run::<T>(&inputs[0]), spec.shape).into()))
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         let x = &inputs[0];
         let result = self.infer(&[x.spec()])?;
         let (from, inner) = self.rows(x);

@@ -5,7 +5,7 @@ use std::rc::Rc;
 use crate::backend::cpu::strided::gather;
 use crate::backend::gpu::{Gpu, Strides};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -40,16 +40,17 @@ impl Op for Permute {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
+        let x = Spec::one_real(self.name(), inputs)?;
         let mut sorted = self.order.clone();
         sorted.sort_unstable();
-        if !sorted.iter().copied().eq(0..inputs[0].shape.rank()) {
+        if !sorted.iter().copied().eq(0..x.shape.rank()) {
             return Err(Error::new(ErrorKind::Shape, "permute: the order must name every axis once")
-                .found(format!("{:?} for {:?}", self.order, inputs[0])));
+                .found(format!("{:?} for {:?}", self.order, x)));
         }
-        Ok(Spec::new(self.shape(&inputs[0].shape), inputs[0].dtype))
+        Ok(Spec::new(self.shape(&x.shape), x.dtype))
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         let x = &inputs[0];
         let axes = self.axes(x.shape());
         for_real!(x.dtype(), T => {
@@ -57,7 +58,7 @@ impl Op for Permute {
         })
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         let x = &inputs[0];
         Ok(self.axes(x.shape()).gather(gpu, self.name(), x, 0, Spec::new(self.shape(x.shape()), x.dtype()))?.into())
     }

@@ -34,8 +34,8 @@ fn map(exponent: f64) -> Rc<Map> {
 }
 
 impl Var {
-    /// `xᶜ` of each element with a constant exponent: by multiplications for small whole `c` (any sign of `x`), as a
-    /// square root for ½, else for positive `x` only.
+    /// `xᶜ` of each element with a constant exponent: by multiplications for small whole `c`, as a square root for ½. NaN
+    /// for negative `x`, unless `c` is whole.
     ///
     /// ```
     /// use gradreel::{Tape, Tensor};

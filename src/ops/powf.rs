@@ -1,4 +1,4 @@
-//! `x^y` for positive `x`.
+//! `x^y`.
 
 use crate::Var;
 use crate::ops::{Pointwise, uniform};
@@ -16,7 +16,10 @@ pub(super) const POWF: Pointwise<2> = Pointwise {
 };
 
 impl Var {
-    /// `x^y` of positive numbers, element by element.
+    /// `x^y`, element by element; NaN for negative `x`, unless `y` is whole.
+    ///
+    /// The gradient in `x` is 0 where `y = 0`. That in `y` is 0 where `x = 0` and `y ≥ 0`, −∞ where `x = 0` and `y < 0`, and
+    /// NaN where `x < 0`.
     ///
     /// # Panics
     /// When the shapes do not broadcast.

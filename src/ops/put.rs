@@ -10,7 +10,7 @@ use crate::ops::reduction::Axes;
 use crate::ops::take::Take;
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{DType, Device, Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -94,7 +94,7 @@ impl Op for Put {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let [x, index] = inputs else { unreachable!("put has two operands") };
+        let [x, index] = Spec::exactly(self.name(), inputs)?;
         let rows = self.axes.infer(self.name(), &Spec::new(&self.shape, DType::U32))?;
         self.axes.check_numbers(self.name(), &self.shape)?;
         if *index != rows || x.shape != rows.shape || !x.dtype.is_real() {
@@ -105,15 +105,15 @@ impl Op for Put {
         Ok(Spec::new(&self.shape, x.dtype))
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
-        let [x, index] = inputs else { unreachable!("put has two operands") };
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+        let [x, index] = inputs.array();
         check_rows(self.name(), index.slice(), self.axes.walk(&self.shape, true).len())?;
         for_real!(x.dtype(), T => Ok(Tensor::from_vec(self.run::<T>(x.slice(), index.slice()), &self.shape).into()))
     }
 
     /// An index beyond the end gives zeros: [`Var::one_hot`] has checked before.
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
-        let [x, index] = inputs else { unreachable!("put has two operands") };
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
+        let [x, index] = inputs.array();
         let groups = self.groups()?;
         let rows = Strides::new(groups.iter().map(|[size, row, ..]| (*size, *row)));
         let y = gpu.empty(Spec::new(&self.shape, x.dtype()))?;

@@ -7,7 +7,7 @@ use crate::backend::gpu::{Gpu, Kernel, Work};
 use crate::ops::ray_weights::{cases, check_rays, ray_words};
 use crate::ops::segments::check_offsets;
 use crate::ops::{Case, Entry};
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Device, Result, Spec, Tensor};
 
@@ -38,8 +38,8 @@ impl Op for RayTransmittance {
         Ok(Spec::new([inputs[1].shape.len() - 1], inputs[0].dtype))
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
-        let [alpha, offsets] = inputs else { unreachable!("ray_transmittance has two operands") };
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+        let [alpha, offsets] = inputs.array();
         check_offsets(self.name(), offsets.slice(), alpha.len())?;
         for_real!(alpha.dtype(), T => {
             let left = rays::transmittance::<T>(alpha.slice(), offsets.slice(), self.stop);
@@ -47,8 +47,8 @@ impl Op for RayTransmittance {
         })
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
-        let [alpha, offsets] = inputs else { unreachable!("ray_transmittance has two operands") };
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
+        let [alpha, offsets] = inputs.array();
         check_offsets(self.name(), offsets.gpu_buffer().indices()?, alpha.len())?;
         let rays = offsets.len() - 1;
         let result = Spec::new([rays], alpha.dtype());

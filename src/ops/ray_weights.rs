@@ -6,7 +6,7 @@ use crate::backend::cpu::rays;
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::segments::{are_offsets, check_offsets};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Device, Error, ErrorKind, Result, Spec, Tensor};
 
@@ -48,7 +48,7 @@ pub(super) fn ray_words(offsets: &Tensor, stop: Option<f64>) -> [u32; 2] {
 
 /// Fails unless the operands are opacities and offsets.
 pub(super) fn check_rays(op: &str, inputs: &[Spec]) -> Result<()> {
-    let [alpha, offsets] = inputs else { unreachable!("{op} has two operands") };
+    let [alpha, offsets] = Spec::exactly(op, inputs)?;
     if alpha.shape.rank() == 1 && are_offsets(offsets) && alpha.dtype.is_real() {
         return Ok(());
     }
@@ -67,8 +67,8 @@ impl Op for RayWeights {
         Ok(inputs[0].clone())
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
-        let [alpha, offsets] = inputs else { unreachable!("ray_weights has two operands") };
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+        let [alpha, offsets] = inputs.array();
         check_offsets(self.name(), offsets.slice(), alpha.len())?;
         for_real!(alpha.dtype(), T => {
             let weights = rays::weights::<T>(alpha.slice(), offsets.slice(), self.stop);
@@ -76,8 +76,8 @@ impl Op for RayWeights {
         })
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
-        let [alpha, offsets] = inputs else { unreachable!("ray_weights has two operands") };
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
+        let [alpha, offsets] = inputs.array();
         check_offsets(self.name(), offsets.gpu_buffer().indices()?, alpha.len())?;
         let work = Work::Invocations(offsets.len() - 1);
         Ok(gpu.launch(&WEIGHTS, &[alpha, offsets], &ray_words(offsets, self.stop), alpha.spec(), work)?.into())

@@ -6,7 +6,7 @@ use crate::backend::cpu::scan::scan;
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::cumsum::{around, check_axis};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Spec, Tensor};
 
@@ -49,7 +49,7 @@ impl Op for Recurrence {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let [a, b] = inputs else { unreachable!("recurrence has two operands") };
+        let [a, b] = Spec::exactly(self.name(), inputs)?;
         check_axis(self.name(), self.axis, b)?;
         if a != b {
             return Err(Error::new(ErrorKind::Shape, "recurrence: factors and terms must have one shape")
@@ -59,16 +59,16 @@ impl Op for Recurrence {
         Ok(b.clone())
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
-        let [a, b] = inputs else { unreachable!("recurrence has two operands") };
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+        let [a, b] = inputs.array();
         let sizes = around(b.shape(), self.axis);
         for_real!(b.dtype(), T => {
             Ok(Tensor::from_vec(scan::<T>(Some(a.slice()), b.slice(), sizes, self.reverse), b.shape()).into())
         })
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
-        let [a, b] = inputs else { unreachable!("recurrence has two operands") };
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
+        let [a, b] = inputs.array();
         let [outer, len, inner] = around(b.shape(), self.axis);
         let lines = outer * inner;
         let sizes = words([lines, len, inner, usize::from(self.reverse)]);

@@ -11,7 +11,7 @@ use crate::backend::cpu::{CHUNK, buffer};
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Device, Error, ErrorKind, Result, Spec, Tensor};
 
@@ -176,7 +176,7 @@ impl Op for Resample {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let x = &inputs[0];
+        let x = Spec::one_real(self.name(), inputs)?;
         let mut dims = x.shape.dims().to_vec();
         match dims.get_mut(self.axis) {
             Some(size) if *size == self.table.from && x.dtype.is_real() => *size = self.table.rows(),
@@ -189,12 +189,12 @@ impl Op for Resample {
         Ok(Spec::new(dims, x.dtype))
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         let Spec { shape, dtype } = self.infer(&[inputs[0].spec()])?;
         for_real!(dtype, T => Ok(Tensor::from_vec(self.run::<T>(&inputs[0]), shape).into()))
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         let result = self.infer(&[inputs[0].spec()])?;
         let device = Device::Gpu(gpu.clone());
         let list = |values: &[u32]| Tensor::from_vec(values.to_vec(), [values.len()]).to_device(&device);

@@ -4,8 +4,8 @@ use std::rc::Rc;
 
 use crate::backend::gpu::Gpu;
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Reads, Var};
-use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
+use crate::{Error, ErrorKind, Result, Shape, Spec};
 
 pub(super) const ENTRY: Entry = Entry {
     name: "reshape",
@@ -24,19 +24,20 @@ impl Op for Reshape {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        if inputs[0].shape.len() != self.shape.len() {
+        let [x] = Spec::exactly(self.name(), inputs)?;
+        if x.shape.len() != self.shape.len() {
             return Err(Error::new(ErrorKind::Shape, "reshape: the number of elements differs")
-                .found(format!("{:?}", inputs[0]))
+                .found(format!("{:?}", x))
                 .wanted(&self.shape));
         }
-        Ok(Spec::new(&self.shape, inputs[0].dtype))
+        Ok(Spec::new(&self.shape, x.dtype))
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         Ok(inputs[0].reshape(&self.shape).into())
     }
 
-    fn forward_gpu(&self, _gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, _gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         self.forward_cpu(inputs)
     }
 

@@ -10,7 +10,7 @@ use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::segments::{are_offsets, check_offsets};
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Spec, Tensor};
 
@@ -68,7 +68,7 @@ impl Op for SegmentRepeat {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let [x, offsets] = inputs else { unreachable!("segment_repeat has two operands") };
+        let [x, offsets] = Spec::exactly(self.name(), inputs)?;
         let fits = are_offsets(offsets) && x.shape.dims().first() == Some(&(offsets.shape.len() - 1));
         if !fits || !x.dtype.is_real() {
             return Err(Error::new(ErrorKind::Shape, "segment_repeat: the operands do not fit")
@@ -80,8 +80,8 @@ impl Op for SegmentRepeat {
         Ok(Spec::new(dims, x.dtype))
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
-        let [x, offsets] = inputs else { unreachable!("segment_repeat has two operands") };
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+        let [x, offsets] = inputs.array();
         check_offsets(self.name(), offsets.slice(), self.rows)?;
         let result = self.infer(&[x.spec(), offsets.spec()])?;
         let row = x.dims()[1..].iter().product();
@@ -90,8 +90,8 @@ impl Op for SegmentRepeat {
         })
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
-        let [x, offsets] = inputs else { unreachable!("segment_repeat has two operands") };
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
+        let [x, offsets] = inputs.array();
         check_offsets(self.name(), offsets.gpu_buffer().indices()?, self.rows)?;
         let result = self.infer(&[x.spec(), offsets.spec()])?;
         let (len, row) = (result.shape.len(), x.dims()[1..].iter().product::<usize>());

@@ -8,7 +8,7 @@ use crate::ops::segment_repeat::SegmentRepeat;
 use crate::ops::segments::{are_offsets, check_offsets};
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Spec, Tensor};
 
@@ -61,7 +61,7 @@ impl Op for SegmentSum {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let [x, offsets] = inputs else { unreachable!("segment_sum has two operands") };
+        let [x, offsets] = Spec::exactly(self.name(), inputs)?;
         if x.shape.rank() == 0 || !x.dtype.is_real() || !are_offsets(offsets) {
             return Err(Error::new(ErrorKind::Shape, "segment_sum: the operands do not fit")
                 .found(format!("{x:?} by {offsets:?}"))
@@ -72,16 +72,16 @@ impl Op for SegmentSum {
         Ok(Spec::new(dims, x.dtype))
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
-        let [x, offsets] = inputs else { unreachable!("segment_sum has two operands") };
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+        let [x, offsets] = inputs.array();
         check_offsets(self.name(), offsets.slice(), x.dims()[0])?;
         let result = self.infer(&[x.spec(), offsets.spec()])?;
         let row = x.dims()[1..].iter().product();
         for_real!(x.dtype(), T => Ok(Tensor::from_vec(run::<T>(x.slice(), offsets.slice(), row), result.shape).into()))
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
-        let [x, offsets] = inputs else { unreachable!("segment_sum has two operands") };
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
+        let [x, offsets] = inputs.array();
         check_offsets(self.name(), offsets.gpu_buffer().indices()?, x.dims()[0])?;
         let result = self.infer(&[x.spec(), offsets.spec()])?;
         let (len, row) = (result.shape.len(), x.dims()[1..].iter().product::<usize>());

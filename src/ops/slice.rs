@@ -6,7 +6,7 @@ use std::rc::Rc;
 use crate::backend::cpu::strided::gather;
 use crate::backend::gpu::{Gpu, Strides};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -41,18 +41,19 @@ impl Op for Slice {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let mut dims = inputs[0].shape.dims().to_vec();
+        let x = Spec::one_real(self.name(), inputs)?;
+        let mut dims = x.shape.dims().to_vec();
         let fits =
             dims.get(self.axis).is_some_and(|&size| self.range.start <= self.range.end && self.range.end <= size);
         if !fits {
             return Err(Error::new(ErrorKind::Shape, "slice: the range is outside the axis")
-                .found(format!("{:?} along axis {} of {:?}", self.range, self.axis, inputs[0])));
+                .found(format!("{:?} along axis {} of {:?}", self.range, self.axis, x)));
         }
         dims[self.axis] = self.range.len();
-        Ok(Spec::new(dims, inputs[0].dtype))
+        Ok(Spec::new(dims, x.dtype))
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         let spec = self.infer(&[inputs[0].spec()])?;
         let (start, axes) = self.walk(inputs[0].shape());
         for_real!(spec.dtype, T => {
@@ -60,7 +61,7 @@ impl Op for Slice {
         })
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         let x = &inputs[0];
         let result = self.infer(&[x.spec()])?;
         let (start, axes) = self.walk(x.shape());

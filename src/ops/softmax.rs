@@ -10,7 +10,7 @@ use std::rc::Rc;
 use crate::backend::cpu::softmax::{Axis, Pass, run};
 use crate::backend::gpu::{Gpu, Kernel, Work, words};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -59,7 +59,8 @@ fn axis_of(shape: &Shape, axis: usize) -> Axis {
     Axis { outer: dims[..axis].iter().product(), len: dims[axis], inner: dims[axis + 1..].iter().product() }
 }
 
-fn infer_axis(name: &str, axis: usize, inputs: &[Spec]) -> Result<Spec> {
+fn infer_axis<const N: usize>(name: &str, axis: usize, inputs: &[Spec]) -> Result<Spec> {
+    let inputs = Spec::exactly::<N>(name, inputs)?;
     let x = &inputs[0];
     if !x.dtype.is_real() || axis >= x.shape.rank() || inputs.iter().any(|other| other != x) {
         return Err(Error::new(ErrorKind::Shape, format!("{name}: the operand does not fit"))
@@ -94,10 +95,10 @@ impl Op for Softmax {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        infer_axis(self.name(), self.axis, inputs)
+        infer_axis::<1>(self.name(), self.axis, inputs)
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         let x = &inputs[0];
         let axis = axis_of(x.shape(), self.axis);
         for_real!(x.dtype(), T => {
@@ -106,7 +107,7 @@ impl Op for Softmax {
         })
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         let axis = axis_of(inputs[0].shape(), self.axis);
         Ok(launch(gpu, [&LINES, &GROUPS], &[&inputs[0]], axis, self.log)?.into())
     }
@@ -144,18 +145,18 @@ impl Op for Adjoint {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        infer_axis(self.name(), self.axis, inputs)
+        infer_axis::<2>(self.name(), self.axis, inputs)
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
-        let [y, g] = inputs else { unreachable!("softmax_adjoint has two operands") };
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+        let [y, g] = inputs.array();
         let axis = axis_of(y.shape(), self.axis);
         for_real!(y.dtype(), T => {
             Ok(Tensor::from_vec(run(axis, Pass::Adjoint(y.slice::<T>(), g.slice::<T>())), y.shape()).into())
         })
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         let axis = axis_of(inputs[0].shape(), self.axis);
         Ok(launch(gpu, [&ADJOINT_LINES, &ADJOINT_GROUPS], &[&inputs[0], &inputs[1]], axis, false)?.into())
     }

@@ -9,7 +9,7 @@ use crate::ops::put::Put;
 use crate::ops::reduction::Axes;
 use crate::ops::{Case, Entry, uniform};
 use crate::scalar::Real;
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{DType, Error, ErrorKind, Result, Spec, Tensor};
 
@@ -63,7 +63,7 @@ impl Op for Take {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let [x, index] = inputs else { unreachable!("take has two operands") };
+        let [x, index] = Spec::exactly(self.name(), inputs)?;
         let result = self.axes.infer(self.name(), x)?;
         self.axes.check_numbers(self.name(), &x.shape)?;
         if index.shape != result.shape || index.dtype != DType::U32 {
@@ -74,14 +74,14 @@ impl Op for Take {
         Ok(result)
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
-        let [x, index] = inputs else { unreachable!("take has two operands") };
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+        let [x, index] = inputs.array();
         check_rows(self.name(), index.slice(), self.axes.walk(x.shape(), true).len())?;
         for_real!(x.dtype(), T => Ok(Tensor::from_vec(self.run::<T>(x, index.slice()), index.shape()).into()))
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
-        let [x, index] = inputs else { unreachable!("take has two operands") };
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
+        let [x, index] = inputs.array();
         let (kept, dropped) = (self.axes.walk(x.shape(), false), self.axes.walk(x.shape(), true));
         let axes = [kept.words(self.name())?, dropped.words(self.name())?].concat();
         let y = gpu.empty(Spec::new(index.shape(), x.dtype()))?;

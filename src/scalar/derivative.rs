@@ -276,8 +276,11 @@ pub(super) fn rule(node: Node, values: &[Scalar], y: Scalar) -> Rule {
                 Binary::Max => return Rule::Choice { condition: at(a).ge(at(b)), a, b },
                 Binary::Powf => {
                     let (base, exponent) = (at(a), at(b));
-                    // 0ᵇ is 0 for all b > 0: the logarithm of a zero base is replaced by 0, not by −∞.
-                    (exponent * base.powf(exponent - 1.0), y * base.le(0.0).select(1.0, base).ln())
+                    // a⁰ is 1 for all a, and 0ᵇ is flat for b ≥ 0: a base of 1 stands in there, whose power and
+                    // logarithm are finite, so that derivatives of these are finite, too
+                    let power = exponent.eq(0.0).select(1.0, base).powf(exponent - 1.0);
+                    let flat = base.eq(0.0).and(exponent.ge(0.0));
+                    (exponent * power, y * flat.select(1.0, base).ln())
                 }
                 Binary::Lt | Binary::Le => return Rule::Leaf,
             };

@@ -9,9 +9,9 @@ use std::cell::RefCell;
 use smallvec::SmallVec;
 
 use super::instruction::{Binary, Unary};
-use super::kernel::Path;
 use super::lanes::Port;
 use super::lower::Op;
+use super::path::Path;
 use super::program::Program;
 use super::real::Real;
 

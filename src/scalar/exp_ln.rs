@@ -64,6 +64,7 @@ pub(super) unsafe fn polynomial<V: Lane32, const N: usize>(x: V, c: &[f32; N]) -
 /// `(n, eʳ − 1)` with `x = n ln 2 + r`.
 #[inline(always)]
 unsafe fn reduce<V: Lane32>(x: V) -> (V, V) {
+    // SAFETY: as the caller, the contract of `Lane`.
     unsafe {
         let n = x.mul_add(V::splat(std::f32::consts::LOG2_E), V::splat(ROUNDER)).sub(V::splat(ROUNDER));
         let r = n.neg_mul_add(V::splat(LN_2[1]), n.neg_mul_add(V::splat(LN_2[0]), x));
@@ -73,12 +74,14 @@ unsafe fn reduce<V: Lane32>(x: V) -> (V, V) {
 
 #[inline(always)]
 unsafe fn two_to_the<V: Lane32>(n: V) -> V {
+    // SAFETY: as the caller, the contract of `Lane`.
     unsafe { n.add(V::splat(ROUNDER)).shift_into_exponent() }
 }
 
 /// `eˣ` for `|x| ≤ 87`, or NaN.
 #[inline(always)]
 pub(super) unsafe fn exp_of_moderate<V: Lane32>(x: V) -> V {
+    // SAFETY: as the caller, the contract of `Lane`.
     unsafe {
         let (n, tail) = reduce(x);
         tail.add(V::splat(1.0)).mul(two_to_the(n))
@@ -88,6 +91,7 @@ pub(super) unsafe fn exp_of_moderate<V: Lane32>(x: V) -> V {
 /// `eˣ`, down to subnormal numbers and up to infinity.
 #[inline(always)]
 pub(super) unsafe fn exp<V: Lane32>(x: V) -> V {
+    // SAFETY: as the caller, the contract of `Lane`.
     unsafe {
         let (n, tail) = reduce(V::splat(-104.0).larger(V::splat(89.0).smaller(x)));
         tail.add(V::splat(1.0)).times_two_to_the(n)
@@ -98,6 +102,7 @@ pub(super) unsafe fn exp<V: Lane32>(x: V) -> V {
 /// has the bits of 0. Two thirds of the work of [`exp`].
 #[inline(always)]
 pub(super) unsafe fn exp_of_negative<V: Lane32>(x: V) -> V {
+    // SAFETY: as the caller, the contract of `Lane`.
     unsafe {
         let (n, tail) = reduce(V::splat(-88.029_69).larger(x));
         let power = two_to_the(n);
@@ -108,6 +113,7 @@ pub(super) unsafe fn exp_of_negative<V: Lane32>(x: V) -> V {
 /// `eˣ − 1 = 2ⁿ (eʳ − 1) + (2ⁿ − 1)`, with `2ⁿ⁻¹` in place of `2ⁿ` so that it does not overflow early.
 #[inline(always)]
 pub(super) unsafe fn exp_m1<V: Lane32>(x: V) -> V {
+    // SAFETY: as the caller, the contract of `Lane`.
     unsafe {
         let (n, tail) = reduce(V::splat(-20.0).larger(V::splat(89.0).smaller(x)));
         let power = two_to_the(n.sub(V::splat(1.0)));
@@ -119,6 +125,7 @@ pub(super) unsafe fn exp_m1<V: Lane32>(x: V) -> V {
 /// Natural logarithm.
 #[inline(always)]
 pub(super) unsafe fn ln<V: Lane32>(x: V) -> V {
+    // SAFETY: as the caller, the contract of `Lane`.
     unsafe {
         let (zero, one) = (V::splat(0.0), V::splat(1.0));
         let subnormal = x.lt(V::splat(f32::MIN_POSITIVE));
@@ -138,6 +145,7 @@ pub(super) unsafe fn ln<V: Lane32>(x: V) -> V {
 /// `ln(1 + x) = ln u + (x − (u − 1)) / u` with `u` the rounded `1 + x`: the second term is what the rounding lost.
 #[inline(always)]
 pub(super) unsafe fn ln_1p<V: Lane32>(x: V) -> V {
+    // SAFETY: as the caller, the contract of `Lane`.
     unsafe {
         let one = V::splat(1.0);
         let u = one.add(x);
@@ -151,6 +159,7 @@ pub(super) unsafe fn ln_1p<V: Lane32>(x: V) -> V {
 /// `tanh |x| = t / (t + 2)` with `t = e^{2|x|} − 1`; 1 in `f32` from |x| = 10 on.
 #[inline(always)]
 pub(super) unsafe fn tanh<V: Lane32>(x: V) -> V {
+    // SAFETY: as the caller, the contract of `Lane`.
     unsafe {
         let a = x.abs();
         let t = exp_m1(V::splat(20.0).smaller(a.add(a)));
@@ -162,6 +171,7 @@ pub(super) unsafe fn tanh<V: Lane32>(x: V) -> V {
 /// `1 / (1 + e⁻ˣ)`, as `eˣ / (1 + eˣ)` below 0.
 #[inline(always)]
 pub(super) unsafe fn logistic<V: Lane32>(x: V) -> V {
+    // SAFETY: as the caller, the contract of `Lane`.
     unsafe {
         let (zero, one) = (V::splat(0.0), V::splat(1.0));
         let e = exp(x.abs().neg());
@@ -172,6 +182,7 @@ pub(super) unsafe fn logistic<V: Lane32>(x: V) -> V {
 /// `ln(1 + eˣ) = max(x, 0) + ln(1 + e^{−|x|})`
 #[inline(always)]
 pub(super) unsafe fn softplus<V: Lane32>(x: V) -> V {
+    // SAFETY: as the caller, the contract of `Lane`.
     unsafe { x.larger(V::splat(0.0)).add(ln_1p(exp(x.abs().neg()))) }
 }
 

@@ -119,11 +119,13 @@ impl Scalar {
         self * self
     }
 
-    /// `xⁿ` by repeated squaring; any sign of `x`, and `1/x⁻ⁿ` for negative `n`.
+    /// `xⁿ` by repeated squaring; any sign of `x`, and `(1/x)⁻ⁿ` for negative `n`.
     #[must_use]
     #[track_caller]
     pub fn powi(self, n: i32) -> Self {
-        let (mut power, mut base, mut left) = (Self::from(1.0), self, n.unsigned_abs());
+        // the reciprocal first: the slope of its power at 0 is infinite, that of a power's reciprocal would be ∞ · 0
+        let base = if n < 0 { self.recip() } else { self };
+        let (mut power, mut base, mut left) = (Self::from(1.0), base, n.unsigned_abs());
         while left > 0 {
             if left & 1 == 1 {
                 power *= base;
@@ -133,11 +135,14 @@ impl Scalar {
                 base = base * base;
             }
         }
-        if n < 0 { power.recip() } else { power }
+        power
     }
 
-    /// `xᵇ` for `x ≥ 0`. A small whole constant exponent becomes [`Scalar::powi`] (any sign of `x`), ½ becomes
-    /// [`Scalar::sqrt`]; otherwise the result for `x < 0` is unspecified and usually NaN.
+    /// `xᵇ`; NaN for `x < 0`, unless `b` is whole. A small whole constant exponent becomes [`Scalar::powi`], ½ becomes
+    /// [`Scalar::sqrt`].
+    ///
+    /// The slope in `x` is 0 where `b = 0`; that in `b` is 0 where `x = 0` and `b ≥ 0`, −∞ where `x = 0` and `b < 0`, and
+    /// NaN where `x < 0`.
     #[must_use]
     #[track_caller]
     #[allow(clippy::cast_possible_truncation)]

@@ -40,7 +40,7 @@ pub enum Binary {
     Min,
     /// The larger; the first on a tie; NaN if either is NaN.
     Max,
-    /// `aᵇ` for `a ≥ 0`
+    /// `aᵇ`; NaN for `a < 0`, unless `b` is whole.
     Powf,
     /// 1 where `a < b`, else 0; false for NaN.
     Lt,

@@ -65,6 +65,7 @@ mod mat3;
 #[cfg(target_arch = "aarch64")]
 mod neon;
 mod operators;
+mod path;
 mod portable;
 mod principal;
 mod program;
@@ -84,9 +85,9 @@ mod x86;
 pub use evaluate::Lanes;
 pub use handle::{Condition, Scalar};
 pub(crate) use kernel::Job;
-pub use kernel::Path;
 pub(crate) use lanes::Lane;
 pub use mat3::Mat3;
+pub use path::Path;
 pub use principal::Principal;
 pub use program::Program;
 pub use real::Real;

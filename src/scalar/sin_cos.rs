@@ -28,19 +28,21 @@ impl<V: Lane32> Exact for V {
 /// Sine of an angle in radians.
 #[inline(always)]
 pub(super) unsafe fn sin<V: Lane32>(x: V) -> V {
-    // SAFETY: as the caller, the contract of `Lane`; so in every function here.
+    // SAFETY: as the caller, the contract of `Lane`.
     unsafe { if x.abs().le(V::splat(8192.0)).all() { quarter_turned(x, 0.0) } else { Exact::sin(x) } }
 }
 
 /// Cosine of an angle in radians.
 #[inline(always)]
 pub(super) unsafe fn cos<V: Lane32>(x: V) -> V {
+    // SAFETY: as the caller, the contract of `Lane`.
     unsafe { if x.abs().le(V::splat(8192.0)).all() { quarter_turned(x, 1.0) } else { Exact::cos(x) } }
 }
 
 /// `sin(x + turns π/2)` for a whole number of quarter turns.
 #[inline(always)]
 unsafe fn quarter_turned<V: Lane32>(x: V, turns: f32) -> V {
+    // SAFETY: as the caller, the contract of `Lane`.
     unsafe {
         let q = x.mul_add(V::splat(std::f32::consts::FRAC_2_PI), V::splat(ROUNDER)).sub(V::splat(ROUNDER));
         let r = q.neg_mul_add(V::splat(HALF_PI[0]), x);

@@ -21,7 +21,7 @@ type Columns<V> = [[V; 3]; 3];
 /// `a · b`
 #[inline(always)]
 unsafe fn dot<V: Lane>(a: [V; 3], b: [V; 3]) -> V {
-    // SAFETY: as the caller, the contract of `Lane`; so in every function here.
+    // SAFETY: as the caller, the contract of `Lane`.
     unsafe { a[2].mul_add(b[2], a[1].mul_add(b[1], a[0].mul(b[0]))) }
 }
 
@@ -31,6 +31,7 @@ unsafe fn dot<V: Lane>(a: [V; 3], b: [V; 3]) -> V {
 /// A lane that holds NaN or infinity gets NaN among its singular values.
 #[inline(always)]
 pub(super) unsafe fn svd<V: Lane>(f: [V; 9]) -> [V; 21] {
+    // SAFETY: as the caller, the contract of `Lane`.
     unsafe {
         let (zero, one) = (V::splat(V::Element::ZERO), V::splat(V::Element::ONE));
         // Squares of squares must neither overflow nor vanish: matrices of unusual size are scaled.
@@ -83,6 +84,7 @@ pub(super) unsafe fn svd<V: Lane>(f: [V; 9]) -> [V; 21] {
 /// they are, bit for bit; the answer is whether there were others.
 #[inline(always)]
 unsafe fn rotate<V: Lane>(b: &mut Columns<V>, v: &mut Columns<V>, p: usize, q: usize) -> bool {
+    // SAFETY: as the caller, the contract of `Lane`.
     unsafe {
         let (zero, one, half) =
             (V::splat(V::Element::ZERO), V::splat(V::Element::ONE), V::splat(V::Element::from_f64(0.5)));
@@ -120,6 +122,7 @@ unsafe fn rotate<V: Lane>(b: &mut Columns<V>, v: &mut Columns<V>, p: usize, q: u
 /// Makes columns that are nearly orthonormal exactly so, up to rounding.
 #[inline(always)]
 unsafe fn orthonormalise<V: Lane>(v: &mut Columns<V>) {
+    // SAFETY: as the caller, the contract of `Lane`.
     unsafe {
         // For a length near 1, 1/√s = (3 − s)/2 up to the square of the rest.
         let (half, three_halves) = (V::splat(V::Element::from_f64(0.5)), V::splat(V::Element::from_f64(1.5)));
@@ -142,6 +145,7 @@ unsafe fn orthonormalise<V: Lane>(v: &mut Columns<V>) {
 /// `a × b`
 #[inline(always)]
 unsafe fn cross<V: Lane>(a: [V; 3], b: [V; 3]) -> [V; 3] {
+    // SAFETY: as the caller, the contract of `Lane`.
     unsafe {
         [a[1].mul_sub(b[2], a[2].mul(b[1])), a[2].mul_sub(b[0], a[0].mul(b[2])), a[0].mul_sub(b[1], a[1].mul(b[0]))]
     }
@@ -150,6 +154,7 @@ unsafe fn cross<V: Lane>(a: [V; 3], b: [V; 3]) -> [V; 3] {
 /// Puts the longer of two columns first; a quarter turn, so that `v` stays a rotation.
 #[inline(always)]
 unsafe fn sort<V: Lane>(squares: &mut [V; 3], b: &mut Columns<V>, v: &mut Columns<V>, p: usize, q: usize) {
+    // SAFETY: as the caller, the contract of `Lane`.
     unsafe {
         let (x, y) = (squares[p], squares[q]);
         squares[p] = y.if_less(x, y, x);
@@ -169,6 +174,7 @@ unsafe fn sort<V: Lane>(squares: &mut [V; 3], b: &mut Columns<V>, v: &mut Column
 /// Columns without a direction get one.
 #[inline(always)]
 unsafe fn frame<V: Lane>(b: Columns<V>, square: V) -> (Columns<V>, [V; 3]) {
+    // SAFETY: as the caller, the contract of `Lane`.
     unsafe {
         let (zero, one) = (V::splat(V::Element::ZERO), V::splat(V::Element::ONE));
         let epsilon = V::Element::EPSILON;

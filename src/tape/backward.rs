@@ -1,6 +1,8 @@
 //! The backward pass: one loop over the tape from the result to the leaves.
 
+use std::cell::RefCell;
 use std::panic::Location;
+use std::rc::Rc;
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -8,7 +10,7 @@ use smallvec::SmallVec;
 
 use crate::backend::cpu::CHUNK;
 use crate::scalar::Real;
-use crate::tape::{Applied, Backward, Kind, Record, Tape, Var, anomaly};
+use crate::tape::{Applied, Backward, Kind, Op, Record, Tape, Var, anomaly};
 use crate::tensor::for_real;
 use crate::{Device, Error, ErrorKind, Result, Tensor};
 
@@ -41,6 +43,32 @@ impl Gradients {
             .at(format!("{leaf:?}"))
             .found(reason))
     }
+}
+
+thread_local! {
+    /// The op whose derivative this thread is taking.
+    static DERIVING: RefCell<Option<Rc<dyn Op>>> = const { RefCell::new(None) };
+}
+
+/// Puts back which op's derivative was being taken before.
+struct Deriving(Option<Rc<dyn Op>>);
+
+impl Deriving {
+    fn during<R>(op: &Rc<dyn Op>, run: impl FnOnce() -> R) -> R {
+        let _before = Self(DERIVING.replace(Some(op.clone())));
+        run()
+    }
+}
+
+impl Drop for Deriving {
+    fn drop(&mut self) {
+        DERIVING.set(self.0.take());
+    }
+}
+
+/// The name of the op whose derivative this thread is taking.
+pub(crate) fn deriving() -> Option<String> {
+    DERIVING.with_borrow(|op| Some(op.as_ref()?.name().to_owned()))
 }
 
 /// What becomes of the tape while derivatives are taken.
@@ -246,7 +274,7 @@ impl Tape {
             anomaly: checked.is_some(),
         };
         let begin = self.0.borrow().profile.as_ref().map(|profile| (Instant::now(), profile.total()));
-        let cotangents = op.vjp(&cx)?;
+        let cotangents = Deriving::during(op, || op.vjp(&cx))?;
         if let (Some((begin, before)), Some(profile)) = (begin, &mut self.0.borrow_mut().profile) {
             let alone = begin.elapsed().saturating_sub(profile.total() - before);
             profile.add(format!("d {}", op.name()), inputs.iter().map(|(_, x)| x), alone);

@@ -28,6 +28,7 @@ pub mod devicecheck;
 pub mod gradcheck;
 mod memory;
 mod op;
+mod operands;
 mod profile;
 mod remat;
 mod transfer;
@@ -40,15 +41,18 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 pub use backward::Gradients;
+pub(crate) use backward::deriving;
 pub(crate) use memory::AddressMap;
 use memory::Ledger;
 pub use memory::Memory;
 pub use op::{Backward, Forward, Op, Reads};
+pub use operands::Operands;
 pub use profile::{Profile, ProfileRow};
 use smallvec::SmallVec;
 pub use var::Var;
 
-use crate::{Error, Result, Spec, Tensor};
+use crate::tensor::Role;
+use crate::{Error, ErrorKind, Result, Spec, Tensor};
 
 /// A record of the ops applied to some leaves; cloning it gives another handle to the same record.
 #[derive(Clone)]
@@ -61,6 +65,8 @@ struct Record {
     nodes: Vec<Node>,
     ledger: Ledger,
     anomaly: bool,
+    /// Whether the segment of a remat runs on it.
+    segment: bool,
     /// The time of ops, where it is wanted.
     profile: Option<Profile>,
     /// The first fault met by a method that cannot return it; every result is withheld after that.
@@ -102,7 +108,8 @@ impl Tape {
         static NEXT: AtomicU64 = AtomicU64::new(0);
         let id = NEXT.fetch_add(1, Ordering::Relaxed);
         let ledger = Ledger::default();
-        let record = Record { id, nodes: Vec::new(), ledger, anomaly: false, profile: None, fault: None };
+        let record =
+            Record { id, nodes: Vec::new(), ledger, anomaly: false, segment: false, profile: None, fault: None };
         Self(Rc::new(RefCell::new(record)))
     }
 
@@ -114,10 +121,13 @@ impl Tape {
         tape
     }
 
-    /// An empty tape that checks as this one does.
-    fn inner(&self) -> Self {
+    /// An empty tape for the segment of a remat.
+    fn for_segment(anomaly: bool) -> Self {
         let tape = Self::new();
-        tape.0.borrow_mut().anomaly = self.0.borrow().anomaly;
+        {
+            let mut record = tape.0.borrow_mut();
+            (record.anomaly, record.segment) = (anomaly, true);
+        }
         tape
     }
 
@@ -173,30 +183,32 @@ impl Tape {
 
     /// Applies an op; records it if the gradient of an operand is wanted.
     ///
+    /// Where no gradient is wanted, nothing is recorded, and operands may live on any tapes.
+    ///
     /// # Errors
     /// What [`Op::infer`] and [`Op::forward`] return; in anomaly mode, a non-finite result.
-    ///
-    /// # Panics
-    /// When an operand is differentiable on another tape: its gradient would be lost.
+    /// [`ErrorKind::NoGradient`](crate::ErrorKind::NoGradient) when an op that has to be recorded has an operand of another
+    /// tape; the fault of that tape, if it has one.
     #[track_caller]
     pub fn apply(&self, op: Rc<dyn Op>, inputs: &[&Var]) -> Result<Var> {
         let place = Location::caller();
+        self.check_tapes(&*op, inputs).map_err(|e| e.at(format!("{} (called at {place})", op.name())))?;
         let mut specs = SmallVec::<[Spec; 3]>::new();
         inputs.iter().for_each(|x| specs.push(x.spec()));
-        let expected = op.infer(&specs).map_err(|e| e.at(format!("{} (called at {place})", op.name())))?;
+        let expected = operands::infer(&*op, &specs).map_err(|e| e.at(format!("{} (called at {place})", op.name())))?;
         self.compute(op, inputs, &expected, place)
     }
 
     /// Applies an op on behalf of a method that returns a plain `Var`.
     ///
     /// # Panics
-    /// For a wrong shape, at the caller's line. Any other fault is kept by the tape (see [`Tape::check`]).
+    /// For a wrong shape or an operand of another tape, at the caller's line. Any other fault is kept by the tape (see [`Tape::check`]).
     #[track_caller]
     pub(crate) fn apply_or_keep_fault(&self, op: Rc<dyn Op>, inputs: &[&Var]) -> Var {
         let place = Location::caller();
         let mut specs = SmallVec::<[Spec; 3]>::new();
         inputs.iter().for_each(|x| specs.push(x.spec()));
-        let expected = match op.infer(&specs) {
+        let expected = match self.check_tapes(&*op, inputs).and_then(|()| operands::infer(&*op, &specs)) {
             Ok(expected) => expected,
             Err(error) => panic!("{}", error.at(op.name())),
         };
@@ -216,8 +228,10 @@ impl Tape {
     ) -> Result<Var> {
         let mut values = SmallVec::<[Tensor; 3]>::new();
         inputs.iter().for_each(|x| values.push(x.tensor().clone()));
+        // what a tape kept a fault about is not known
+        inputs.iter().filter(|x| !self.same(x.tape())).try_for_each(|x| x.tape().check())?;
         let begin = self.0.borrow().profile.is_some().then(Instant::now);
-        let Forward { output, residual, residual_bytes } = op.forward(&values)?;
+        let Forward { output, residual, residual_bytes } = op.forward_accepted(Operands::accepted(&values))?;
         if let (Some(begin), Some(profile)) = (begin, &mut self.0.borrow_mut().profile) {
             profile.add(op.name().to_owned(), values.iter(), begin.elapsed());
         }
@@ -232,24 +246,43 @@ impl Tape {
         if inputs.iter().all(|x| !x.is_differentiable()) {
             return Ok(self.constant(output));
         }
-        if let Some(stray) = inputs.iter().find(|x| x.is_differentiable() && !self.same(x.tape())) {
-            panic!(
-                "{} (called at {place}): {stray:?} is differentiable on another tape; detach it, or hand it to the \
-                 segment of a remat as an operand",
-                op.name()
-            );
-        }
         let mut wanted = SmallVec::<[bool; 8]>::new();
         inputs.iter().for_each(|x| wanted.push(x.is_differentiable()));
         let reads = op.reads(&wanted);
-        let only = |tensor: Tensor, read: bool| if read { tensor } else { tensor.hollow() };
-        let output_kept = only(output.clone(), reads.reads_output());
+        let only = |tensor: Tensor, read: bool, role| if read { tensor } else { tensor.hollow(role) };
+        let output_kept = only(output.clone(), reads.reads_output(), Role::Result);
         let mut applied = Applied { op, inputs: SmallVec::new(), output: output_kept, residual, residual_bytes };
         for (i, value) in values.into_iter().enumerate() {
-            applied.inputs.push((inputs[i].node(), only(value, reads.reads_input(i))));
+            applied.inputs.push((inputs[i].node(), only(value, reads.reads_input(i), Role::Operand(i))));
         }
         let node = self.push(Node { kind: Kind::Op(applied), place });
         Ok(Var::new(self.clone(), Some(node), output))
+    }
+
+    /// Refuses operands of other tapes where the op has to be recorded. The segment of a remat may use constants of others:
+    /// it is run on several tapes.
+    fn check_tapes(&self, op: &dyn Op, inputs: &[&Var]) -> Result<()> {
+        if inputs.iter().all(|x| self.same(x.tape())) {
+            return Ok(());
+        }
+        let (recorded, segment) = (inputs.iter().any(|x| x.is_differentiable()), self.0.borrow().segment);
+        for (number, x) in inputs.iter().enumerate().filter(|(_, x)| !self.same(x.tape())) {
+            let (what, fix) = match x.is_differentiable() {
+                true => ("is differentiable on", "detach it, or hand it to the segment of a remat as an operand"),
+                false if !recorded || segment => continue,
+                false => (
+                    "is a constant of",
+                    "make it a constant of the tape that records, with tape.constant(x.value()?.clone())",
+                ),
+            };
+            return Err(Error::new(
+                ErrorKind::NoGradient,
+                format!("{}: operand {number} {what} another tape", op.name()),
+            )
+            .found(format!("{x:?}"))
+            .fix(fix));
+        }
+        Ok(())
     }
 
     /// Keeps the first fault; every result is withheld from then on.

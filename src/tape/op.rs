@@ -6,6 +6,7 @@ use std::rc::Rc;
 
 use crate::backend::gpu::Gpu;
 use crate::tape::Var;
+use crate::tape::operands::Operands;
 use crate::{Device, Error, ErrorKind, Result, Spec, Tensor};
 
 /// A differentiable operation: shape rule, forward per backend, derivative written in ops.
@@ -15,7 +16,7 @@ use crate::{Device, Error, ErrorKind, Result, Spec, Tensor};
 ///
 /// ```
 /// use std::rc::Rc;
-/// use gradreel::{Backward, Forward, Op, Result, Spec, Tape, Tensor, Var};
+/// use gradreel::{Backward, Forward, Op, Operands, Result, Spec, Tape, Tensor, Var};
 ///
 /// /// `y = x³`, written by hand.
 /// #[derive(Debug)]
@@ -23,8 +24,11 @@ use crate::{Device, Error, ErrorKind, Result, Spec, Tensor};
 ///
 /// impl Op for Cube {
 ///     fn name(&self) -> &str { "cube" }
-///     fn infer(&self, inputs: &[Spec]) -> Result<Spec> { Ok(inputs[0].clone()) }
-///     fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+///     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
+///         let [x] = Spec::exactly(self.name(), inputs)?;
+///         Ok(x.clone())
+///     }
+///     fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
 ///         let cubes = inputs[0].slice::<f64>().iter().map(|x| x * x * x).collect();
 ///         Ok(Tensor::from_vec(cubes, inputs[0].shape()).into())
 ///     }
@@ -43,7 +47,7 @@ pub trait Op: Debug + 'static {
     /// Its name in errors, tables and kernel files.
     fn name(&self) -> &str;
 
-    /// Shape and dtype of the result, or why the operands do not fit.
+    /// Shape and dtype of the result, or why the operands do not fit: their number ([`Spec::exactly`]), shapes and dtypes.
     ///
     /// # Errors
     /// [`ErrorKind::Shape`] with what was found and wanted.
@@ -53,23 +57,23 @@ pub trait Op: Debug + 'static {
     ///
     /// # Errors
     /// Data, physics and unsupported dtypes; never shapes, which [`Op::infer`] has checked.
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward>;
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward>;
 
     /// Computes the result on a GPU. Without one of its own, the op says at the call that it has no kernel there.
     ///
     /// # Errors
     /// [`ErrorKind::Unsupported`] without a kernel; [`ErrorKind::Device`] when the device fails.
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         let _ = (gpu, inputs);
         Err(Error::new(ErrorKind::Unsupported, format!("{} has no WGSL kernel", self.name()))
             .fix("move its operands to the CPU with to_device(&Device::Cpu)"))
     }
 
-    /// Computes the result where the operands live.
+    /// Computes the result where the operands live, which the shape rule has accepted.
     ///
     /// # Errors
     /// [`ErrorKind::Device`] when the operands live on different devices, and what the backends return.
-    fn forward(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_accepted(&self, inputs: Operands<'_>) -> Result<Forward> {
         let device = inputs.first().map_or(Device::Cpu, Tensor::device);
         if let Some(stray) = inputs.iter().find(|x| x.device() != device) {
             return Err(Error::new(ErrorKind::Device, format!("{}: operands live on different devices", self.name()))
@@ -80,6 +84,14 @@ pub trait Op: Debug + 'static {
             Device::Cpu => self.forward_cpu(inputs),
             Device::Gpu(gpu) => self.forward_gpu(&gpu, inputs),
         }
+    }
+
+    /// Asks the shape rule, then computes the result where the operands live.
+    ///
+    /// # Errors
+    /// What [`Op::infer`] and [`Op::forward_accepted`] return.
+    fn forward(&self, inputs: &[Tensor]) -> Result<Forward> {
+        self.forward_accepted(Operands::check(self, inputs)?)
     }
 
     /// Which values [`Op::vjp`] looks at when the gradients of the operands marked in `wanted` are asked for.

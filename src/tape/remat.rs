@@ -5,7 +5,7 @@ use std::fmt;
 use std::rc::Rc;
 
 use crate::tape::backward::Pass;
-use crate::tape::{Backward, Forward, Op, Reads, Tape, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Tape, Var};
 use crate::{Result, Spec, Tensor};
 
 type Segment = dyn Fn(&Tape, &[Var]) -> Result<Var>;
@@ -32,7 +32,7 @@ impl Tape {
     #[track_caller]
     pub fn remat(&self, inputs: &[&Var], segment: impl Fn(&Self, &[Var]) -> Result<Var> + 'static) -> Result<Var> {
         let segment: Rc<Segment> = Rc::new(segment);
-        let inner = self.inner();
+        let inner = Self::for_segment(self.0.borrow().anomaly);
         let values: Vec<_> = inputs.iter().map(|x| inner.constant(x.tensor().clone())).collect();
         let output = segment(&inner, &values)?.value()?.clone();
         if inputs.iter().all(|x| !x.is_differentiable()) {
@@ -64,15 +64,16 @@ impl Op for Remat {
         Ok(self.spec.clone())
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
-        self.forward(inputs)
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+        self.forward_accepted(inputs)
     }
 
-    fn forward(&self, inputs: &[Tensor]) -> Result<Forward> {
+    /// The segment may hand its operands to any device.
+    fn forward_accepted(&self, inputs: Operands<'_>) -> Result<Forward> {
         if let Some(value) = self.first.borrow_mut().take() {
             return Ok(value.into());
         }
-        let inner = Tape::new();
+        let inner = Tape::for_segment(false);
         let values: Vec<_> = inputs.iter().map(|x| inner.constant(x.clone())).collect();
         Ok((self.segment)(&inner, &values)?.value()?.clone().into())
     }
@@ -84,7 +85,7 @@ impl Op for Remat {
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
         cx.first_order_only(self.name())?;
         let outer = cx.gradient().tape();
-        let inner = if cx.anomaly { Tape::with_anomaly_mode() } else { Tape::new() };
+        let inner = Tape::for_segment(cx.anomaly);
         let leaves: Vec<_> = cx
             .inputs()
             .iter()

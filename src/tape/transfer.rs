@@ -3,8 +3,8 @@
 use std::rc::Rc;
 
 use crate::backend::gpu::Gpu;
-use crate::tape::{Backward, Forward, Op, Reads, Var};
-use crate::{Device, Result, Spec, Tensor};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
+use crate::{Device, Result, Spec};
 
 #[derive(Debug)]
 struct ToDevice {
@@ -17,14 +17,15 @@ impl Op for ToDevice {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        Ok(inputs[0].clone())
+        let [x] = Spec::exactly(self.name(), inputs)?;
+        Ok(x.clone())
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         Ok(inputs[0].to_device(&self.device)?.into())
     }
 
-    fn forward_gpu(&self, _gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, _gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         self.forward_cpu(inputs)
     }
 

@@ -1,6 +1,5 @@
 //! The tensor itself: a shape over shared, immutable storage.
 
-use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -10,7 +9,8 @@ use ndarray::{ArrayViewD, IxDyn};
 use crate::backend::cpu::{CHUNK, filled};
 use crate::backend::gpu::GpuBuffer;
 use crate::io::Bytes;
-use crate::tensor::storage::{Buffer, Storage};
+use crate::tape::deriving;
+use crate::tensor::storage::{Buffer, Role, Storage};
 use crate::tensor::{DType, Device, Element, Shape, Spec};
 
 /// A contiguous, row-major, immutable array; cloning copies a pointer.
@@ -102,10 +102,10 @@ impl Tensor {
 
     /// Shape, dtype and device alone: what a tape keeps of a tensor whose numbers nobody will read. A single number is
     /// kept as it is; it takes no more room.
-    pub(crate) fn hollow(&self) -> Self {
+    pub(crate) fn hollow(&self, role: Role) -> Self {
         match self.storage() {
-            Storage::One(_) | Storage::Hollow(_) => self.clone(),
-            _ => Self::new(self.shape().clone(), self.dtype(), Storage::Hollow(self.device())),
+            Storage::One(_) | Storage::Hollow(..) => self.clone(),
+            _ => Self::new(self.shape().clone(), self.dtype(), Storage::Hollow(self.device(), role)),
         }
     }
 
@@ -153,7 +153,7 @@ impl Tensor {
         match self.storage() {
             Storage::Cpu(buffer) => Some(Arc::as_ptr(buffer).addr()),
             Storage::Gpu(buffer) => Some(Arc::as_ptr(buffer).addr()),
-            Storage::One(_) | Storage::Hollow(_) => None,
+            Storage::One(_) | Storage::Hollow(..) => None,
         }
     }
 
@@ -162,7 +162,7 @@ impl Tensor {
         match self.storage() {
             Storage::Cpu(_) | Storage::One(_) => Device::Cpu,
             Storage::Gpu(buffer) => Device::Gpu(buffer.gpu().clone()),
-            Storage::Hollow(device) => device.clone(),
+            Storage::Hollow(device, _) => device.clone(),
         }
     }
 
@@ -174,7 +174,7 @@ impl Tensor {
     pub(crate) fn gpu_buffer(&self) -> &GpuBuffer {
         match self.storage() {
             Storage::Gpu(buffer) => buffer,
-            Storage::Hollow(_) => self.panic_hollow(),
+            Storage::Hollow(..) => self.panic_hollow(),
             _ => panic!("the tensor {:?} is on the CPU; move it with to_device first", self.spec()),
         }
     }
@@ -200,7 +200,7 @@ impl Tensor {
             Storage::Cpu(buffer) => buffer.slice(),
             Storage::One(bits) => &bytemuck::cast_slice(std::slice::from_ref(bits))[..1],
             Storage::Gpu(_) => panic!("slice: the tensor {:?} is on a GPU; read it with to_vec", self.spec()),
-            Storage::Hollow(_) => self.panic_hollow(),
+            Storage::Hollow(..) => self.panic_hollow(),
         }
     }
 
@@ -221,7 +221,7 @@ impl Tensor {
         match &mut Arc::get_mut(&mut self.0).expect("nobody shares it").storage {
             Storage::Cpu(buffer) => Arc::get_mut(buffer).expect("nobody shares it").slice_mut(),
             Storage::One(bits) => &mut bytemuck::cast_slice_mut(std::slice::from_mut(bits))[..1],
-            Storage::Gpu(_) | Storage::Hollow(_) => panic!("slice_mut: the tensor is not on the CPU"),
+            Storage::Gpu(_) | Storage::Hollow(..) => panic!("slice_mut: the tensor is not on the CPU"),
         }
     }
 
@@ -256,15 +256,15 @@ impl Tensor {
 
     #[track_caller]
     pub(super) fn panic_hollow(&self) -> ! {
+        let op = deriving().unwrap_or_else(|| "an op".to_owned());
+        let (what, fix) = match self.storage() {
+            Storage::Hollow(_, Role::Operand(number)) => (format!("operand {number}"), format!(".input({number})")),
+            _ => ("the result".to_owned(), ".output()".to_owned()),
+        };
         panic!(
-            "the numbers of {:?} were freed: this derivative reads a value that its op's `reads` leaves out",
+            "{op}: the derivative reads {what}, {:?}, whose numbers were freed, because `reads` leaves out that it does\n  \
+             fix: add {fix} to what Op::reads of {op} returns",
             self.spec()
         )
-    }
-}
-
-impl fmt::Debug for Tensor {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:?} on {}", self.spec(), self.device())
     }
 }

@@ -86,7 +86,7 @@ impl Tensor {
     /// [`ErrorKind::Device`] when the transfer fails; [`ErrorKind::Unsupported`] for a dtype the device does not hold.
     pub fn to_device(&self, device: &Device) -> Result<Self> {
         match (self.storage(), device) {
-            (Storage::Hollow(_), _) => self.panic_hollow(),
+            (Storage::Hollow(..), _) => self.panic_hollow(),
             (Storage::Cpu(_) | Storage::One(_), Device::Cpu) => Ok(self.clone()),
             (Storage::Gpu(buffer), Device::Gpu(gpu)) if buffer.gpu().same(gpu) => Ok(self.clone()),
             (Storage::Gpu(_), Device::Gpu(_)) => self.to_device(&Device::Cpu)?.to_device(device),

@@ -6,6 +6,7 @@
 
 mod array;
 mod convert;
+mod debug;
 mod device;
 mod dtype;
 mod shape;
@@ -16,3 +17,4 @@ pub use device::Device;
 pub(crate) use dtype::for_real;
 pub use dtype::{DType, Element};
 pub use shape::{Shape, Spec};
+pub(crate) use storage::Role;

@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::hash::{Hash, Hasher};
+use std::ops::RangeInclusive;
 
 use smallvec::SmallVec;
 
@@ -89,7 +90,18 @@ impl Shape {
                 }
             });
         }
+        if !Self::fits(&sizes) {
+            return Err(Error::new(ErrorKind::Shape, "shapes broadcast to too many elements")
+                .found(format!("{self} and {other}")));
+        }
         Ok(Self::from(&sizes[..]))
+    }
+
+    /// Whether numbers of elements, offsets and bytes can be counted in a `usize`, also where another axis is empty.
+    pub(crate) fn fits(dims: &[usize]) -> bool {
+        dims.iter()
+            .try_fold(1usize, |count, &size| count.checked_mul(size.max(1)))
+            .is_some_and(|count| count <= isize::MAX as usize / size_of::<f64>())
     }
 
     /// The flat offset of a multi-index.
@@ -147,6 +159,7 @@ impl From<Vec<usize>> for Shape {
 
 impl From<&[usize]> for Shape {
     fn from(dims: &[usize]) -> Self {
+        assert!(Self::fits(dims), "a shape of too many elements: {dims:?}");
         let mut few = [0; 4];
         match few.get_mut(..dims.len()) {
             Some(part) => {
@@ -189,6 +202,46 @@ impl Spec {
     /// A spec of this shape and dtype.
     pub fn new(shape: impl Into<Shape>, dtype: DType) -> Self {
         Self { shape: shape.into(), dtype }
+    }
+
+    /// The specs of an op that takes `N` operands.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Shape`] when there are not `N`.
+    pub fn exactly<'a, const N: usize>(op: &str, inputs: &'a [Self]) -> Result<&'a [Self; N]> {
+        Self::between(op, inputs, N..=N)?.try_into().map_err(|_| unreachable!("they were counted"))
+    }
+
+    /// The specs of an op that takes so many operands.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Shape`] when there are fewer or more.
+    pub fn between<'a>(op: &str, inputs: &'a [Self], count: RangeInclusive<usize>) -> Result<&'a [Self]> {
+        if count.contains(&inputs.len()) {
+            return Ok(inputs);
+        }
+        let (least, most) = (count.start(), count.end());
+        let wanted = if least == most { format!("{least}") } else { format!("{least} to {most}") };
+        Err(Error::new(ErrorKind::Shape, format!("{op}: wrong number of operands"))
+            .found(format!("{}: {inputs:?}", inputs.len()))
+            .wanted(wanted))
+    }
+
+    /// The spec of an op that takes one operand, of a type that ops compute in.
+    pub(crate) fn one_real<'a>(op: &str, inputs: &'a [Self]) -> Result<&'a Self> {
+        let [x] = Self::exactly(op, inputs)?;
+        x.real(op)
+    }
+
+    /// The spec of an operand of a type that ops compute in.
+    pub(crate) fn real(&self, op: &str) -> Result<&Self> {
+        if self.dtype.is_real() {
+            return Ok(self);
+        }
+        Err(Error::new(ErrorKind::Shape, format!("{op} does not compute in {}", self.dtype))
+            .found(format!("{self:?}"))
+            .wanted("f32 or f64")
+            .fix("cast it, with .cast(DType::F32)"))
     }
 }
 

@@ -18,8 +18,17 @@ pub(super) enum Storage {
     /// A single number of any type, at the beginning of eight bytes.
     One(u64),
     Gpu(Arc<GpuBuffer>),
-    /// No numbers any more: they were on this device.
-    Hollow(Device),
+    /// No numbers any more: they were on this device, and a tape let go of them in this role.
+    Hollow(Device, Role),
+}
+
+/// What a tensor was to the op that a tape recorded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Role {
+    /// The operand of this number.
+    Operand(usize),
+    /// The result.
+    Result,
 }
 
 /// Numbers in the memory of the CPU.

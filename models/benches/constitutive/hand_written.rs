@@ -8,12 +8,12 @@ type Matrix = [f32; 9];
 /// Stress of 256 particles and, given the cotangent of the stress, the cotangent of the deformation behind it.
 pub fn run(f: [&[f32]; 9], cotangent: Option<&Matrix>, results: &mut [f32]) {
     #[cfg(target_arch = "x86_64")]
-    if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("fma") {
-        #[target_feature(enable = "avx512f,avx512vl,avx512dq,fma")]
+    if gradreel::isa() == "avx512" && is_x86_feature_detected!("fma") {
+        #[target_feature(enable = "avx512f,fma")]
         fn wide(f: [&[f32]; 9], cotangent: Option<&Matrix>, results: &mut [f32]) {
             each(f, cotangent, results);
         }
-        // SAFETY: just detected.
+        // SAFETY: the processor has the path of the run, and FMA was just detected.
         return unsafe { wide(f, cotangent, results) };
     }
     each(f, cotangent, results);

@@ -23,7 +23,7 @@ const TAU: [&str; 9] = ["t00", "t01", "t02", "t10", "t11", "t12", "t20", "t21", 
 
 fn main() {
     let filter = std::env::args().skip(1).find(|argument| !argument.starts_with('-')).unwrap_or_default();
-    println!("{:<28} {:>10} {:>14}   ns per particle", "", "forward", "forward + vjp");
+    println!("{:<28} {:>10} {:>14}   ns per particle", gradreel::isa(), "forward", "forward + vjp");
     let laws = materials::all().into_iter().filter(|law| law.name().contains(&filter));
     for law in laws {
         let values: Vec<f32> = law.parameters().iter().map(|p| p.start as f32).collect();

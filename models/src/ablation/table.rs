@@ -46,6 +46,7 @@ pub fn markdown(results: &[ClipResults]) -> String {
         "\nIn brackets: the error, in decades for what is known to an order of magnitude only, as a share of the true speed for \
          the velocity; ! where the 90 % interval does not hold the truth.\nPSNR and IoU compare with all views as they were filmed.\n",
     );
+    writeln!(text, "Instruction set: {}.", gradreel::isa()).expect("a string accepts every write");
     text
 }
 

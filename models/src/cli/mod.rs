@@ -15,6 +15,7 @@ mod train;
 mod weights;
 
 use clap::{Parser, Subcommand};
+use gradreel::scalar::Path;
 use gradreel::{ErrorKind, Result};
 
 /// From a video of a collision to shape, motion and material.
@@ -38,6 +39,9 @@ Try it on the film that comes with the sources, and on seven calibrated cameras 
 and let things fall by themselves:
 
     gradreel simulate examples/scenes/rubber.toml
+
+The environment variable GRADREEL_ISA (scalar, avx2, avx512 or neon) holds the kernels of the CPU to one instruction set; \
+the reports name the one that was used.
 
 Exit codes: 0 done, 1 the computation failed, 2 the input cannot be used, 130 stopped by Ctrl-C.";
 
@@ -63,7 +67,14 @@ enum Command {
 
 /// Runs the command line and returns the exit code.
 pub fn main() -> u8 {
-    let outcome = match Cli::parse().command {
+    let command = Cli::parse().command;
+    // said before anything is read or written: no kernel runs without it
+    let outcome = Path::of_environment().and_then(|_| run(command));
+    exit_code(outcome)
+}
+
+fn run(command: Command) -> Result<()> {
+    match command {
         Command::Reconstruct(arguments) => reconstruct::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
@@ -72,8 +83,7 @@ pub fn main() -> u8 {
         Command::Train(arguments) => train::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Weights(arguments) => weights::run(&arguments),
-    };
-    exit_code(outcome)
+    }
 }
 
 fn exit_code(outcome: Result<()>) -> u8 {

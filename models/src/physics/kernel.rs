@@ -21,15 +21,17 @@ macro_rules! by_level {
             #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,fma")]
             #[allow(clippy::too_many_arguments)]
             unsafe fn wide<T: Number>($($arg: $type),*) $(-> $out)? {
+                // SAFETY: the instruction set of the rows is enabled; bodies ask for nothing else.
                 unsafe { body::<T, T::Wide>($($arg),*) }
             }
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx2,fma")]
             #[allow(clippy::too_many_arguments)]
             unsafe fn middle<T: Number>($($arg: $type),*) $(-> $out)? {
+                // SAFETY: as above.
                 unsafe { body::<T, T::Middle>($($arg),*) }
             }
-            // SAFETY: `Level` is only made for machines that have it.
+            // SAFETY: `Level` is only made for machines that have it, and bodies ask for nothing else.
             unsafe {
                 match level {
                     #[cfg(target_arch = "x86_64")]
@@ -107,12 +109,13 @@ unsafe fn gather_all<T: Number, R: Row<T>>(
     sums: &mut [T],
     moments: &mut [T],
 ) {
+    lattice.check_whole(grid);
     let mut found = [[T::ZERO; 16]; BATCH];
     for first in (0..len).step_by(BATCH) {
         let count = (len - first).min(BATCH);
         let s = Stencils::new(lattice, 0, lattice.shape[0], &batch(now, first, count));
         for i in 0..count {
-            // SAFETY: the caller's promise; the grid is whole.
+            // SAFETY: the caller's promise; the grid is whole, and the stencils were made for it.
             found[i] = unsafe { gather::<T, R>(lattice, &s, i, grid) };
         }
         // SAFETY: the caller's promise.
@@ -190,6 +193,7 @@ by_level! {
             let of = |i: usize| &records[order[i] as usize];
             let s = Stencils::new(lattice, first_plane, planes, &positions(order.len(), of));
             for i in 0..order.len().min(BATCH) {
+                // SAFETY: the instruction set is there, and the stencils were made for the region's planes.
                 unsafe { push::<T, R>(lattice, &s, i, region, of(i)) };
             }
         }
@@ -213,6 +217,7 @@ by_level! {
             let (s, dw) = (Stencils::new(lattice, first_plane, planes, &x), Slopes::new(lattice, &x));
             let moved = Moved::new(&s, &dw, &positions(order.len(), along));
             for i in 0..order.len().min(BATCH) {
+                // SAFETY: as in `scatter`.
                 unsafe { push_tangent::<T, R>(lattice, (&s, &dw, &moved), i, region, of(i), along(i)) };
             }
         }
@@ -236,6 +241,7 @@ by_level! {
         out: &mut [T],
     ) {
         let len = len.min(BLOCK);
+        lattice.check_whole(grid);
         let (still, slopes) = out[..MOVING * BLOCK].split_at_mut(4 * BLOCK);
         let mut found = [[[T::ZERO; 16]; BATCH]; 3];
         for first in (0..len).step_by(BATCH) {
@@ -243,12 +249,14 @@ by_level! {
             let x = batch(now, first, count);
             let (s, dw) = (Stencils::new(lattice, 0, lattice.shape[0], &x), Slopes::new(lattice, &x));
             for i in 0..count {
+                // SAFETY: the instruction set is there, and the grid is whole.
                 let of = unsafe { gather_moving::<T, R>(lattice, (&s, &dw), i, grid) };
                 (0..4).for_each(|k| still[k * BLOCK + first + i] = of.sum[k]);
                 (0..3).for_each(|axis| found[axis][i] = of.along[axis]);
             }
             for (found, slopes) in found.iter().zip(slopes.chunks_exact_mut(SLOPES * BLOCK)) {
                 let (sums, moments) = slopes.split_at_mut(4 * BLOCK);
+                // SAFETY: the instruction set is there.
                 unsafe { spread::<T, R>(found, [first, count], sums, moments) };
             }
         }
@@ -271,6 +279,7 @@ by_level! {
         let (moved, affine) = tangent[..(C + 9) * BLOCK].split_at_mut(C * BLOCK);
         let (dx, dv) = moved.split_at_mut(V * BLOCK);
         let mut sums = [T::ZERO; 4 * BLOCK];
+        // SAFETY: the instruction set is there.
         unsafe { gather_all::<T, R>(lattice, tangents, now, len, &mut sums, affine) };
         let (still, slopes) = moving[..MOVING * BLOCK].split_at(4 * BLOCK);
         for (axis, slopes) in slopes.chunks_exact(SLOPES * BLOCK).enumerate() {
@@ -318,6 +327,7 @@ by_level! {
         out: &mut [T],
     ) {
         let len = len.min(BLOCK);
+        // SAFETY: the instruction set is there.
         unsafe { gather_all::<T, R>(lattice, grid, now, len, out, &mut [T::ZERO; 9 * BLOCK]) };
     }
 }
@@ -334,6 +344,7 @@ by_level! {
         out: &mut [T],
     ) {
         let len = len.min(BLOCK);
+        // SAFETY: the instruction set is there.
         unsafe { gather_all::<T, R>(lattice, tangents, now, len, out, &mut [T::ZERO; 9 * BLOCK]) };
         for (axis, slopes) in moving[4 * BLOCK..MOVING * BLOCK].chunks_exact(SLOPES * BLOCK).enumerate() {
             let dx = &tangent[axis * BLOCK..][..len];
@@ -395,6 +406,7 @@ by_level! {
         let len = len.min(BLOCK);
         let (moved, affine) = next[..(C + 9) * BLOCK].split_at_mut(C * BLOCK);
         let mut sums = [T::ZERO; 4 * BLOCK];
+        // SAFETY: the instruction set is there.
         unsafe { gather_all::<T, R>(lattice, grid, now, len, &mut sums, affine) };
         scale(affine, T::from_f64(4.0) * lattice.inverse_dx * lattice.inverse_dx);
         // The rest array by array, which compilers vectorise.
@@ -440,6 +452,7 @@ by_level! {
         let (mut sums, mut masses) = ([T::ZERO; 4 * BLOCK], [T::ZERO; BLOCK]);
         let (on_x, on_v) = cotangent[..C * BLOCK].split_at_mut(V * BLOCK);
         let grids = [cotangents, velocities];
+        // SAFETY: the instruction set is there.
         unsafe { pull_all::<T, R>(lattice, grids, [scattered, gathered], on_x, &mut sums, affine) };
         masses.iter_mut().zip(scattered).for_each(|(mass, record)| *mass = record[3]);
         for i in 0..len {
@@ -472,6 +485,7 @@ unsafe fn pull_all<T: Number, R: Row<T>>(
     affine: &mut [T],
 ) {
     let len = scattered.len().min(gathered.len()).min(BLOCK);
+    grids.iter().for_each(|grid| lattice.check_whole(grid));
     let mut found = [[T::ZERO; 16]; BATCH];
     for first in (0..len).step_by(BATCH) {
         let count = (len - first).min(BATCH);
@@ -479,7 +493,7 @@ unsafe fn pull_all<T: Number, R: Row<T>>(
         let (s, dw) = (Stencils::new(lattice, 0, lattice.shape[0], &x), Slopes::new(lattice, &x));
         for i in 0..count {
             let records = [&scattered[first + i], &gathered[first + i]];
-            // SAFETY: the caller's promise; both grids are whole.
+            // SAFETY: the caller's promise; both grids are whole, and the stencils were made for them.
             let pulled = unsafe { pull::<T, R>(lattice, (&s, &dw), i, grids, records) };
             (0..3).for_each(|axis| on_x[axis * BLOCK + first + i] += pulled.position[axis]);
             found[i] = pulled.record;
@@ -503,6 +517,7 @@ by_level! {
         sums: &mut [T],
     ) {
         let on_x = &mut cotangent[..V * BLOCK];
+        // SAFETY: the instruction set is there.
         unsafe { pull_all::<T, R>(lattice, [cotangents, velocities], [scattered, gathered], on_x, sums, affine) };
     }
 }

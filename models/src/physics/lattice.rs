@@ -125,6 +125,14 @@ impl<T: Number> Lattice<T> {
         starts
     }
 
+    /// # Panics
+    ///
+    /// If a grid has not all nodes of the lattice. The memory safety of the transfers rests on it.
+    #[inline(always)]
+    pub fn check_whole(&self, grid: &[T]) {
+        assert!(grid.len() >= self.shape[0] * self.stride[0], "a grid smaller than its lattice");
+    }
+
     /// World coordinates of a node \[m\].
     #[inline(always)]
     pub fn node(&self, index: [usize; 3]) -> [f64; 3] {

@@ -7,7 +7,7 @@ mod jvp;
 use std::sync::Arc;
 
 use gradreel::backend::gpu::Gpu;
-use gradreel::{Backward, DType, Device, Error, ErrorKind, Forward, Op, Reads, Result, Spec, Tensor, Var};
+use gradreel::{Backward, DType, Device, Error, ErrorKind, Forward, Op, Operands, Reads, Result, Spec, Tensor, Var};
 
 use super::collider::Contact;
 use super::lattice::neighbours;
@@ -156,15 +156,15 @@ impl Op for Rollout {
         Ok(Spec::new([self.schedule.frames, n, 3], dtype))
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         match inputs[0].dtype() {
-            DType::F64 => self.forward::<f64>(inputs),
-            _ => self.forward::<f32>(inputs),
+            DType::F64 => self.forward::<f64>(&inputs),
+            _ => self.forward::<f32>(&inputs),
         }
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
-        self.forward_on(gpu, inputs)
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
+        self.forward_on(gpu, &inputs)
     }
 
     fn reads(&self, _wanted: &[bool]) -> Reads {

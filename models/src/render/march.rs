@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use gradreel::ops::Lattice;
 use gradreel::scalar::Real;
-use gradreel::{Backward, DType, Error, ErrorKind, Forward, Op, Reads, Result, Spec, Tensor, Var};
+use gradreel::{Backward, DType, Error, ErrorKind, Forward, Op, Operands, Reads, Result, Spec, Tensor, Var};
 use rayon::prelude::*;
 
 use crate::render::Rays;
@@ -260,15 +260,16 @@ impl Op for March {
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
         let [x, y, z] = self.lattice.dims;
-        if inputs[0].shape.dims() != [x, y, z, 4] || !inputs[0].dtype.is_real() || x.min(y).min(z) < 2 {
+        let [grid] = Spec::exactly(self.name(), inputs)?;
+        if grid.shape.dims() != [x, y, z, 4] || !grid.dtype.is_real() || x.min(y).min(z) < 2 {
             return Err(Error::new(ErrorKind::Shape, "march: the grid is not that of the lattice")
-                .found(format!("{:?}", inputs[0]))
+                .found(format!("{grid:?}"))
                 .wanted(format!("[{x}, {y}, {z}, 4], at least 2 nodes per axis")));
         }
-        Ok(Spec::new([self.rays.len(), 4], inputs[0].dtype))
+        Ok(Spec::new([self.rays.len(), 4], grid.dtype))
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         let shape = [self.rays.len(), 4];
         Ok(match inputs[0].dtype() {
             DType::F64 => Tensor::from_vec(self.forward::<f64>(&inputs[0]), shape),

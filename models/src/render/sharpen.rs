@@ -2,7 +2,7 @@
 
 use gradreel::ops::Lattice;
 use gradreel::scalar::Real;
-use gradreel::{Backward, DType, Error, ErrorKind, Forward, Op, Reads, Result, Spec, Tensor, Var};
+use gradreel::{Backward, DType, Error, ErrorKind, Forward, Op, Operands, Reads, Result, Spec, Tensor, Var};
 use rayon::prelude::*;
 
 /// Takes a share of the blur from a grid `[x, y, z, channels]` that particles were [`splat`](super::splat())ted to:
@@ -79,17 +79,18 @@ impl Op for Sharpen {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let dims = inputs[0].shape.dims();
-        if dims.len() != 4 || dims[..3] != self.lattice.dims || !inputs[0].dtype.is_real() {
+        let [grid] = Spec::exactly(self.name(), inputs)?;
+        let dims = grid.shape.dims();
+        if dims.len() != 4 || dims[..3] != self.lattice.dims || !grid.dtype.is_real() {
             let [x, y, z] = self.lattice.dims;
             return Err(Error::new(ErrorKind::Shape, "sharpen: the grid is not one of the lattice")
-                .found(format!("{:?}", inputs[0]))
+                .found(format!("{grid:?}"))
                 .wanted(format!("[{x}, {y}, {z}, channels]")));
         }
-        Ok(inputs[0].clone())
+        Ok(grid.clone())
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         Ok(self.of(&inputs[0]).into())
     }
 

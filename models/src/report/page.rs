@@ -100,6 +100,7 @@ impl Page<'_> {
         parts.push(config(&self.config_toml));
         let subtitle = paragraph("subtitle", &self.subtitle);
         let body = parts.concat();
+        let isa = gradreel::isa();
         format!(
             "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
@@ -108,7 +109,7 @@ impl Page<'_> {
              style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\n\
              <title>{title} · gradreel</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n\
              <header><h1>{title}</h1>{subtitle}</header>\n{body}</main>\n\
-             <footer>Made by gradreel. This page holds all it shows and opens without a network.</footer>\n\
+             <footer>Made by gradreel with {isa} instructions. This page holds all it shows and opens without a network.</footer>\n\
              </body>\n</html>\n"
         )
     }

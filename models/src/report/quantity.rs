@@ -131,6 +131,7 @@ pub fn parameters_json(
         "parameters": section("parameters", quantities)?,
         "assumed": section("assumed", assumed)?,
         "quality": quality,
+        "isa": gradreel::isa(),
     });
     Ok(format!("{whole:#}\n").into_bytes())
 }

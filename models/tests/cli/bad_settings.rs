@@ -1,6 +1,6 @@
 //! Settings that make no sense: refused by name, before anything is written.
 
-use crate::scene::Scene;
+use crate::scene::{Scene, text};
 
 #[test]
 fn files_of_settings() {
@@ -77,4 +77,21 @@ fn cameras_and_frames() {
         assert!(String::from_utf8_lossy(&output.stderr).contains("--help"), "{arguments}");
         assert!(!scene.path("runs").exists());
     }
+}
+
+#[test]
+fn the_instruction_set() {
+    let scene = Scene::with_clip(&[0, 3], 2);
+    for (name, said) in [("avx1024", "avx1024"), ("", "GRADREEL_ISA")] {
+        let mut command = scene.command("check clip");
+        let output = command.env("GRADREEL_ISA", name).output().unwrap();
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        for part in ["error: ", "GRADREEL_ISA", said, "scalar", "fix: "] {
+            assert!(message.contains(part), "no {part:?} in: {message}");
+        }
+        assert!(!message.contains("panicked"), "{message}");
+    }
+    let output = scene.command("check clip").env("GRADREEL_ISA", "scalar").output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
 }

@@ -35,6 +35,8 @@ fn a_quick_run_leaves_every_result() {
     assert!(parameters["parameters"]["young"]["value"].as_f64().unwrap() > 0.0);
     assert_eq!(parameters["parameters"]["young"]["start"], 20000.0);
     assert!(parameters["assumed"]["density"]["value"] == 1000.0);
+    let isa = parameters["isa"].as_str().expect("the instruction set");
+    assert!(["scalar", "avx2", "avx512", "neon"].contains(&isa), "{isa}");
     let particles = parameters["quality"]["particles"].as_f64().unwrap();
 
     for frame in 0..8 {

@@ -34,34 +34,38 @@ pub(crate) struct Sizes {
 }
 
 /// The result `[heads, channels, pixels]` and the weights `[heads, depths, pixels]`.
+///
+/// # Panics
+/// When an operand is not of these sizes.
 pub(crate) fn forward<T: Real>(sizes: Sizes, [q, k, v]: [&[T]; 3], scale: f64) -> (Vec<T>, Vec<T>) {
+    sizes.check([q.len()], [k.len(), v.len()]);
     let scale = T::from_f64(scale);
     let mut result = buffer::<T>(sizes.heads * sizes.channels * sizes.pixels);
     let mut weights = buffer::<T>(sizes.heads * sizes.depths * sizes.pixels);
     let to = [Places::of(&mut result), Places::of(&mut weights)];
     strips(sizes, sizes.heads, |strip, scratch| {
-        vectorised(Forward { sizes, strip, operands: [q, k, v], scale, to, scratch });
+        // SAFETY: operands and results are of these sizes; the scratch has a row for each depth; strips do not overlap.
+        unsafe { vectorised(Forward { sizes, strip, operands: [q, k, v], scale, to, scratch }) };
     });
     (result, weights)
 }
 
 /// Cotangents of queries, keys and values from that of the result, `g`, and the weights of the forward pass.
+///
+/// # Panics
+/// When an operand is not of these sizes.
 pub(crate) fn backward<T: Real>(sizes: Sizes, [q, k, v]: [&[T]; 3], weights: &[T], g: &[T], scale: f64) -> [Vec<T>; 3] {
+    sizes.check([q.len(), g.len()], [k.len(), v.len()]);
+    assert_eq!(weights.len(), sizes.heads * sizes.depths * sizes.pixels, "depth attention: the weights do not fit");
     let scale = T::from_f64(scale);
     let (mut dq, mut dk, mut dv) = (buffer::<T>(q.len()), buffer::<T>(k.len()), buffer::<T>(v.len()));
     let to = [Places::of(&mut dq), Places::of(&mut dk), Places::of(&mut dv)];
     strips(sizes, sizes.heads / sizes.shared_by, |strip, scratch| {
         for head in 0..sizes.shared_by {
             let strip = Strip { head: strip.head * sizes.shared_by + head, ..strip };
-            vectorised(Backward {
-                sizes,
-                strip,
-                first: head == 0,
-                operands: [q, k, v, weights, g],
-                scale,
-                to,
-                scratch,
-            });
+            let job = Backward { sizes, strip, first: head == 0, operands: [q, k, v, weights, g], scale, to, scratch };
+            // SAFETY: as in `forward`; heads that share keys and values are one thread's.
+            unsafe { vectorised(job) };
         }
     });
     [dq, dk, dv]
@@ -89,6 +93,17 @@ fn strips<T: Real>(sizes: Sizes, heads: usize, run: impl Fn(Strip, &mut [T]) + S
 }
 
 impl Sizes {
+    /// # Panics
+    /// When the lengths of some maps or volumes are others, or heads are shared unevenly.
+    fn check<const N: usize>(self, maps: [usize; N], volumes: [usize; 2]) {
+        let Self { heads, shared_by, channels, depths, pixels } = self;
+        let fits = shared_by > 0
+            && heads.is_multiple_of(shared_by)
+            && maps.iter().all(|len| *len == heads * channels * pixels)
+            && volumes.iter().all(|len| *len == heads / shared_by * channels * depths * pixels);
+        assert!(fits, "depth attention: maps of {maps:?} and volumes of {volumes:?} numbers are not of {self:?}");
+    }
+
     /// Where a strip begins in a map `[heads, channels, pixels]`.
     #[inline(always)]
     fn map(self, strip: Strip, channel: usize) -> usize {

@@ -98,12 +98,10 @@ pub(crate) fn forward<T: Real>(x: &[T], layers: &[Layer<'_, T>], rows: usize, ke
     result.par_chunks_mut(BLOCK * last).enumerate().for_each(|(i, y)| {
         let rows = y.len() / last;
         let x = &x[i * BLOCK * first..][..rows * first];
-        // SAFETY: the rows of a block lie within what is kept, and are one thread's.
         let kept = |number: usize| {
-            places[number].map(|places| unsafe {
-                let width = layers[number].width_out;
-                places.part(i * BLOCK * width, rows * width)
-            })
+            let width = layers[number].width_out;
+            // SAFETY: the rows of a block lie within what is kept, and are one thread's.
+            places[number].map(|places| unsafe { places.part(i * BLOCK * width, rows * width) })
         };
         scratch::with([rows * widest, rows * widest], |[mut from, mut to]| {
             for (number, layer) in layers.iter().enumerate() {

@@ -53,8 +53,20 @@ const BLOCK: usize = 4096;
 const ITEMS: usize = 32;
 
 impl<T: Real> Normalise<'_, T> {
+    /// # Panics
+    /// When the operand, scale or shift is not of the layout.
+    fn check(&self) {
+        let Layout { groups, len, inner, parameters } = self.layout;
+        assert_eq!(self.x.len(), groups * len, "the operand of a normalisation does not fit");
+        let whole = inner > 0 && len.is_multiple_of(inner) && parameters > 0 && parameters.is_multiple_of(len / inner);
+        assert!(self.x.is_empty() || whole, "parameters of a normalisation do not fit its runs");
+        let affine = self.affine.is_none_or(|both| both.iter().all(|values| values.len() == parameters));
+        assert!(affine, "scale and shift of a normalisation do not fit");
+    }
+
     /// The result, and for each run its mean in two parts and its reciprocal standard deviation.
     pub(crate) fn forward(self) -> (Vec<T>, Vec<T>) {
+        self.check();
         let Layout { groups, len, .. } = self.layout;
         let mut y = buffer::<T>(self.x.len());
         let mut statistics = vec![T::ZERO; 3 * groups];
@@ -63,12 +75,17 @@ impl<T: Real> Normalise<'_, T> {
         }
         let runs = (BLOCK / len).max(1);
         let items = y.par_chunks_mut(runs * len).zip(statistics.par_chunks_mut(3 * runs)).enumerate();
-        items.for_each(|(item, (y, statistics))| vectorised(Forward { of: self, first: item * runs, y, statistics }));
+        items.for_each(|(item, (y, statistics))| {
+            // SAFETY: operand and parameters are of the layout; the item has whole runs.
+            unsafe { vectorised(Forward { of: self, first: item * runs, y, statistics }) }
+        });
         (y, statistics)
     }
 
     /// Cotangents from that of the result and the statistics of the forward pass.
     pub(crate) fn backward(self, statistics: &[T], g: &[T]) -> Cotangents<T> {
+        self.check();
+        assert_eq!(g.len(), self.x.len(), "the cotangent of a normalisation does not fit");
         let Layout { groups, len, inner, parameters } = self.layout;
         let mut dx = buffer::<T>(self.x.len());
         let mut affine = self.affine.map(|_| [vec![T::ZERO; parameters], vec![T::ZERO; parameters]]);
@@ -89,7 +106,8 @@ impl<T: Real> Normalise<'_, T> {
                 // SAFETY: the runs lie within `dx` and do not overlap.
                 let dx = unsafe { to.part(group * len, len) };
                 let statistics = std::array::from_fn(|i| statistics[3 * group + i]);
-                vectorised(Backward { of: self, group, statistics, g, dx, sums });
+                // SAFETY: operands and parameters are of the layout; `sums` has a share for each parameter, or none.
+                unsafe { vectorised(Backward { of: self, group, statistics, g, dx, sums }) };
             }
         });
         for totals in affine.iter_mut() {

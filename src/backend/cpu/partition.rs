@@ -23,6 +23,7 @@ impl Bins {
 ///
 /// Chunks of the list are counted and then placed in parallel; the result does not depend on how they are cut.
 pub(crate) fn partition(list: &[u32], bins: usize) -> Bins {
+    assert!(u32::try_from(list.len()).is_ok(), "a list of {} positions cannot be numbered by u32", list.len());
     let chunk = (1 << 15).max(4 * bins);
     // counts[i][b]: entries of chunk i in bin b; then the place where the first of them goes
     let mut counts: Vec<Vec<u32>> = list

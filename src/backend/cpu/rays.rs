@@ -26,6 +26,7 @@ fn threshold<T: Real>(stop: Option<f64>) -> T {
 fn each_ray<T: Real>(alpha: &[T], offsets: &[u32], work: impl Fn(usize, &[T], &mut [T]) + Sync) -> Vec<T> {
     let mut result = buffer(alpha.len());
     let rays = offsets.len() - 1;
+    assert!(offsets.is_sorted() && offsets[rays] as usize == alpha.len(), "the offsets are not those of the samples");
     let out = Places::of(&mut result);
     let some = |item: usize| {
         for ray in item * RAYS..rays.min((item + 1) * RAYS) {

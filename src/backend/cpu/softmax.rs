@@ -31,8 +31,17 @@ pub(crate) enum Pass<'a, T> {
 }
 
 /// Runs a pass over a whole tensor.
+///
+/// # Panics
+/// When an operand has not as many elements as the axes say.
 pub(crate) fn run<T: Real>(axis: Axis, pass: Pass<'_, T>) -> Vec<T> {
-    let mut result = buffer::<T>(axis.outer * axis.len * axis.inner);
+    let count = axis.outer * axis.len * axis.inner;
+    let fits = match pass {
+        Pass::Softmax(x) | Pass::LogSoftmax(x) => x.len() == count,
+        Pass::Adjoint(y, g) => y.len() == count && g.len() == count,
+    };
+    assert!(fits, "an operand of a softmax has not {count} elements");
+    let mut result = buffer::<T>(count);
     if result.is_empty() {
         return result;
     }
@@ -45,7 +54,10 @@ pub(crate) fn run<T: Real>(axis: Axis, pass: Pass<'_, T>) -> Vec<T> {
         let columns = (CHUNK / axis.len).next_multiple_of(64);
         (axis.outer * axis.inner.div_ceil(columns), columns)
     };
-    (0..runs).into_par_iter().for_each(|run| vectorised(Run { axis, pass, to, run, per_run }));
+    (0..runs).into_par_iter().for_each(|run| {
+        // SAFETY: operands and result have as many elements as the axes say, and runs do not overlap.
+        unsafe { vectorised(Run { axis, pass, to, run, per_run }) }
+    });
     result
 }
 

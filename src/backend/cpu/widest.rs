@@ -5,9 +5,12 @@
 
 use crate::scalar::{Job, Lane, Path, Real};
 
-/// Runs a job with the widest vectors that the processor has.
-pub(crate) fn vectorised<T: Real, J: Job<T>>(job: J) -> J::Output {
-    // SAFETY: the path is available; jobs given to this function ask for nothing else.
+/// Runs a job with the vectors of the run's path.
+///
+/// # Safety
+/// What the job asks for beside the instruction set, which is there.
+pub(crate) unsafe fn vectorised<T: Real, J: Job<T>>(job: J) -> J::Output {
+    // SAFETY: the path is available; the rest is the caller's promise.
     unsafe { T::dispatch(Path::best(), job) }
 }
 
@@ -22,7 +25,8 @@ pub(crate) trait Work {
 
 /// Runs the work compiled for the widest available instruction set. Sums keep their order: the results are the same.
 pub(crate) fn widest<W: Work>(work: W) -> W::Output {
-    vectorised::<f32, _>(Plain(work))
+    // SAFETY: plain work asks for nothing.
+    unsafe { vectorised::<f32, _>(Plain(work)) }
 }
 
 /// Work as a job that makes no use of the vector type.

@@ -8,7 +8,7 @@ use super::{FORWARD, Geometry, Links};
 use crate::backend::cpu::convolution;
 use crate::backend::gpu::{Gpu, Work};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Result, Spec, Tensor};
 
@@ -35,6 +35,7 @@ pub(crate) struct Convolution {
 
 impl Convolution {
     fn geometry(&self, inputs: &[Spec]) -> Result<(Geometry, Spec)> {
+        let inputs = Spec::between(self.name(), inputs, 2..=3)?;
         let (x, weight) = (&inputs[0], &inputs[1]);
         let batch = x.shape.dims().first().copied().unwrap_or(0);
         let outputs = weight.shape.dims().first().copied().unwrap_or(0);
@@ -55,7 +56,7 @@ impl Op for Convolution {
         Ok(self.geometry(inputs)?.1)
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         let specs: Vec<_> = inputs.iter().map(Tensor::spec).collect();
         let (geometry, y) = self.geometry(&specs)?;
         for_real!(y.dtype, T => {
@@ -65,7 +66,7 @@ impl Op for Convolution {
         })
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         let specs: Vec<_> = inputs.iter().map(Tensor::spec).collect();
         let (geometry, y) = self.geometry(&specs)?;
         let bias = inputs.get(2);

@@ -8,7 +8,7 @@ use super::{Geometry, Links, TRANSPOSED};
 use crate::backend::cpu::convolution;
 use crate::backend::gpu::{Gpu, Work};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Result, Spec, Tensor};
 
@@ -35,6 +35,7 @@ pub(crate) struct TransposedConvolution {
 
 impl TransposedConvolution {
     fn geometry(&self, inputs: &[Spec]) -> Result<(Geometry, Spec)> {
+        let inputs = Spec::between(self.name(), inputs, 2..=3)?;
         let (y, weight) = (&inputs[0], &inputs[1]);
         let batch = y.shape.dims().first().copied().unwrap_or(0);
         let channels = weight.shape.dims().get(1).map_or(0, |inputs| inputs * self.links.groups);
@@ -55,7 +56,7 @@ impl Op for TransposedConvolution {
         Ok(self.geometry(inputs)?.1)
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         let specs: Vec<_> = inputs.iter().map(Tensor::spec).collect();
         let (geometry, x) = self.geometry(&specs)?;
         for_real!(x.dtype, T => {
@@ -65,7 +66,7 @@ impl Op for TransposedConvolution {
         })
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         let specs: Vec<_> = inputs.iter().map(Tensor::spec).collect();
         let (geometry, x) = self.geometry(&specs)?;
         let bias = inputs.get(2);

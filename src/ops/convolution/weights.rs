@@ -8,7 +8,7 @@ use super::{Geometry, Links, WEIGHTS};
 use crate::backend::cpu::convolution;
 use crate::backend::gpu::{Gpu, Work};
 use crate::ops::{Case, Entry, uniform};
-use crate::tape::{Backward, Forward, Op, Reads, Var};
+use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Result, Spec, Tensor};
 
@@ -33,7 +33,7 @@ pub(crate) struct ConvolutionWeights {
 
 impl ConvolutionWeights {
     fn geometry(&self, inputs: &[Spec]) -> Result<(Geometry, Spec)> {
-        let (x, y) = (&inputs[0], &inputs[1]);
+        let [x, y] = Spec::exactly(self.name(), inputs)?;
         let channels = |spec: &Spec| spec.shape.dims().get(1).copied().unwrap_or(0);
         let dims = [&[channels(y), channels(x) / self.links.groups.max(1)], self.size.as_slice()].concat();
         let weight = Spec::new(dims, x.dtype);
@@ -50,7 +50,7 @@ impl Op for ConvolutionWeights {
         Ok(self.geometry(inputs)?.1)
     }
 
-    fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
         let (geometry, weight) = self.geometry(&[inputs[0].spec(), inputs[1].spec()])?;
         for_real!(weight.dtype, T => {
             let values = convolution::weights::<T>(&geometry, inputs[0].slice(), inputs[1].slice());
@@ -58,7 +58,7 @@ impl Op for ConvolutionWeights {
         })
     }
 
-    fn forward_gpu(&self, gpu: &Gpu, inputs: &[Tensor]) -> Result<Forward> {
+    fn forward_gpu(&self, gpu: &Gpu, inputs: Operands<'_>) -> Result<Forward> {
         let (geometry, weight) = self.geometry(&[inputs[0].spec(), inputs[1].spec()])?;
         let tile = WEIGHTS.reflect()?.constant("TILE");
         let columns = geometry.inputs * geometry.volumes()[2];

@@ -1,7 +1,7 @@
 //! The vector functions of `f32` against the standard library in `f64`, over all magnitudes, on every path.
 
 use super::super::instruction::Unary;
-use super::super::kernel::Path;
+use super::super::path::Path;
 use super::super::{Lanes, Real};
 use super::of_unary;
 

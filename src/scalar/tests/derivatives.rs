@@ -133,6 +133,12 @@ fn kinks_follow_the_documented_branch() {
     assert_eq!(slope(|x, _| x.clamp(0.0, 1.0), 1.5, 0.0), [0.0, 0.0]);
     assert_eq!(slope(|x, y| x.floor() + y.sign(), 0.5, 0.5), [0.0, 0.0]);
     assert_eq!(slope(|x, y| x.powf(y), 0.0, 2.5), [0.0, 0.0]);
+    let power: fn(Scalar, Scalar) -> Scalar = |x, y| x.powf(y);
+    assert_eq!(slope(power, 0.0, 0.0), [0.0, 0.0]);
+    assert_eq!(slope(power, 0.0, -3.0), [f64::NEG_INFINITY; 2]);
+    let below = slope(power, -2.0, 3.0);
+    assert!(below[0] == 12.0 && below[1].is_nan(), "{below:?}");
+    assert_eq!(slope(|x, _| x.powi(-3), 0.0, 0.0), [f64::NEG_INFINITY, 0.0]);
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! A real material as an example: the Kirchhoff stress of a neo-Hookean solid.
 
-use super::super::kernel::Path;
+use super::super::path::Path;
 use super::super::{Lanes, Mat3, Program, Scalar};
 use super::derivatives::check;
 

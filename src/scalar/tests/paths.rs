@@ -1,7 +1,7 @@
 //! The evaluator on every instruction set, at lengths around its block and vector sizes.
 
 use super::super::graph::Node;
-use super::super::kernel::Path;
+use super::super::path::Path;
 use super::super::{Lanes, Program, Real, Scalar};
 use super::{every_instruction, everything};
 

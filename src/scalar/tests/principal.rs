@@ -1,6 +1,6 @@
 //! The singular value decomposition on every path, and isotropic functions against central differences.
 
-use super::super::kernel::Path;
+use super::super::path::Path;
 use super::super::{Lanes, Mat3, Principal, Program, Real, Scalar, Vec3};
 use super::derivatives::check;
 

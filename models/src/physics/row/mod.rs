@@ -10,7 +10,7 @@ mod portable;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
-use gradreel::scalar::Real;
+use gradreel::scalar::{Path, Real};
 
 /// A number the transfers can be instantiated for: `f32` or `f64`, with its row types.
 pub trait Number: Real + Rows {
@@ -101,28 +101,33 @@ pub enum Level {
 }
 
 impl Level {
-    /// The best level of this machine.
+    /// The best level that the path of the run allows ([`Path::best`]).
     pub fn detect() -> Self {
-        #[cfg(target_arch = "x86_64")]
-        {
-            let fma = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma");
-            let avx512 = is_x86_feature_detected!("avx512f")
-                && is_x86_feature_detected!("avx512vl")
-                && is_x86_feature_detected!("avx512dq");
-            match (avx512, fma) {
-                (true, true) => Self::Avx512,
-                (false, true) => Self::Avx2,
-                _ => Self::Portable,
+        Self::of(Path::best())
+    }
+
+    /// The best level that a path allows, which the processor has: AVX-512 needs more parts of it here than there.
+    fn of(path: Path) -> Self {
+        match path {
+            #[cfg(target_arch = "x86_64")]
+            Path::Avx512
+                if is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512vl")
+                    && is_x86_feature_detected!("avx512dq")
+                    && Path::available().any(|path| path == Path::Avx2) =>
+            {
+                Self::Avx512
             }
+            #[cfg(target_arch = "x86_64")]
+            Path::Avx2 | Path::Avx512 if Path::available().any(|path| path == Path::Avx2) => Self::Avx2,
+            _ => Self::Portable,
         }
-        #[cfg(not(target_arch = "x86_64"))]
-        Self::Portable
     }
 
     /// All levels this machine can run, best first.
     #[cfg(test)]
     pub fn available() -> Vec<Self> {
-        match Self::detect() {
+        match Self::of(Path::available().next_back().unwrap_or(Path::Portable)) {
             Self::Avx512 => vec![Self::Avx512, Self::Avx2, Self::Portable],
             Self::Avx2 => vec![Self::Avx2, Self::Portable],
             Self::Portable => vec![Self::Portable],

@@ -34,11 +34,13 @@ impl Rows for f64 {
 impl<T: Real> Row<T> for [T; 12] {
     #[inline(always)]
     unsafe fn load(from: *const T) -> Self {
+        // SAFETY: the contract of `Row`: pointers are valid.
         unsafe { from.cast::<[T; 12]>().read() }
     }
 
     #[inline(always)]
     unsafe fn store(self, to: *mut T) {
+        // SAFETY: the contract of `Row`: pointers are valid.
         unsafe { to.cast::<[T; 12]>().write(self) }
     }
 
@@ -54,6 +56,7 @@ impl<T: Real> Row<T> for [T; 12] {
 
     #[inline(always)]
     unsafe fn repeat(from: *const T) -> Self {
+        // SAFETY: the contract of `Row`: pointers are valid.
         let [x, y, z, w] = unsafe { from.cast::<[T; 4]>().read() };
         [x, y, z, w, x, y, z, w, x, y, z, w]
     }
@@ -100,8 +103,10 @@ impl<T: Real> Row<T> for [T; 12] {
 
     #[inline(always)]
     unsafe fn turn(from: [*const T; 4], to: [*mut T; 4]) {
+        // SAFETY: the contract of `Row`: pointers are valid.
         let square = from.map(|row| unsafe { row.cast::<[T; 4]>().read() });
         for (c, to) in to.into_iter().enumerate() {
+            // SAFETY: the contract of `Row`: pointers are valid.
             unsafe { to.cast::<[T; 4]>().write([square[0][c], square[1][c], square[2][c], square[3][c]]) }
         }
     }

@@ -210,12 +210,14 @@ impl<T: Real> Scratch<T> {
                 start: Start::Zero,
             }
             .run();
-            vectorised(Slopes {
+            let job = Slopes {
                 weights: &mut self.weights[..keys * QUERIES],
                 slopes: &mut self.slopes[..keys * QUERIES],
                 log_sums: &self.log_sums,
                 means: &self.means,
-            });
+            };
+            // SAFETY: weights and slopes are as many whole rows of 64.
+            unsafe { vectorised(job) };
             let by_key = |panel| Left { values: panel, row_step: QUERIES, depth_step: 1 };
             Product {
                 rows: keys,

@@ -79,12 +79,9 @@ impl<T: Real> Scratch<T> {
             .run();
             let scores = &mut self.scores[..keys * QUERIES];
             heads.add_mask(scores, head, first, count, key);
-            vectorised(Weights {
-                scores,
-                largest: &mut self.largest,
-                sums: &mut self.sums,
-                factors: &mut self.factors,
-            });
+            let Self { largest, sums, factors, .. } = self;
+            // SAFETY: the scores are whole rows of 64.
+            unsafe { vectorised(Weights { scores, largest, sums, factors }) };
             let left = &heads.v[at * values..][..keys * values];
             Product {
                 rows: values,

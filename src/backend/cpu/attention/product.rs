@@ -54,7 +54,8 @@ impl<T: Real> Product<'_, T> {
         if let Start::Scaled(factors) = self.start {
             assert!(factors.len() >= self.columns);
         }
-        vectorised(self);
+        // SAFETY: the panels hold what is read and written, as was just checked.
+        unsafe { vectorised(self) };
     }
 }
 

@@ -151,7 +151,8 @@ fn walk_planes<T: Real>(
         let [.., width] = &walk.axes;
         for (at, to) in &rows {
             let (out, source) = (&mut out[to.clone()], &source[*at..]);
-            vectorised(Row { out, every: width.every, source, start, terms: &terms });
+            // SAFETY: the job checks its slices.
+            unsafe { vectorised(Row { out, every: width.every, source, start, terms: &terms }) };
         }
     });
 }
@@ -200,7 +201,8 @@ pub(super) fn weights<T: Real>(g: &Geometry, walk: &Walk, image: &[T], result: &
             let x = &image[((n * g.groups + group) * g.inputs + input) * plane..][..plane];
             for (tap, weight) in taps.iter().zip(weight.iter_mut()) {
                 let [.., width] = &walk.axes;
-                *weight += vectorised(RowProducts { a, b: &x[tap.offset..], len: width.count, rows: &rows });
+                // SAFETY: the job checks its slices.
+                *weight += unsafe { vectorised(RowProducts { a, b: &x[tap.offset..], len: width.count, rows: &rows }) };
             }
         }
     });

@@ -28,8 +28,27 @@ use winograd::Plan;
 /// Channels of a group's result up to which it is made row by row.
 const FEW: usize = 4;
 
+/// The numbers of image, result, weight, and of the bias of the result and of the image, where they are given.
+///
+/// # Panics
+/// When there are not as many as the geometry says: what follows reads and writes without further checks.
+fn check(g: &Geometry, found: [Option<usize>; 5]) {
+    let [pixels, places, volume] = g.volumes();
+    let Geometry { batch, groups, inputs, outputs, .. } = *g;
+    let wanted = [
+        batch * groups * inputs * pixels,
+        batch * groups * outputs * places,
+        groups * outputs * inputs * volume,
+        groups * outputs,
+        groups * inputs,
+    ];
+    let fits = found.iter().zip(wanted).all(|(found, wanted)| found.is_none_or(|found| found == wanted));
+    assert!(fits, "a convolution of {wanted:?} numbers got {found:?}");
+}
+
 /// The result of image, weight and bias.
 pub(crate) fn forward<T: Real>(g: &Geometry, image: &[T], weight: &[T], bias: Option<&[T]>) -> Vec<T> {
+    check(g, [Some(image.len()), None, Some(weight.len()), bias.map(<[T]>::len), None]);
     let walk = Walk::forward(g);
     if g.outputs <= FEW {
         direct::forward(g, &walk, image, weight, bias)
@@ -43,6 +62,7 @@ pub(crate) fn forward<T: Real>(g: &Geometry, image: &[T], weight: &[T], bias: Op
 
 /// The image of result, weight and bias.
 pub(crate) fn transposed<T: Real>(g: &Geometry, result: &[T], weight: &[T], bias: Option<&[T]>) -> Vec<T> {
+    check(g, [None, Some(result.len()), Some(weight.len()), None, bias.map(<[T]>::len)]);
     let walks = Walk::transposed(g);
     if g.inputs <= FEW {
         return direct::transposed(g, &walks, result, weight, bias);
@@ -62,6 +82,7 @@ pub(crate) fn transposed<T: Real>(g: &Geometry, result: &[T], weight: &[T], bias
 
 /// The weight of image and result.
 pub(crate) fn weights<T: Real>(g: &Geometry, image: &[T], result: &[T]) -> Vec<T> {
+    check(g, [Some(image.len()), Some(result.len()), None, None, None]);
     let walk = Walk::forward(g);
     if g.outputs <= FEW {
         direct::weights(g, &walk, &walk.pad(image), result)

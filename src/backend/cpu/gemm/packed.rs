@@ -24,7 +24,8 @@ impl<'a, T: Real> Packed<'a, T> {
 
     /// Packs a factor now, if it is one block whose lines fill their vectors: others would be packed again anyway.
     pub(crate) fn now(factor: Strided<'a, T>, [lines, depth]: [usize; 2]) -> Self {
-        let Extent { columns: width, vector, .. } = vectorised::<T, _>(Measure);
+        // SAFETY: measuring asks for nothing.
+        let Extent { columns: width, vector, .. } = unsafe { vectorised::<T, _>(Measure) };
         let one_block = (1..=COLUMNS).contains(&lines) && (1..=depth_block::<T>()).contains(&depth);
         let strips = (one_block && lines.is_multiple_of(vector)).then(|| {
             let mut strips = Temporary::new(lines * depth);

@@ -121,8 +121,9 @@ impl<T: Real, const D: usize, const K: usize> Work for Scatter<'_, T, D, K> {
 #[inline(always)]
 unsafe fn block<T: Real, const W: usize, const K: usize>(node: *mut T, sample: *const T, weight: T) {
     // SAFETY: the caller's promise.
-    let (mut sum, sample) =
-        unsafe { (node.cast::<[T; W]>().read_unaligned(), sample.cast::<[T; W]>().read_unaligned()) };
+    let mut sum = unsafe { node.cast::<[T; W]>().read_unaligned() };
+    // SAFETY: as above.
+    let sample = unsafe { sample.cast::<[T; W]>().read_unaligned() };
     for i in 0..W {
         sum[i] += weight * sample[i];
     }

@@ -133,7 +133,8 @@ impl<T: Real> Span<'_, T> {
                 if layer.activation == Activation::Silu {
                     let before = &mut before[places[i]..][..rows * layer.width_out];
                     layer.run(input, before, rows, Activation::Identity, weight);
-                    vectorised(Apply { activation: layer.activation, x: before, y: output });
+                    // SAFETY: the job goes as far as the shorter slice.
+                    unsafe { vectorised(Apply { activation: layer.activation, x: before, y: output }) };
                 } else {
                     layer.run(input, output, rows, layer.activation, weight);
                 }
@@ -146,7 +147,8 @@ impl<T: Real> Span<'_, T> {
                 if layer.activation != Activation::Identity {
                     let silu = layer.activation == Activation::Silu;
                     let of = if silu { &before[places[i]..][..rows * out] } else { made(i) };
-                    vectorised(Slope { activation: layer.activation, of, g });
+                    // SAFETY: the job goes as far as the shorter slice.
+                    unsafe { vectorised(Slope { activation: layer.activation, of, g }) };
                 }
                 let input = if i == 0 { x } else { made(i - 1) };
                 if self.layers_wanted {
@@ -158,7 +160,8 @@ impl<T: Real> Span<'_, T> {
                         Out::rows(weight, width),
                         Par::Sequential,
                     );
-                    vectorised(AddRows { rows: g, to: bias });
+                    // SAFETY: the job reads whole rows only.
+                    unsafe { vectorised(AddRows { rows: g, to: bias }) };
                 }
                 let result = if i > 0 { Some(&mut to[..rows * width]) } else { slope.as_deref_mut() };
                 if let Some(result) = result {

@@ -136,7 +136,8 @@ impl<T: Real> Plan<T> {
         (0..slab.len() * rows).into_par_iter().for_each(|number| {
             // SAFETY: the slots of a row lie within the memory, and are one thread's.
             let to = unsafe { to.at(0) };
-            vectorised(Spread { slots, image: &window, row: [number / rows, number % rows], to });
+            // SAFETY: the window is that of the slab, and the memory has room for all slots of its layers.
+            unsafe { vectorised(Spread { slots, image: &window, row: [number / rows, number % rows], to }) };
         });
     }
 
@@ -155,7 +156,10 @@ impl<T: Real> Plan<T> {
             let to = unsafe { to.at((d * height.len() + h) * width.len()) };
             let links = [&depth[d][..], &height[h][..]];
             let start = slab.start;
-            vectorised(Gather { slots, from: products, start, links, width, bias, line, to, volume, channels });
+            // SAFETY: the products are those of the slab and the layer in front; bias and line have whole rows.
+            unsafe {
+                vectorised(Gather { slots, from: products, start, links, width, bias, line, to, volume, channels })
+            };
         });
         for form in self.starts.windows(2) {
             let layer = (form[1] - form[0]) * slots.layer() * slots.row;

@@ -32,7 +32,8 @@ impl<T: Real> Plan<T> {
                 let mut turned = [[T::ZERO; WIDEST]; VOLUME];
                 let extent = [WIDEST.min(large - first), VOLUME];
                 let (from, into) = (weight[first * VOLUME..].as_ptr(), turned.as_mut_ptr().cast());
-                vectorised(Turn { from, from_row: VOLUME, to: into, to_row: WIDEST, extent });
+                // SAFETY: the weight has `large` rows of taps from here on by the length of its part, and `turned` a vector for each tap.
+                unsafe { vectorised(Turn { from, from_row: VOLUME, to: into, to_row: WIDEST, extent }) };
                 for ([at, step], taps) in self.factors.iter().zip(&taps) {
                     let mut sum = [T::ZERO; WIDEST];
                     for &tap in taps {
@@ -64,7 +65,8 @@ impl<T: Real> Plan<T> {
                 }
                 let extent = [VOLUME, WIDEST.min(large - first)];
                 let (from, to) = (sums.as_ptr().cast(), weight[first * VOLUME..].as_mut_ptr());
-                vectorised(Turn { from, from_row: WIDEST, to, to_row: VOLUME, extent });
+                // SAFETY: `sums` has a vector for each tap, and the weight as many rows of taps as the extent says.
+                unsafe { vectorised(Turn { from, from_row: WIDEST, to, to_row: VOLUME, extent }) };
             }
         });
         weight

@@ -28,7 +28,8 @@ impl<T: Real> Panel<T> for Blocks<'_, T> {
             runs[count] = (&part[(line / BLOCK * self.depth + depth.start) * BLOCK + line % BLOCK..], len);
             (at, count) = (at + len, count + 1);
         }
-        vectorised(Copy { runs: &runs[..count], rows: depth.len(), width, into });
+        // SAFETY: the job checks its slices.
+        unsafe { vectorised(Copy { runs: &runs[..count], rows: depth.len(), width, into }) };
     }
 }
 
