@@ -14,6 +14,7 @@ use crate::report::interrupt;
 use crate::report::progress::Progress;
 use crate::report::reconstruction::{publish, quantities};
 use crate::report::run_folder::RunFolder;
+use crate::text;
 use crate::video::{Clip, Film, OpenOptions};
 
 /// Arguments of `gradreel reconstruct`.
@@ -171,8 +172,8 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
 
 /// The configuration in a file, which the command line may complete before it is checked.
 pub(super) fn read_config(path: &Path) -> Result<Config> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|e| Error::io(path, "read the configuration", &e).fix("give the path of a TOML file to --config"))?;
+    let fix = "give the path of a TOML file to --config";
+    let text = text::read(path, "the configuration", fix, text::SETTINGS)?;
     Config::read(&text).map_err(|e| e.at(path.display()))
 }
 
