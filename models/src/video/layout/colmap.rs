@@ -55,13 +55,13 @@ pub(super) fn read(root: &Path) -> Result<Reading> {
     let cameras_list = list.with_file_name("cameras.txt");
     let lenses = lenses(&cameras_list)?;
     let mut cameras: BTreeMap<FrameFolder, (Pose, BTreeMap<i64, PathBuf>)> = BTreeMap::new();
-    let (mut without_folder, mut without_number) = (Vec::new(), 0);
+    let (mut without_folder, mut without_number, mut known) = (Vec::new(), 0, BTreeMap::new());
     let content = text(&list)?;
     for (number, line) in image_lines(&content) {
         let wrong = |found: String| broken(&list, number, found, IMAGE);
         let Registered { name, c2w, camera } = image(line).map_err(wrong)?;
         let inner = inside(root, &name).map_err(wrong)?;
-        let Some(folder) = folder(root, &inner) else {
+        let Some(folder) = folder(root, &inner, &mut known) else {
             without_folder.push(name);
             continue;
         };
@@ -132,11 +132,16 @@ pub(super) fn read(root: &Path) -> Result<Reading> {
 
 /// The folder of frames of a registered image: named like the image with or without its extension, or the folder that the image
 /// is in.
-fn folder(root: &Path, image: &Path) -> Option<PathBuf> {
+fn folder(root: &Path, image: &Path, known: &mut BTreeMap<PathBuf, bool>) -> Option<PathBuf> {
     let parent = image.parent().filter(|parent| !parent.as_os_str().is_empty()).map(Path::to_path_buf);
     let names = [Some(image.to_path_buf()), Some(image.with_extension("")), parent];
-    let places = names.into_iter().flatten().flat_map(|name| BASES.map(|base| root.join(base).join(&name)));
-    places.filter(|path| path.is_dir()).find(|path| numbered(path).map_or(true, |(frames, _)| !frames.is_empty()))
+    let mut places = names.into_iter().flatten().flat_map(|name| BASES.map(|base| root.join(base).join(&name)));
+    // many images may be in one folder, which is listed once; what cannot be listed is an error when it is read
+    let mut holds_frames = |path: &PathBuf| {
+        let listed = || path.is_dir() && numbered(path).map_or(true, |(frames, _)| !frames.is_empty());
+        *known.entry(path.clone()).or_insert_with(listed)
+    };
+    places.find(|path| holds_frames(path))
 }
 
 const CAMERA: &str = "CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS";
