@@ -80,6 +80,7 @@
 mod constant;
 mod fnv1a;
 mod nearest;
+mod text;
 mod vector;
 pub mod layers;
 pub mod video;

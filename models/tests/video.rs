@@ -12,6 +12,8 @@ mod geometry;
 mod imagined;
 #[path = "video/layouts.rs"]
 mod layouts;
+#[path = "video/lists.rs"]
+mod lists;
 #[path = "video/matting.rs"]
 mod matting;
 #[path = "video/networks.rs"]
@@ -20,6 +22,8 @@ mod networks;
 mod onnx_file;
 #[path = "video/pac_nerf.rs"]
 mod pac_nerf;
+#[path = "video/readiness.rs"]
+mod readiness;
 #[path = "video/refusals.rs"]
 mod refusals;
 #[path = "video/rig.rs"]

@@ -6,9 +6,10 @@ use gradreel::{Error, ErrorKind, Result};
 
 use crate::cli::film::FilmArguments;
 use crate::cli::output::say;
-use crate::identify::WorldConfig;
+use crate::cli::reconstruct::{check_body, far_ground, usable};
+use crate::identify::{Config, WorldConfig};
 use crate::monocular::clip_of_film;
-use crate::video::{Film, FilmSettings, OpenOptions, inspect};
+use crate::video::{Film, FilmSettings, OpenOptions, inspect_and_open};
 
 /// Arguments of `gradreel check`.
 #[derive(clap::Args)]
@@ -38,7 +39,21 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     if Film::is_at(&arguments.clip) {
         return film(arguments);
     }
-    let inventory = inspect(&arguments.clip)?;
+    let (mut inventory, clip) = inspect_and_open(&arguments.clip, &OpenOptions::default())?;
+    if let Some(mut clip) = clip.filter(|clip| clip.frame_count() > 1) {
+        let config = Config::default();
+        // what a reconstruction refuses of a clip that can be opened
+        let ready = usable(&mut clip, &config).and_then(|()| check_body(&clip, &config));
+        match ready.and_then(|()| far_ground(&clip, config.world.ground)) {
+            Ok(far) => {
+                clip.assumptions.extend(far.map(|far| {
+                    format!("{far}: reconstruct needs the height of the ground (--ground), or --ground auto")
+                }))
+            }
+            Err(error) => inventory.problems.push(error.to_string()),
+        }
+        inventory.assumptions = clip.assumptions;
+    }
     say!("{inventory}");
     if inventory.is_complete() {
         return Ok(());

@@ -8,13 +8,15 @@ use crate::cli::film::FilmArguments;
 use crate::cli::imagine::{self, ImagineArguments};
 use crate::cli::output::say;
 use crate::field::{bounding_sphere, hull};
-use crate::identify::{Candidate, Config, Reconstruction, Run, compared, half_of_imagined, reconstruct};
+use crate::identify::{Candidate, Config, Reconstruction, Run, WorldConfig, compared, half_of_imagined, reconstruct};
 use crate::monocular;
 use crate::report::interrupt;
 use crate::report::progress::Progress;
 use crate::report::reconstruction::{publish, quantities};
 use crate::report::run_folder::RunFolder;
-use crate::video::{Clip, Film, OpenOptions};
+use crate::text;
+use crate::vector::minus;
+use crate::video::{Camera, Clip, Film, OpenOptions};
 
 /// Arguments of `gradreel reconstruct`.
 #[derive(clap::Args)]
@@ -92,6 +94,9 @@ by what is seen while it is elsewhere; the camera stands still.
 
 Look at a clip first with `gradreel check my/clip`. The results are in index.html of the output folder.";
 
+/// How far the ground may be from the object, in distances of the cameras from it.
+const FAR_GROUND: f64 = 10.0;
+
 /// Reconstructs a clip into a folder.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     interrupt::install()?;
@@ -162,6 +167,7 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     imagine::given(&mut clip, &config)?;
     check_shrink(&clip, config.clip.shrink)?;
     check_body(&clip, &config)?;
+    check_ground(&clip, &config)?;
     let folder = match &arguments.out {
         Some(folder) => RunFolder::create(folder)?,
         None => RunFolder::create_free(Path::new("runs"), &clip.name)?,
@@ -171,8 +177,8 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
 
 /// The configuration in a file, which the command line may complete before it is checked.
 pub(super) fn read_config(path: &Path) -> Result<Config> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|e| Error::io(path, "read the configuration", &e).fix("give the path of a TOML file to --config"))?;
+    let fix = "give the path of a TOML file to --config";
+    let text = text::read(path, "the configuration", fix, text::SETTINGS)?;
     Config::read(&text).map_err(|e| e.at(path.display()))
 }
 
@@ -192,10 +198,34 @@ fn resume(arguments: &Arguments) -> Result<(Run, Clip)> {
 }
 
 /// Refuses cameras and masks that contradict each other, and voxels that are too many.
-fn check_body(clip: &Clip, config: &Config) -> Result<()> {
+pub(super) fn check_body(clip: &Clip, config: &Config) -> Result<()> {
     let sphere = bounding_sphere(clip, 0)?;
     let spacing = if config.geometry.dx > 0.0 { 0.5 * config.geometry.dx } else { sphere.radius / 20.0 };
     hull(clip, 0, &sphere, spacing, config.geometry.hull_coverage, half_of_imagined(clip)).map(|_| ())
+}
+
+/// Refuses a ground that the object cannot be seen to touch.
+fn check_ground(clip: &Clip, config: &Config) -> Result<()> {
+    let WorldConfig { ground, find_ground, .. } = config.world;
+    match far_ground(clip, ground)?.filter(|_| !find_ground) {
+        None => Ok(()),
+        Some(far) => Err(Error::new(ErrorKind::Input, "the ground is far from what the cameras see")
+            .at("world.ground")
+            .found(far)
+            .wanted("the height of the ground below the object [m]")
+            .fix("give its height with --ground, or --ground auto")),
+    }
+}
+
+/// What is said of a ground that is so far from the object that no camera sees both.
+pub(super) fn far_ground(clip: &Clip, ground: f64) -> Result<Option<String>> {
+    let sphere = bounding_sphere(clip, 0)?;
+    let distance = |camera: &Camera| minus(camera.centre(), sphere.centre).into_iter().fold(0.0, f64::hypot);
+    let cameras = clip.cameras.iter().map(distance).fold(0.0, f64::max);
+    let height = sphere.centre[1];
+    Ok(((ground - height).abs() > FAR_GROUND * (cameras + sphere.radius)).then(|| {
+        format!("the ground at y = {ground:?} m, the object at y = {height:.3} m, {cameras:.3} m from the cameras")
+    }))
 }
 
 /// Refuses a factor that leaves fewer than eight pixels of an image's side.
@@ -226,16 +256,22 @@ pub(super) fn open(path: &Path, config: &Config) -> Result<Clip> {
     if let Some(imagined) = &config.clip.imagined {
         clip.imagine(imagined)?;
     }
+    usable(&mut clip, config)?;
+    Ok(clip)
+}
+
+/// Finds the fall that a single camera saw, and refuses a clip without motion.
+pub(super) fn usable(clip: &mut Clip, config: &Config) -> Result<()> {
     if clip.flight.is_none() {
-        monocular::sight(&mut clip, gravity)?;
+        monocular::sight(clip, config.world.gravity)?;
     }
     if clip.frame_count() < 2 {
         return Err(Error::new(ErrorKind::Input, "a clip needs at least two frames to show motion")
-            .at(path.display())
-            .found(clip.frame_count())
+            .at(clip.root.display())
+            .found(format!("{} frame", clip.frame_count()))
             .fix("raise --frames, or add images to the clip"));
     }
-    Ok(clip)
+    Ok(())
 }
 
 fn summarise(found: &Reconstruction, run: &Run) {

@@ -10,7 +10,12 @@ use super::camera::Camera;
 use super::foreground::{Foreground, Source, same_size};
 use super::image::Image;
 use super::layout::{Kind, Layout};
+use super::plausible;
 use super::select::{Selection, select};
+
+/// Most memory of a clip \[bytes\], and what a pixel needs: the image as read, colour, coverage and weight.
+const MOST_BYTES: u64 = 8 << 30;
+const BYTES_PER_PIXEL: u64 = 4 + 4 * (3 + 1 + 1);
 
 /// One image of one camera, the object alone on white.
 #[derive(Debug, Clone, PartialEq)]
@@ -141,6 +146,23 @@ impl PixelRect {
     }
 }
 
+/// Refuses images that together need too much memory, by their headers.
+fn check_bytes(layout: &Layout, jobs: &[(i64, i64)]) -> Result<()> {
+    let pixels = |&(c, f): &(i64, i64)| {
+        let (width, height) = Image::frame_size(&layout.file(Kind::Image, c, f))?;
+        Ok(width as u64 * height as u64)
+    };
+    let pixels: u64 = jobs.par_iter().map(pixels).collect::<Result<Vec<u64>>>()?.iter().sum();
+    if pixels <= MOST_BYTES / BYTES_PER_PIXEL {
+        return Ok(());
+    }
+    Err(Error::new(ErrorKind::Input, "the clip is too large")
+        .at(layout.root.display())
+        .found(format!("{} images of {} megapixels in all", jobs.len(), pixels / 1_000_000))
+        .wanted(format!("at most {} megapixels", MOST_BYTES / BYTES_PER_PIXEL / 1_000_000))
+        .fix("take fewer cameras or frames (--cameras, --frames), or export the images and their cameras smaller"))
+}
+
 impl Clip {
     /// What one camera saw of it.
     ///
@@ -183,13 +205,20 @@ impl Clip {
     ///
     /// # Errors
     /// [`ErrorKind::Input`] with the file concerned and a way out, if the folder or list is missing or malformed, a
-    /// matrix is unusable, an image is missing, corrupt, too large or of another size than its camera's others, frames
-    /// are missing or unevenly spaced in time, a camera has nothing that tells the object from the background, no
-    /// camera sees an object in some frame, or some camera never sees one.
+    /// matrix is unusable, an image is missing, corrupt, too large or of another size than its camera's others, all images
+    /// together need too much memory, frames are missing or unevenly spaced in time, times, lenses or places are not those of a
+    /// film, a camera has nothing that tells the object from the background, no camera sees an object in some frame, or some
+    /// camera never sees one.
     pub fn open(path: &Path, options: &OpenOptions) -> Result<Clip> {
-        let layout = Layout::read(path)?;
-        let Selection { cameras: ids, frames: numbers, times } = select(&layout, options)?;
+        Self::of_layout(&Layout::read(path)?, options)
+    }
+
+    /// The same of a folder whose lists were read.
+    pub(super) fn of_layout(layout: &Layout, options: &OpenOptions) -> Result<Clip> {
+        let Selection { cameras: ids, frames: numbers, times, said } = select(layout, options)?;
+        let mut assumptions = [layout.assumptions.clone(), said].concat();
         let jobs: Vec<(i64, i64)> = ids.iter().flat_map(|&c| numbers.iter().map(move |&f| (c, f))).collect();
+        check_bytes(layout, &jobs)?;
         let images: Vec<Image> =
             jobs.par_iter().map(|&(c, f)| Image::read_frame(&layout.file(Kind::Image, c, f))).collect::<Result<_>>()?;
         let count = numbers.len();
@@ -201,16 +230,22 @@ impl Clip {
             for (&number, image) in numbers.iter().zip(images) {
                 same_size(&layout.file(Kind::Image, id, number), image, id, size)?;
             }
-            sources.push(Source::choose(&layout, id, &numbers, images)?);
+            sources.push(Source::choose(layout, id, &numbers, images)?);
             let view = &layout.views[&id];
             let [fx, fy, cx, cy] = view.intrinsic;
-            cameras.push(Camera { id, width: size[0], height: size[1], fx, fy, cx, cy, c2w: view.c2w });
+            let camera = Camera { id, width: size[0], height: size[1], fx, fy, cx, cy, c2w: view.c2w };
+            assumptions.extend(plausible::camera(&camera, &layout.list)?);
+            cameras.push(camera);
+        }
+        if sources.iter().any(|source| source.foreground == Foreground::Plate) {
+            let what = "whatever differs from the background plate by more than a soft shadow is the object";
+            assumptions.push(what.to_owned());
         }
         let mut made = jobs
             .par_iter()
             .zip(&images)
             .enumerate()
-            .map(|(job, (&(c, f), image))| sources[job / count].frame(&layout, c, f, image))
+            .map(|(job, (&(c, f), image))| sources[job / count].frame(layout, c, f, image))
             .collect::<Result<Vec<Frame>>>()?
             .into_iter();
         let frames: Vec<Vec<Frame>> = ids.iter().map(|_| made.by_ref().take(count).collect()).collect();
@@ -224,7 +259,7 @@ impl Clip {
             frames,
             foreground,
             imagined: Vec::new(),
-            assumptions: layout.assumptions.clone(),
+            assumptions,
             flight: None,
             around: None,
         };

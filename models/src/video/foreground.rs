@@ -125,6 +125,14 @@ impl Source {
 
 /// Which source a camera has, by the files that exist.
 pub(super) fn choose(layout: &Layout, camera: i64, frames: &[i64], transparent: bool) -> Result<Foreground> {
+    let listed = |f: &i64| layout.path(Kind::Mask, camera, *f).filter(|path| !path.is_file());
+    if let Some(lost) = frames.iter().find_map(listed) {
+        return Err(Error::new(ErrorKind::Input, format!("a listed mask of camera {camera} does not exist"))
+            .at(layout.list.display())
+            .found(format!("no file {}", lost.display()))
+            .wanted("masks at the places that mask_path names")
+            .fix("add the mask, correct mask_path, or leave mask_path out"));
+    }
     for (kind, foreground, name) in [
         (Kind::MaskAlpha, Foreground::MaskAlpha, format!("a_{camera}_{{frame}}.png")),
         (Kind::MaskOnWhite, Foreground::MaskOnWhite, format!("m_{camera}_{{frame}}.png")),

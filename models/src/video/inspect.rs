@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 
 use gradreel::Result;
 
-use super::clip::OpenOptions;
+use super::clip::{Clip, OpenOptions};
 use super::foreground::{Foreground, choose};
 use super::image::Image;
 use super::layout::{EXCLUDED, Format, Kind, Layout, PLATE};
 use super::select::{ranges, select};
 
-/// What a clip's folder holds, what is missing, and what opening it will assume.
+/// What a clip's folder holds, what is missing, and what opening it assumes.
 #[derive(Debug, Clone)]
 pub struct Inventory {
     /// Name of the folder.
@@ -26,7 +26,7 @@ pub struct Inventory {
     pub frame_dt: Option<f64>,
     /// What keeps the clip from being opened; empty if it can be.
     pub problems: Vec<String>,
-    /// What opening will take for granted.
+    /// What opening takes for granted.
     pub assumptions: Vec<String>,
 }
 
@@ -54,39 +54,97 @@ pub struct CameraInventory {
 }
 
 impl Inventory {
-    /// Whether nothing was found that would keep the clip from being opened.
+    /// Whether the clip could be opened.
     pub fn is_complete(&self) -> bool {
         self.problems.is_empty()
     }
 }
 
-/// Looks at a clip's folder: reads the list, every image's header, and the first image of each camera.
+/// Looks at a clip's folder, and opens the clip to see whether it can be opened.
 ///
 /// # Errors
-/// As [`Clip::open`](super::Clip::open) if there is no folder or no readable list; everything else that is wrong is
-/// reported in [`Inventory::problems`].
+/// As [`Clip::open`] if there is no folder or no readable list; everything else that is wrong is reported in
+/// [`Inventory::problems`].
 pub fn inspect(path: &Path) -> Result<Inventory> {
-    let layout = Layout::read(path)?;
-    let mut problems = Vec::new();
-    let mut frame_dt = None;
-    match select(&layout, &OpenOptions::default()) {
-        Ok(selection) => {
-            frame_dt = selection.times.get(1).map(|second| second - selection.times[0]);
-        }
-        Err(error) => problems.push(error.to_string()),
-    }
-    let cameras: Vec<CameraInventory> = layout.views.keys().map(|&id| camera(&layout, id, &mut problems)).collect();
-    let assumptions = assumptions(&layout, &cameras, frame_dt);
-    let (name, format) = (layout.name(), layout.format);
-    Ok(Inventory { name, root: layout.root, layout: format, cameras, frame_dt, problems, assumptions })
+    inspect_and_open(path, &OpenOptions::default()).map(|(inventory, _)| inventory)
 }
 
+/// As [`inspect()`], of what `options` choose, with the clip if it can be opened.
+///
+/// Only opening decides whether it can be; if it cannot, the folder is searched for more problems, so that all can be corrected at
+/// once.
+///
+/// # Errors
+/// As [`inspect()`].
+pub fn inspect_and_open(path: &Path, options: &OpenOptions) -> Result<(Inventory, Option<Clip>)> {
+    let layout = Layout::read(path)?;
+    let mut problems = Vec::new();
+    let mut cameras: Vec<CameraInventory> = Vec::new();
+    let opened = Clip::of_layout(&layout, options);
+    for &id in layout.views.keys() {
+        let chosen = options.cameras.as_ref().is_none_or(|chosen| chosen.contains(&id));
+        let mut found = Vec::new();
+        cameras.push(match opened.as_ref().ok().and_then(|clip| opened_camera(&layout, clip, id)) {
+            Some(camera) => camera,
+            None => camera(&layout, id, &mut found),
+        });
+        if chosen {
+            problems.append(&mut found);
+        }
+    }
+    let (clip, frame_dt, assumptions) = match opened {
+        Ok(clip) => {
+            problems.clear();
+            let dt = Some(clip.frame_dt()).filter(|dt| *dt > 0.0);
+            let assumptions = clip.assumptions.clone();
+            (Some(clip), dt, assumptions)
+        }
+        Err(error) => {
+            let error = error.to_string();
+            if !problems.contains(&error) {
+                problems.insert(0, error);
+            }
+            let times = select(&layout, options).map(|selection| selection.times).unwrap_or_default();
+            (None, times.get(1).map(|second| second - times[0]), layout.assumptions.clone())
+        }
+    };
+    let (name, format) = (layout.name(), layout.format);
+    let inventory = Inventory { name, root: layout.root, layout: format, cameras, frame_dt, problems, assumptions };
+    Ok((inventory, clip))
+}
+
+/// What there is of a camera of a clip that was opened.
+fn opened_camera(layout: &Layout, clip: &Clip, id: i64) -> Option<CameraInventory> {
+    let at = clip.cameras.iter().position(|camera| camera.id == id)?;
+    Some(CameraInventory {
+        size: Some((clip.cameras[at].width, clip.cameras[at].height)),
+        foreground: Some(clip.foreground[at]),
+        ..listed_camera(layout, id)
+    })
+}
+
+/// What the lists and the names of the files say of a camera.
+fn listed_camera(layout: &Layout, id: i64) -> CameraInventory {
+    CameraInventory {
+        id,
+        name: layout.views[&id].name.clone(),
+        size: None,
+        listed: layout.views[&id].times.keys().copied().collect(),
+        usable: layout.usable_frames(id),
+        has_plate: layout.has(Kind::Image, id, PLATE),
+        has_excluded: layout.has(Kind::Image, id, EXCLUDED),
+        foreground: None,
+        imagined: layout.imagined.contains(&id),
+    }
+}
+
+/// What there is of a camera, by the headers of its images and the first image; what is wrong with them joins the problems.
 fn camera(layout: &Layout, id: i64, problems: &mut Vec<String>) -> CameraInventory {
-    let listed: Vec<i64> = layout.views[&id].times.keys().copied().collect();
-    let usable = layout.usable_frames(id);
+    let listed = listed_camera(layout, id);
+    let usable = &listed.usable;
     let mut size = None;
     let mut transparent = false;
-    for &frame in &usable {
+    for &frame in usable {
         let path = layout.file(Kind::Image, id, frame);
         let read = match size {
             None => Image::read_frame(&path).map(|image| {
@@ -115,34 +173,9 @@ fn camera(layout: &Layout, id: i64, problems: &mut Vec<String>) -> CameraInvento
     let foreground = if usable.is_empty() {
         None
     } else {
-        choose(layout, id, &usable, transparent).map_err(|error| problems.push(error.to_string())).ok()
+        choose(layout, id, usable, transparent).map_err(|error| problems.push(error.to_string())).ok()
     };
-    let (has_plate, has_excluded) = (layout.has(Kind::Image, id, PLATE), layout.has(Kind::Image, id, EXCLUDED));
-    let name = layout.views[&id].name.clone();
-    let imagined = layout.imagined.contains(&id);
-    CameraInventory { id, name, size, listed, usable, has_plate, has_excluded, foreground, imagined }
-}
-
-fn assumptions(layout: &Layout, cameras: &[CameraInventory], frame_dt: Option<f64>) -> Vec<String> {
-    let mut list = layout.assumptions.clone();
-    if cameras.iter().any(|camera| camera.foreground == Some(Foreground::Plate)) {
-        list.push("whatever differs from the background plate by more than a soft shadow is the object".into());
-    }
-    for camera in cameras {
-        let Some((width, height)) = camera.size else { continue };
-        let [_, _, cx, cy] = layout.views[&camera.id].intrinsic;
-        if !(0.0..=width as f64).contains(&cx) || !(0.0..=height as f64).contains(&cy) {
-            list.push(format!(
-                "camera {} looks past its image: principal point ({cx}, {cy}) outside {width} × {height} pixels; are \
-                 the intrinsics of another image size?",
-                camera.id
-            ));
-        }
-    }
-    if frame_dt.is_none() && cameras.iter().all(|camera| camera.listed.len() == 1) {
-        list.push("a single frame: shape only, no motion".into());
-    }
-    list
+    CameraInventory { size, foreground, ..listed }
 }
 
 impl fmt::Display for Inventory {
@@ -174,6 +207,10 @@ impl fmt::Display for Inventory {
                 writeln!(f, "  {title}: {}", line.replace('\n', "\n    "))?;
             }
         }
-        if self.is_complete() { write!(f, "  ready to open") } else { write!(f, "  cannot be opened as it is") }
+        f.write_str(match (self.is_complete(), self.frame_dt) {
+            (false, _) => "  cannot be used as it is",
+            (true, Some(_)) => "  ready to open",
+            (true, None) => "  ready to open as views (--views), not to reconstruct: a single frame shows no motion",
+        })
     }
 }

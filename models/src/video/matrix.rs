@@ -5,6 +5,9 @@ use serde_json::Value;
 /// Largest deviation of `R Rᵀ` from the identity that still counts as a rotation written with few digits.
 const ROTATION_TOLERANCE: f64 = 1e-3;
 
+/// Largest deviation of a last row from `0 … 0 1`, which products of matrices in single precision leave.
+const LAST_ROW_TOLERANCE: f64 = 1e-5;
+
 /// Focal lengths and principal point \[pixels\].
 pub(super) type Intrinsic = [f64; 4];
 
@@ -13,8 +16,11 @@ pub(super) type Intrinsic = [f64; 4];
 pub(super) fn camera_to_world(value: &Value, name: &str) -> Result<[[f64; 4]; 3], String> {
     let rows = rows(value, name)?;
     let fits = matches!(rows.len(), 3 | 4) && rows.iter().all(|row| row.len() == 4);
-    if !fits || (rows.len() == 4 && rows[3] != [0.0, 0.0, 0.0, 1.0]) {
+    if !fits {
         return Err(format!("{name} is {}, not 3×4", size(&rows)));
+    }
+    if let Some(row) = rows.get(3).filter(|row| !is_last(row)) {
+        return Err(format!("{name} has the fourth row {row:?}, not 0 0 0 1"));
     }
     let c2w = [0, 1, 2].map(|i| [0, 1, 2, 3].map(|j| rows[i][j]));
     let dot = |a: usize, b: usize| (0..3).map(|k| c2w[a][k] * c2w[b][k]).sum::<f64>();
@@ -48,10 +54,16 @@ pub(super) fn intrinsic(value: &Value, name: &str) -> Result<Intrinsic, String> 
     if fx <= 0.0 || fy <= 0.0 {
         return Err(format!("focal lengths must be positive, found {fx} and {fy}"));
     }
-    if rows[0][1].abs() > 1e-6 * fx || rows[1][0].abs() > 1e-6 * fx || rows[2] != [0.0, 0.0, 1.0] {
+    if rows[0][1].abs() > 1e-6 * fx || rows[1][0].abs() > 1e-6 * fx || !is_last(&rows[2]) {
         return Err(format!("{name} has entries besides fx, fy, cx, cy; skew is not supported"));
     }
     Ok([fx, fy, rows[0][2], rows[1][2]])
+}
+
+/// Whether a row is `0 … 0 1`.
+fn is_last(row: &[f64]) -> bool {
+    let last = row.len() - 1;
+    (0..).zip(row).all(|(at, x)| (x - f64::from(u8::from(at == last))).abs() <= LAST_ROW_TOLERANCE)
 }
 
 fn rows(value: &Value, name: &str) -> Result<Vec<Vec<f64>>, String> {

@@ -67,6 +67,7 @@ mod inspect;
 mod layout;
 mod matrix;
 mod matte;
+mod plausible;
 mod scale;
 mod select;
 
@@ -75,6 +76,6 @@ pub use clip::{Around, Clip, Flight, Frame, OpenOptions, PixelRect};
 pub use film::{Film, FilmSettings, MattingSettings};
 pub use foreground::Foreground;
 pub(crate) use image::Image;
-pub use inspect::{CameraInventory, Inventory, inspect};
+pub use inspect::{CameraInventory, Inventory, inspect, inspect_and_open};
 pub use layout::Format;
 pub(crate) use matte::from_white;

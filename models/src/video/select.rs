@@ -4,6 +4,7 @@ use gradreel::{Error, ErrorKind, Result};
 
 use super::clip::OpenOptions;
 use super::layout::{Format, Kind, Layout};
+use super::plausible;
 
 /// Share of a frame interval by which a time may miss the even grid.
 const TIME_TOLERANCE: f64 = 0.02;
@@ -14,6 +15,8 @@ pub(super) struct Selection {
     pub cameras: Vec<i64>,
     pub frames: Vec<i64>,
     pub times: Vec<f64>,
+    /// What is doubtful about them.
+    pub said: Vec<String>,
 }
 
 /// Applies the options; every selected camera must have every selected frame, at even times.
@@ -37,8 +40,8 @@ pub(super) fn select(layout: &Layout, options: &OpenOptions) -> Result<Selection
         complete(layout, camera, first, last)?;
     }
     let frames: Vec<i64> = (first..=last).collect();
-    let times = times(layout, &cameras, &frames)?;
-    Ok(Selection { cameras, frames, times })
+    let (times, said) = times(layout, &cameras, &frames)?;
+    Ok(Selection { cameras, frames, times, said })
 }
 
 fn cameras(layout: &Layout, options: &OpenOptions) -> Result<Vec<i64>> {
@@ -98,7 +101,8 @@ fn complete(layout: &Layout, camera: i64, first: i64, last: i64) -> Result<()> {
         .fix(format!("{fix}, or choose frames (first frame, number of frames) or cameras that are complete")))
 }
 
-fn times(layout: &Layout, cameras: &[i64], frames: &[i64]) -> Result<Vec<f64>> {
+/// The times of the frames, and what is doubtful about them.
+fn times(layout: &Layout, cameras: &[i64], frames: &[i64]) -> Result<(Vec<f64>, Vec<String>)> {
     let of = |camera: &i64| -> Vec<f64> { frames.iter().map(|frame| layout.views[camera].times[frame]).collect() };
     let times = of(&cameras[0]);
     let uneven = |what: String, found: String| {
@@ -110,30 +114,33 @@ fn times(layout: &Layout, cameras: &[i64], frames: &[i64]) -> Result<Vec<f64>> {
     };
     let count = times.len();
     if count < 2 {
-        return Ok(times);
+        return Ok((times, vec!["a single frame: shape only, no motion".to_owned()]));
     }
     let dt = (times[count - 1] - times[0]) / (count - 1) as f64;
     if dt <= 0.0 || !dt.is_finite() {
-        return Err(uneven("time does not advance".into(), format!("{dt} s between frames")));
+        return Err(uneven("time does not advance".into(), format!("{dt:?} s between frames")));
     }
+    let said = plausible::interval(dt, &layout.list)?;
     for (k, &time) in times.iter().enumerate() {
         let even = times[0] + k as f64 * dt;
         if (time - even).abs() > TIME_TOLERANCE * dt {
             let what = "the frames are not evenly spaced in time".into();
-            return Err(uneven(what, format!("frame {} at {time} s instead of {even} s", frames[k])));
+            return Err(uneven(what, format!("frame {} at {time:?} s instead of {even:?} s", frames[k])));
         }
     }
     for camera in &cameras[1..] {
         for ((&time, &reference), frame) in of(camera).iter().zip(&times).zip(frames) {
             if (time - reference).abs() > TIME_TOLERANCE * dt {
                 let what = "the cameras are not synchronous".into();
-                let found =
-                    format!("frame {frame} at {time} s (camera {camera}) and {reference} s (camera {})", cameras[0]);
+                let found = format!(
+                    "frame {frame} at {time:?} s (camera {camera}) and {reference:?} s (camera {})",
+                    cameras[0]
+                );
                 return Err(uneven(what, found));
             }
         }
     }
-    Ok(times)
+    Ok((times, said.into_iter().collect()))
 }
 
 /// Sorted numbers in words: `0–4 and 6–13`.

@@ -85,6 +85,30 @@ fn a_single_frame() {
     Scene::with_clip(&[0, 3], 1).refuses(RUN, &["clip", "two frames"]);
 }
 
+/// The object is at about y = 0.4 m, the cameras a metre or two away.
+#[test]
+fn a_ground_far_from_what_the_cameras_see() {
+    let scene = Scene::with_clip(&[0, 3], 2);
+    for (height, found) in [("1e9", "y = 1000000000.0 m"), ("-500", "y = -500.0 m"), ("1e300", "y = 1e300 m")] {
+        scene.refuses(&format!("{RUN} --ground {height}"), &["the ground is far", found, "--ground auto"]);
+    }
+    scene.write("quick.toml", "[world]\nground = -500.0\n");
+    scene.refuses(RUN, &["the ground is far", "y = -500.0 m"]);
+}
+
+#[test]
+fn settings_that_are_no_text() {
+    let scene = Scene::with_clip(&[0, 3], 2);
+    scene.write("latin.toml", b"# caf\xe9\n[world]\nground = 0.0\n");
+    scene.refuses("reconstruct clip --out out --config latin.toml", &["latin.toml", "UTF-8"]);
+    scene.refuses("reconstruct clip --out out --config clip", &["clip", "a folder", "--config"]);
+    scene.write("wide.toml", b"\xff\xfe[\0");
+    scene.refuses("reconstruct clip --out out --config wide.toml", &["wide.toml", "UTF-16"]);
+    // a byte order mark is no fault: the settings behind it hold
+    scene.write("marked.toml", "\u{feff}[world]\nground = -500.0\n");
+    scene.refuses("reconstruct clip --out out --config marked.toml", &["the ground is far"]);
+}
+
 #[test]
 fn an_output_folder_with_something_in_it() {
     let scene = Scene::with_clip(&[0, 3], 2);

@@ -89,6 +89,23 @@ fn a_hostile_size() {
     has(&builder.fails(), &["r_0_0.png", "100000 × 100000", "at most"]);
 }
 
+/// Images that together need more memory than there may be are refused by their headers.
+#[test]
+fn images_that_are_too_large_together() {
+    let builder = Builder::square(&[0], 6);
+    for frame in 0..6 {
+        let path = builder.path('r', 0, frame);
+        let mut bytes = fs::read(&path).unwrap();
+        bytes[16..20].copy_from_slice(&16_384u32.to_be_bytes());
+        bytes[20..24].copy_from_slice(&4096u32.to_be_bytes());
+        let crc = crc32(&bytes[12..29]);
+        bytes[29..33].copy_from_slice(&crc.to_be_bytes());
+        fs::write(&path, bytes).unwrap();
+    }
+    // 6 · 16384 · 4096 pixels
+    has(&builder.fails(), &["too large", "6 images of 402 megapixels", "--frames"]);
+}
+
 fn crc32(bytes: &[u8]) -> u32 {
     !bytes.iter().fold(!0u32, |crc, &byte| {
         (0..8).fold(crc ^ u32::from(byte), |crc, _| (crc >> 1) ^ (0xedb8_8320 & (crc & 1).wrapping_neg()))

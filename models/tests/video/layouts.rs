@@ -7,8 +7,8 @@ use serde_json::{Value, json};
 
 use super::builder::has;
 use super::rig::{
-    FRAMES, LENS, Place, RATE, SIZE, camera_folders, colmap, folder, open, paint, paint_mask, places, reference,
-    rotated, same, save, transforms, transforms_images, y_to_z,
+    FRAMES, LENS, Place, RATE, SIZE, camera_folders, colmap, folder, open, paint, paint_mask, places, real_capture,
+    reference, rotated, same, save, transforms, transforms_images, y_to_z,
 };
 
 #[test]
@@ -177,28 +177,7 @@ fn spring_gaus_synthetic() {
 #[test]
 fn spring_gaus_real_capture() {
     let builder = folder();
-    let [fx, fy, cx, cy] = LENS;
-    let mut calibration = json!({"camera_matrix": [[fx, 0, cx - 0.5], [0, fy, cy - 0.5], [0, 0, 1]], "distortion_coefficient": [[0.0, 0.0]]});
-    let mut sequence = json!({"hit_frame": 2});
-    // y up to z down: a quarter turn about x the other way
-    let down = [0.5f64.sqrt(), -(0.5f64.sqrt()), 0.0, 0.0];
-    for (camera, place) in places().iter().enumerate() {
-        let name = format!("C{camera}");
-        let place = place.seen_from(down, 1.0, [0.0; 3]);
-        let [w, x, y, z] = place.q;
-        let sin = (x * x + y * y + z * z).sqrt();
-        let turn = 2.0 * sin.atan2(w) / sin;
-        let [tx, ty, tz] = place.translation();
-        calibration[&name] = json!({"rvecs": [[turn * x], [turn * y], [turn * z]], "tvecs": [[tx], [ty], [tz]]});
-        let mut files = Vec::new();
-        for frame in 0..FRAMES {
-            let file = format!("{:05}", 400 + 7 * camera as i64 + frame);
-            paint(&builder.root.join(format!("dynamic/videos_images/{name}/{file}.jpg")), camera, frame, false);
-            paint_mask(&builder.root.join(format!("dynamic/videos_masks/{name}/{file}.png")));
-            files.push(format!("{file}.jpg"));
-        }
-        sequence[&name] = json!(files);
-    }
+    let (calibration, sequence) = real_capture(&builder.root);
     save(&builder.root, "dynamic/cameras_calib.json", calibration.to_string());
     save(&builder.root, "dynamic/sequences/bun/0.json", sequence.to_string());
     let mut wanted = reference();

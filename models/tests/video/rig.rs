@@ -180,6 +180,33 @@ pub fn camera_folders(root: &Path, base: &str, first: i64, step: i64, transparen
     }
 }
 
+/// Calibration and a sequence of a real capture, whose images and masks are written.
+pub fn real_capture(root: &Path) -> (Value, Value) {
+    let [fx, fy, cx, cy] = LENS;
+    let mut calibration = json!({"camera_matrix": [[fx, 0, cx - 0.5], [0, fy, cy - 0.5], [0, 0, 1]], "distortion_coefficient": [[0.0, 0.0]]});
+    let mut sequence = json!({"hit_frame": 2});
+    // y up to z down: a quarter turn about x the other way
+    let down = [0.5f64.sqrt(), -(0.5f64.sqrt()), 0.0, 0.0];
+    for (camera, place) in places().iter().enumerate() {
+        let name = format!("C{camera}");
+        let place = place.seen_from(down, 1.0, [0.0; 3]);
+        let [w, x, y, z] = place.q;
+        let sin = (x * x + y * y + z * z).sqrt();
+        let turn = 2.0 * sin.atan2(w) / sin;
+        let [tx, ty, tz] = place.translation();
+        calibration[&name] = json!({"rvecs": [[turn * x], [turn * y], [turn * z]], "tvecs": [[tx], [ty], [tz]]});
+        let mut files = Vec::new();
+        for frame in 0..FRAMES {
+            let file = format!("{:05}", 400 + 7 * camera as i64 + frame);
+            paint(&root.join(format!("dynamic/videos_images/{name}/{file}.jpg")), camera, frame, false);
+            paint_mask(&root.join(format!("dynamic/videos_masks/{name}/{file}.png")));
+            files.push(format!("{file}.jpg"));
+        }
+        sequence[&name] = json!(files);
+    }
+    (calibration, sequence)
+}
+
 /// Whether both clips have the same cameras, times (from the first frame on) and images.
 #[track_caller]
 pub fn same(clip: &Clip, wanted: &Clip) {

@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use gradreel::{Error, ErrorKind, Result};
 
-use super::files::{count, inside, last_number, numbered};
+use super::files::{count, inside, last_number, mask_beside, numbered};
 use super::poses::{Pose, from_opencv};
 use super::world::{Clock, Up};
 use super::{MAX_CAMERAS, Reading, View, malformed, text};
@@ -16,6 +16,8 @@ use crate::video::matrix::Intrinsic;
 const MODELS: [&str; 3] = ["sparse/0", "sparse", "colmap/sparse/0"];
 /// Folders that hold the cameras' folders of frames, in order of preference; the last is the clip's own.
 const BASES: [&str; 3] = ["frames", "images", ""];
+/// Images without frames that are named.
+const NAMED: usize = 8;
 /// Frame rate where none is given \[1/s\].
 const FRAMES_PER_S: f64 = 24.0;
 
@@ -31,8 +33,18 @@ pub(super) fn has_binary(root: &Path) -> bool {
     MODELS.iter().any(|folder| root.join(folder).join("images.bin").is_file())
 }
 
-/// Focal lengths and principal point of a camera, and the size of its images.
-type Lens = (Intrinsic, (usize, usize));
+/// A camera of `cameras.txt`: focal lengths and principal point with the size of its images, or why it cannot be used.
+struct Lens {
+    line: usize,
+    read: Result<(Intrinsic, (usize, usize)), String>,
+}
+
+/// An image of `images.txt`.
+struct Registered {
+    name: String,
+    c2w: [[f64; 4]; 3],
+    camera: i64,
+}
 
 /// A folder of frames behind the last number of its name, by which the cameras are sorted.
 type FrameFolder = (Option<i64>, PathBuf);
@@ -40,21 +52,25 @@ type FrameFolder = (Option<i64>, PathBuf);
 /// Reads the model and lists the folders of frames.
 pub(super) fn read(root: &Path) -> Result<Reading> {
     let list = model(root).unwrap_or_else(|| root.join(MODELS[0]).join("images.txt"));
-    let lenses = lenses(&list.with_file_name("cameras.txt"))?;
+    let cameras_list = list.with_file_name("cameras.txt");
+    let lenses = lenses(&cameras_list)?;
     let mut cameras: BTreeMap<FrameFolder, (Pose, BTreeMap<i64, PathBuf>)> = BTreeMap::new();
-    let (mut without_folder, mut without_number) = (Vec::new(), 0);
+    let (mut without_folder, mut without_number, mut known) = (Vec::new(), 0, BTreeMap::new());
     let content = text(&list)?;
-    for (number, line) in lines(&content) {
-        // every image is followed by a line of its points: numbers only
-        if line.split_whitespace().all(|word| word.parse::<f64>().is_ok()) {
-            continue;
-        }
-        let (name, pose) = image(line, &lenses).map_err(|found| broken(&list, number, found, IMAGE))?;
-        let inner = inside(&name).map_err(|found| broken(&list, number, found, IMAGE))?;
-        let Some(folder) = folder(root, &inner) else {
+    for (number, line) in image_lines(&content) {
+        let wrong = |found: String| broken(&list, number, found, IMAGE);
+        let Registered { name, c2w, camera } = image(line).map_err(wrong)?;
+        let inner = inside(root, &name).map_err(wrong)?;
+        let Some(folder) = folder(root, &inner, &mut known) else {
             without_folder.push(name);
             continue;
         };
+        let Some(lens) = lenses.get(&camera) else {
+            return Err(wrong(format!("camera {camera}, which cameras.txt lacks")));
+        };
+        // only a camera that is used must be usable
+        let (intrinsic, size) = lens.read.clone().map_err(|found| broken(&cameras_list, lens.line, found, CAMERA))?;
+        let pose = Pose { c2w, intrinsic, size: Some(size) };
         let key = (last_number(&folder), folder);
         if let Some((other, _)) = cameras.get(&key) {
             if other.same(&pose) {
@@ -85,14 +101,18 @@ pub(super) fn read(root: &Path) -> Result<Reading> {
     }
     let mut assumptions = Vec::new();
     if !without_folder.is_empty() {
-        let what = format!("{} images of the model have no folder of frames and are left out", without_folder.len());
-        assumptions.push(what);
+        let mut named = without_folder.iter().take(NAMED).map(String::as_str).collect::<Vec<_>>().join(", ");
+        if without_folder.len() > NAMED {
+            named += ", …";
+        }
+        let count = without_folder.len();
+        assumptions.push(format!("{count} images of the model have no folder of frames and are left out: {named}"));
     }
     if without_number > 0 {
         assumptions.push(format!("{without_number} images without a number in their names are no frames"));
     }
     let frames: Vec<_> = cameras.values().map(|(_, frames)| frames.clone()).collect();
-    let counted = count(root, &frames);
+    let counted = count(&frames, |image| mask_beside(root, image));
     assumptions.extend(counted.said);
     let views = (0..).zip(&cameras).zip(counted.times).map(|((id, ((_, folder), (pose, _))), times)| {
         let name = folder.strip_prefix(root).unwrap_or(folder).display().to_string();
@@ -110,40 +130,57 @@ pub(super) fn read(root: &Path) -> Result<Reading> {
     })
 }
 
-/// The folder of frames of a registered image: named like the image, or the folder that the image is in.
-fn folder(root: &Path, image: &Path) -> Option<PathBuf> {
+/// The folder of frames of a registered image: named like the image with or without its extension, or the folder that the image
+/// is in.
+fn folder(root: &Path, image: &Path, known: &mut BTreeMap<PathBuf, bool>) -> Option<PathBuf> {
     let parent = image.parent().filter(|parent| !parent.as_os_str().is_empty()).map(Path::to_path_buf);
-    let names = [Some(image.with_extension("")), parent];
-    let places = names.into_iter().flatten().flat_map(|name| BASES.map(|base| root.join(base).join(&name)));
-    places.filter(|path| path.is_dir()).find(|path| numbered(path).map_or(true, |(frames, _)| !frames.is_empty()))
+    let names = [Some(image.to_path_buf()), Some(image.with_extension("")), parent];
+    let mut places = names.into_iter().flatten().flat_map(|name| BASES.map(|base| root.join(base).join(&name)));
+    // many images may be in one folder, which is listed once; what cannot be listed is an error when it is read
+    let mut holds_frames = |path: &PathBuf| {
+        let listed = || path.is_dir() && numbered(path).map_or(true, |(frames, _)| !frames.is_empty());
+        *known.entry(path.clone()).or_insert_with(listed)
+    };
+    places.find(|path| holds_frames(path))
 }
 
 const CAMERA: &str = "CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS";
 const IMAGE: &str = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME";
 
-/// Lines that are neither blank nor comments, with their numbers from 1.
+/// Lines that are no comments, without the space around them, with their numbers from 1.
 fn lines(content: &str) -> impl Iterator<Item = (usize, &str)> {
-    (1..).zip(content.lines().map(str::trim)).filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
+    (1..).zip(content.lines().map(str::trim)).filter(|(_, line)| !line.starts_with('#'))
+}
+
+/// The lines of images. Behind each follows a line of its points, three numbers a point; it may be blank or missing.
+fn image_lines(content: &str) -> impl Iterator<Item = (usize, &str)> {
+    let mut behind_image = false;
+    lines(content).filter(move |(_, line)| {
+        let mut count = 0;
+        let numbers = line.split_whitespace().inspect(|_| count += 1).all(|word| word.parse::<f64>().is_ok());
+        let is_image = !line.is_empty() && !(behind_image && numbers && count % 3 == 0);
+        behind_image = is_image;
+        is_image
+    })
 }
 
 fn lenses(path: &Path) -> Result<BTreeMap<i64, Lens>> {
     let content = text(path)?;
     let mut lenses = BTreeMap::new();
-    for (number, line) in lines(&content) {
-        let (id, lens) = lens(line).map_err(|found| broken(path, number, found, CAMERA))?;
-        if lenses.insert(id, lens).is_some() {
-            return Err(broken(path, number, format!("a second camera {id}"), CAMERA));
+    for (line, words) in lines(&content).filter(|(_, line)| !line.is_empty()) {
+        let words: Vec<&str> = words.split_whitespace().collect();
+        let id = integer(words[0]).map_err(|found| broken(path, line, found, CAMERA))?;
+        if lenses.insert(id, Lens { line, read: lens(&words) }).is_some() {
+            return Err(broken(path, line, format!("a second camera {id}"), CAMERA));
         }
     }
     Ok(lenses)
 }
 
-fn lens(line: &str) -> Result<(i64, Lens), String> {
-    let words: Vec<&str> = line.split_whitespace().collect();
-    let [id, model, width, height, parameters @ ..] = words.as_slice() else {
+fn lens(words: &[&str]) -> Result<(Intrinsic, (usize, usize)), String> {
+    let [_, model, width, height, parameters @ ..] = words else {
         return Err(format!("{} words", words.len()));
     };
-    let id = integer(id)?;
     let side = |word: &str| match integer(word)? {
         n @ 1..=65_536 => Ok(n as usize),
         n => Err(format!("a side of {n} pixels")),
@@ -169,10 +206,10 @@ fn lens(line: &str) -> Result<(i64, Lens), String> {
     if p[0] <= 0.0 || p[focal - 1] <= 0.0 {
         return Err(format!("focal lengths must be positive, found {} and {}", p[0], p[focal - 1]));
     }
-    Ok((id, ([p[0], p[focal - 1], p[focal], p[focal + 1]], size)))
+    Ok(([p[0], p[focal - 1], p[focal], p[focal + 1]], size))
 }
 
-fn image(line: &str, lenses: &BTreeMap<i64, Lens>) -> Result<(String, Pose), String> {
+fn image(line: &str) -> Result<Registered, String> {
     let words: Vec<&str> = line.split_whitespace().collect();
     if words.len() < 10 {
         return Err(format!("{} words", words.len()));
@@ -182,7 +219,6 @@ fn image(line: &str, lenses: &BTreeMap<i64, Lens>) -> Result<(String, Pose), Str
         *value = number(word)?;
     }
     let camera = integer(words[8])?;
-    let &(intrinsic, size) = lenses.get(&camera).ok_or_else(|| format!("camera {camera}, which cameras.txt lacks"))?;
     let length = n[..4].iter().map(|q| q * q).sum::<f64>().sqrt();
     if (length - 1.0).abs() > 1e-2 {
         return Err(format!("a quaternion of length {length}"));
@@ -194,7 +230,12 @@ fn image(line: &str, lenses: &BTreeMap<i64, Lens>) -> Result<(String, Pose), Str
         [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
     ];
     let c2w = from_opencv(&rotation, [n[4], n[5], n[6]]);
-    Ok((words[9..].join(" "), Pose { c2w, intrinsic, size: Some(size) }))
+    Ok(Registered { name: rest(line, 9).to_owned(), c2w, camera })
+}
+
+/// The rest of a line behind so many words; a name keeps the space inside it.
+fn rest(line: &str, words: usize) -> &str {
+    (0..words).fold(line, |line, _| line.split_once(char::is_whitespace).map_or("", |(_, rest)| rest.trim_start()))
 }
 
 fn number(word: &str) -> Result<f64, String> {

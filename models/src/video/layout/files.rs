@@ -54,26 +54,62 @@ fn is_image(path: &Path) -> bool {
     extension.is_some_and(|e| EXTENSIONS.contains(&e.as_str()))
 }
 
-/// A path inside a folder, from a list that somebody else wrote: `..` may not lead out.
-pub(super) fn inside(listed: &str) -> Result<PathBuf, String> {
+/// The path of a listed file, relative to a folder. It may be written absolutely or with `..`, but must end inside the folder.
+///
+/// # Errors
+/// What is wrong with a path that leads out of the folder or names the folder itself.
+pub(super) fn inside(folder: &Path, listed: &str) -> Result<PathBuf, String> {
+    let plain = listed.replace('\\', "/");
+    let drive = cfg!(not(windows)) && plain.as_bytes().get(1) == Some(&b':');
+    let path = Path::new(&plain);
+    let inner = match drive || plain.contains('\0') {
+        true => None,
+        false => relative(path).or_else(|| below(folder, path)),
+    };
+    match inner {
+        None => Err(format!("the path {listed:?} leaves the clip's folder")),
+        Some(inner) if inner.as_os_str().is_empty() => Err(format!("the path {listed:?} names no file")),
+        Some(inner) => Ok(inner),
+    }
+}
+
+/// A relative path without `.` and `..`, if it stays inside.
+fn relative(path: &Path) -> Option<PathBuf> {
     let mut inner = PathBuf::new();
-    let listed = listed.replace('\\', "/");
-    let drive = listed.as_bytes().get(1) == Some(&b':');
-    for component in Path::new(&listed).components() {
+    for component in path.components() {
         match component {
             Component::Normal(part) => inner.push(part),
             Component::CurDir => {}
             Component::ParentDir if inner.pop() => {}
-            _ => return Err(format!("the path {listed:?} leaves the clip's folder")),
+            _ => return None,
         }
     }
-    if drive || listed.contains('\0') {
-        return Err(format!("the path {listed:?} leaves the clip's folder"));
+    Some(inner)
+}
+
+/// What of a path lies below a folder, whose own name may be part of the path.
+fn below(folder: &Path, path: &Path) -> Option<PathBuf> {
+    let written = std::path::absolute(folder).ok().map(|folder| flat(&folder));
+    let real = folder.canonicalize().ok();
+    let found = [&written, &real].into_iter().flatten().find_map(|folder| {
+        let path = flat(&folder.join(path));
+        path.strip_prefix(folder).ok().map(Path::to_path_buf)
+    });
+    // the same place by another name, such as /tmp for /private/tmp
+    found.or_else(|| path.canonicalize().ok()?.strip_prefix(real?).ok().map(Path::to_path_buf))
+}
+
+/// A path whose `.` and `..` are resolved by its words alone.
+fn flat(path: &Path) -> PathBuf {
+    let mut flat = PathBuf::new();
+    for component in path.components() {
+        match component {
+            Component::CurDir => {}
+            Component::ParentDir => drop(flat.pop()),
+            other => flat.push(other),
+        }
     }
-    if inner.as_os_str().is_empty() {
-        return Err(format!("the path {listed:?} names no file"));
-    }
-    Ok(inner)
+    flat
 }
 
 /// The image that a listed path means, which may lack its extension.
@@ -155,8 +191,9 @@ pub(super) struct Counted {
     pub said: Option<String>,
 }
 
-/// Counts the frames of all cameras by the numbers of their files; numbers that are all a step apart are taken together.
-pub(super) fn count(root: &Path, cameras: &[BTreeMap<i64, PathBuf>]) -> Counted {
+/// Counts the frames of all cameras by the numbers of their files; numbers that are all a step apart are taken together. `mask` is
+/// the mask of an image.
+pub(super) fn count(cameras: &[BTreeMap<i64, PathBuf>], mask: impl Fn(&Path) -> Option<PathBuf>) -> Counted {
     let numbers = || cameras.iter().flat_map(|camera| camera.keys().copied());
     let first = numbers().min().unwrap_or(0);
     let step = numbers().fold(0u64, |step, number| greatest_common_divisor(step, number.abs_diff(first)));
@@ -169,7 +206,7 @@ pub(super) fn count(root: &Path, cameras: &[BTreeMap<i64, PathBuf>]) -> Counted 
             let position = (number - first) / step;
             let frame = if step == 1 { number } else { position };
             at.insert(frame, position as f64);
-            if let Some(mask) = mask_beside(root, path) {
+            if let Some(mask) = mask(path) {
                 files.insert((Kind::Mask, camera, frame), mask);
             }
             files.insert((Kind::Image, camera, frame), path.clone());

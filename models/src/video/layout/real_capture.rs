@@ -1,6 +1,6 @@
 //! Spring-Gaus, real captures: one calibration of a few cameras, and many sequences of several objects.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -44,6 +44,7 @@ pub(super) fn read(root: &Path, sequence: Option<&Path>) -> Result<(Reading, Str
     let Value::Object(entries) = &frames else {
         return Err(wrong(&sequence, "JSON that is not an object".into()));
     };
+    let images = root.join("dynamic/videos_images");
     let (mut views, mut files) = (BTreeMap::new(), BTreeMap::new());
     for (name, names) in entries {
         let Value::Array(names) = names else { continue };
@@ -56,16 +57,20 @@ pub(super) fn read(root: &Path, sequence: Option<&Path>) -> Result<(Reading, Str
         let (Some(turn), Some(shift)) = (turn, shift) else {
             return Err(wrong(&list, format!("no three rvecs and three tvecs of camera {name}")));
         };
-        let mut times = BTreeMap::new();
+        let (mut times, mut listed) = (BTreeMap::new(), BTreeSet::new());
         for (frame, file) in (0..).zip(names) {
             let file = file.as_str().ok_or_else(|| format!("the file name {file} of camera {name}"));
-            let image =
-                file.and_then(|file| inside(&format!("{name}/{file}"))).map_err(|found| wrong(&sequence, found))?;
+            // joined to a folder, an absolute path stays what it is
+            let path = |file: &str| Path::new(name).join(file).to_string_lossy().into_owned();
+            let image = file.and_then(|file| inside(&images, &path(file))).map_err(|found| wrong(&sequence, found))?;
+            if !listed.insert(image.clone()) {
+                return Err(wrong(&sequence, format!("the image {} of camera {name} twice", image.display())));
+            }
             let mask = root.join("dynamic/videos_masks").join(image.with_extension("png"));
             if mask.is_file() {
                 files.insert((Kind::Mask, id, frame), mask);
             }
-            files.insert((Kind::Image, id, frame), root.join("dynamic/videos_images").join(image));
+            files.insert((Kind::Image, id, frame), images.join(image));
             times.insert(frame, frame as f64);
         }
         let c2w = from_opencv(&rotation(turn), shift);

@@ -1,11 +1,12 @@
 //! Spring-Gaus, synthetic: `camera.json` lists the cameras, a folder of each holds its frames.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use gradreel::{Error, ErrorKind, Result};
 use serde_json::Value;
 
-use super::files::{count, inside, numbered};
+use super::files::{count, inside, mask_beside, numbered};
 use super::world::{Clock, Up};
 use super::{MAX_CAMERAS, Reading, View, json, malformed};
 use crate::video::matrix;
@@ -25,7 +26,7 @@ pub(super) fn read(root: &Path) -> Result<Reading> {
         return Err(malformed(&list, format!("{} cameras", entries.len()), format!("1 to {MAX_CAMERAS} cameras")));
     }
     let mut cameras: Vec<(String, [[f64; 4]; 3], matrix::Intrinsic)> = Vec::new();
-    let (mut frames, mut without_number) = (Vec::new(), 0);
+    let (mut frames, mut folders, mut without_number) = (Vec::new(), BTreeSet::new(), 0);
     for (index, entry) in entries.iter().enumerate() {
         let wrong = |found: String| {
             Error::new(ErrorKind::Input, "an entry of the list of cameras is unusable")
@@ -35,16 +36,25 @@ pub(super) fn read(root: &Path) -> Result<Reading> {
                 .fix("correct the entry or export the list again")
         };
         let read = || -> Result<_, String> {
-            let name = entry["camera"].as_str().ok_or("camera is missing or not a string")?;
+            let name = match &entry["camera"] {
+                Value::String(name) => name.clone(),
+                Value::Number(number) if number.is_i64() => number.to_string(),
+                _ => return Err("camera is missing or not a name".into()),
+            };
             let c2w = matrix::camera_to_world(&entry["c2w"], "c2w")?;
             let intrinsic = matrix::intrinsic(&entry["K"], "K")?;
-            Ok((name.to_owned(), inside(name)?, c2w, intrinsic))
+            let folder = inside(root, &name)?;
+            Ok((name, folder, c2w, intrinsic))
         };
         let (name, folder, c2w, intrinsic) = read().map_err(wrong)?;
-        if cameras.iter().any(|(other, ..)| *other == name) {
+        if !folders.insert(folder.clone()) {
             return Err(wrong(format!("a second camera {name:?}")));
         }
-        let (found, without) = numbered(&root.join(folder))?;
+        let folder = root.join(folder);
+        if !folder.is_dir() {
+            return Err(wrong(format!("no folder {}", folder.display())));
+        }
+        let (found, without) = numbered(&folder)?;
         if found.is_empty() {
             return Err(wrong(format!("no frame in the folder {name:?}")));
         }
@@ -52,7 +62,7 @@ pub(super) fn read(root: &Path) -> Result<Reading> {
         frames.push(found);
         cameras.push((name, c2w, intrinsic));
     }
-    let counted = count(root, &frames);
+    let counted = count(&frames, |image| mask_beside(root, image));
     let mut assumptions: Vec<String> = counted.said.into_iter().collect();
     if without_number > 0 {
         assumptions.push(format!("{without_number} images without a number in their names are no frames"));

@@ -116,7 +116,9 @@ fn assemble(root: &Path, list: PathBuf, poses: Vec<Pose>, entries: &[Entry]) -> 
                 return Err(malformed(&list, found, "\"time\" in each entry, or frame numbers in the file names"));
             }
         }
-        let counted = count(root, &cameras);
+        let masks: BTreeMap<&Path, Option<&PathBuf>> =
+            entries.iter().map(|entry| (entry.image.as_path(), entry.mask.as_ref())).collect();
+        let counted = count(&cameras, |image| masks.get(image).copied().flatten().cloned());
         assumptions.extend(counted.said);
         if !alone {
             assumptions.push("no times are listed: frames by the last number in the file names".to_owned());
@@ -187,10 +189,10 @@ fn by_time(list: &Path, cameras: usize, entries: &[Entry]) -> Result<(Vec<BTreeM
 
 fn paths(root: &Path, frame: &Value) -> Result<(PathBuf, Option<PathBuf>), String> {
     let listed = frame["file_path"].as_str().ok_or("file_path is missing or not a string")?;
-    let image = with_extension(root.join(inside(listed)?));
+    let image = with_extension(root.join(inside(root, listed)?));
     let mask = match &frame["mask_path"] {
         Value::Null => mask_beside(root, &image),
-        Value::String(listed) => Some(root.join(inside(listed)?)),
+        Value::String(listed) => Some(with_extension(root.join(inside(root, listed)?))),
         other => return Err(format!("mask_path is {other}, not a string")),
     };
     Ok((image, mask))
