@@ -79,6 +79,7 @@
 
 mod constant;
 mod fnv1a;
+mod mesh_files;
 mod nearest;
 mod text;
 mod vector;

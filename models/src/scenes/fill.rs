@@ -6,7 +6,9 @@ use gradreel::io::npy;
 use gradreel::{Error, ErrorKind, Key, Result};
 
 use super::file::Shape;
-use super::mesh::{Mesh, ply};
+use super::mesh::{BESIDE, Mesh, ply};
+use crate::mesh_files;
+use crate::text::unmarked;
 
 /// Most lattice cells that are looked at for one shape.
 const MOST_CELLS: f64 = 2e8;
@@ -166,8 +168,7 @@ fn fill_mesh(mesh: &Mesh, spacing: f64, seed: u64) -> Result<Vec<[f64; 3]>> {
 }
 
 fn read_particles(path: &Path, scale: f64, translate: [f64; 3]) -> Result<Vec<[f64; 3]>> {
-    let bytes = std::fs::read(path)
-        .map_err(|e| Error::io(path, "read the particles", &e).fix("the path is relative to the scene file"))?;
+    let bytes = mesh_files::read(path, "the particles", BESIDE)?;
     let positions = positions_of(&bytes).map_err(|e| e.within(path.display()))?;
     Ok(positions.iter().map(|x| std::array::from_fn(|axis| scale * x[axis] + translate[axis])).collect())
 }
@@ -177,7 +178,7 @@ fn read_particles(path: &Path, scale: f64, translate: [f64; 3]) -> Result<Vec<[f
 /// # Errors
 /// [`ErrorKind::Input`] for another or a damaged file, [`ErrorKind::NonFinite`] for a position that is not finite.
 pub fn positions_of(bytes: &[u8]) -> Result<Vec<[f64; 3]>> {
-    let positions = if bytes.starts_with(b"ply") {
+    let positions = if unmarked(bytes).starts_with(b"ply") {
         ply::read(bytes)?.vertices
     } else if bytes.starts_with(b"\x93NUMPY") {
         let array = npy::from_bytes(bytes)?;

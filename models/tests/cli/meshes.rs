@@ -109,6 +109,7 @@ fn folders_that_cannot_be_used_are_refused() {
     let scene = scene();
     let run = |folder: &str| format!("train novel-view --config tiny.toml --out out --objects {folder}");
     scene.refuses(&run("nowhere"), &["nowhere", "folder"]);
+    scene.refuses(&run("things/cube.glb"), &["things/cube.glb", "no folder"]);
     fs::create_dir(scene.path("empty")).unwrap();
     scene.refuses(&run("empty"), &["no meshes", ".glb"]);
     scene.write("empty/a.glb", "glTF");

@@ -2,6 +2,7 @@
 
 mod bad_scenes;
 mod command;
+mod dialects;
 mod filling;
 mod gallery;
 mod meshes;

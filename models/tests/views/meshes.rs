@@ -35,7 +35,7 @@ impl Folder {
     }
 }
 
-fn read(bytes: &[u8], ending: &str) -> TexturedMesh {
+pub fn read(bytes: &[u8], ending: &str) -> TexturedMesh {
     TexturedMesh::from_bytes(bytes, ending, Path::new("nowhere")).unwrap()
 }
 
@@ -48,7 +48,7 @@ fn views(mesh: TexturedMesh) -> Vec<View> {
 
 /// Two meshes look the same: silhouettes exactly, colours within two bytes.
 #[track_caller]
-fn assert_same(ours: TexturedMesh, theirs: TexturedMesh) {
+pub fn assert_same(ours: TexturedMesh, theirs: TexturedMesh) {
     for (view, (ours, theirs)) in views(ours).iter().zip(&views(theirs)).enumerate() {
         assert!(ours.coverage.contains(&1.0), "view {view} shows nothing");
         assert!(ours.coverage == theirs.coverage, "silhouettes of view {view}");
@@ -300,7 +300,7 @@ fn what_cannot_be_used_is_refused() {
         ("/accessors/0/count", 23.into(), "places in the texture"),
         ("/accessors/0/type", "VEC2".into(), "places"),
         ("/accessors/0/componentType", 5130.into(), "5130"),
-        ("/accessors/0/sparse", json!({"count": 1}), "sparse"),
+        ("/accessors/0/sparse", json!({"count": 1}), "indices"),
         ("/accessors/2/componentType", 5126.into(), "accessor 2"),
         ("/bufferViews/0/byteStride", u64::MAX.into(), "accessor 0"),
         ("/bufferViews/0/byteOffset", u64::MAX.into(), "buffer view 0"),

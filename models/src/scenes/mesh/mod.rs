@@ -9,6 +9,7 @@ use std::path::Path;
 
 use gradreel::{Error, ErrorKind, Result};
 
+use crate::mesh_files;
 use crate::vector::bounds;
 
 /// A triangle mesh that encloses a volume: every edge is passed as often one way as the other.
@@ -25,11 +26,42 @@ pub(super) struct Surface {
     pub triangles: Vec<[u32; 3]>,
 }
 
+/// Most triangles of a mesh; each may have three corners for itself.
+const MOST_TRIANGLES: usize = 1 << 24;
+
 impl Surface {
-    /// Adds a face as a fan of triangles.
-    fn add_face(&mut self, corners: &[u32]) {
+    /// Adds a corner.
+    fn add_vertex(&mut self, place: [f64; 3]) -> Result<()> {
+        self.vertices.push(place);
+        Self::check_count(self.vertices.len() / 3)
+    }
+
+    /// Adds a face of three corners or more as a fan of triangles.
+    fn add_face(&mut self, corners: &[u32]) -> Result<()> {
+        Self::check_count(self.triangles.len() + corners.len())?;
         for pair in corners[1..].windows(2) {
             self.triangles.push([corners[0], pair[0], pair[1]]);
+        }
+        Ok(())
+    }
+
+    /// Adds the triangles of a strip: each corner makes one with the two before it, every other one the other way round.
+    fn add_strip(&mut self, corners: &[u32]) -> Result<()> {
+        Self::check_count(self.triangles.len() + corners.len())?;
+        for (index, three) in corners.windows(3).enumerate() {
+            let [a, b, c] = [three[0], three[1], three[2]];
+            self.triangles.push(if index % 2 == 0 { [a, b, c] } else { [b, a, c] });
+        }
+        Ok(())
+    }
+
+    fn check_count(count: usize) -> Result<()> {
+        match count <= MOST_TRIANGLES {
+            true => Ok(()),
+            false => Err(damaged("the mesh has too many triangles or corners")
+                .found(format!("{count} triangles or more, or three corners for each"))
+                .wanted(format!("at most {MOST_TRIANGLES}"))
+                .fix("simplify the mesh (Blender: the Decimate modifier)")),
         }
     }
 }
@@ -39,14 +71,16 @@ pub(super) fn damaged(what: impl Into<String>) -> Error {
     Error::new(ErrorKind::Input, what).fix("export the file again")
 }
 
+/// Which file is meant, for an error.
+pub(super) const BESIDE: &str = "the path is relative to the scene file";
+
 impl Mesh {
     /// Reads a file by its ending: `.obj`, `.ply` or `.stl`.
     ///
     /// # Errors
     /// [`ErrorKind::Input`] for a file that is missing, damaged or of another kind, and for a surface that is not closed.
     pub fn read(path: &Path) -> Result<Self> {
-        let bytes = std::fs::read(path)
-            .map_err(|e| Error::io(path, "read the mesh", &e).fix("the path is relative to the scene file"))?;
+        let bytes = mesh_files::read(path, "the mesh", BESIDE)?;
         let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
         Self::from_bytes(&bytes, &ending).map_err(|e| e.within(path.display()))
     }
@@ -58,7 +92,7 @@ impl Mesh {
     pub fn from_bytes(bytes: &[u8], ending: &str) -> Result<Self> {
         let surface = match ending {
             "obj" => obj::read(bytes)?,
-            "ply" => ply::read(bytes)?,
+            "ply" => ply::solid(bytes)?,
             "stl" => stl::read(bytes)?,
             other => {
                 return Err(Error::new(ErrorKind::Input, "this is no kind of mesh that can be read")

@@ -1,13 +1,14 @@
-//! PLY: corners (or particles) and faces, as text or binary of either byte order. Other properties are passed over.
+//! PLY: corners (or particles) and faces or strips of triangles, as text or binary of either byte order. Other elements and
+//! properties are passed over.
 
 use gradreel::Result;
 
 use super::{Surface, damaged};
+use crate::mesh_files::text;
+use crate::text::unmarked;
 
-/// Longest header that is looked at.
+/// Longest line of a header that is looked at.
 const LONGEST_HEADER: usize = 1 << 16;
-/// Most corners of a face.
-const MOST_CORNERS: usize = 1 << 16;
 
 #[derive(Clone, Copy, PartialEq)]
 enum Format {
@@ -54,20 +55,65 @@ struct Element {
     properties: Vec<Property>,
 }
 
+/// What the list of corners of an element is.
+#[derive(Clone, Copy, PartialEq)]
+enum Corners {
+    Polygon,
+    /// Strips, each before a −1 or the end.
+    Strips,
+    /// Fans, likewise.
+    Fans,
+}
+
+impl Element {
+    /// What its corners are, and the property that lists them.
+    fn corners(&self) -> Option<(Corners, usize)> {
+        let kind = match self.name.as_str() {
+            "face" => Corners::Polygon,
+            "tristrips" | "tristrip" => Corners::Strips,
+            "trifans" | "trifan" => Corners::Fans,
+            _ => return None,
+        };
+        let lists = |p: &Property| p.list.is_some() && p.name.starts_with("vertex_ind");
+        self.properties.iter().position(lists).map(|property| (kind, property))
+    }
+
+    /// The properties that hold the place of a corner.
+    fn place(&self) -> Result<Option<[usize; 3]>> {
+        if self.name != "vertex" {
+            return Ok(None);
+        }
+        let axis = |name: &str| self.properties.iter().position(|p| p.name == name && p.list.is_none());
+        match [axis("x"), axis("y"), axis("z")] {
+            [Some(x), Some(y), Some(z)] => Ok(Some([x, y, z])),
+            _ => Err(damaged("the corners of the file have no coordinates").wanted("properties x, y and z")),
+        }
+    }
+}
+
 /// Reads corners and faces; a file without faces is a point cloud.
 pub(in crate::scenes) fn read(bytes: &[u8]) -> Result<Surface> {
     let (format, elements, body) = header(bytes)?;
+    of_elements(format, &elements, body)
+}
+
+/// As [`read`], for a file that must have faces.
+pub(super) fn solid(bytes: &[u8]) -> Result<Surface> {
+    let (format, elements, body) = header(bytes)?;
+    if !elements.iter().any(|element| element.count > 0 && element.corners().is_some()) {
+        let listed = |element: &Element| format!("{} {}", element.count, element.name);
+        return Err(damaged("the mesh has no faces that can be read")
+            .found(elements.iter().map(listed).collect::<Vec<_>>().join(", "))
+            .wanted("an element `face` or `tristrips` with a list `vertex_indices`"));
+    }
+    of_elements(format, &elements, body)
+}
+
+fn of_elements(format: Format, elements: &[Element], body: &[u8]) -> Result<Surface> {
     let mut values = Values { format, rest: body };
     let mut surface = Surface::default();
-    for element in &elements {
-        let axis = |name: &str| element.properties.iter().position(|p| p.name == name && p.list.is_none());
-        let place = match [axis("x"), axis("y"), axis("z")] {
-            [Some(x), Some(y), Some(z)] if element.name == "vertex" => Some([x, y, z]),
-            _ if element.name == "vertex" => {
-                return Err(damaged("the corners of the file have no coordinates").wanted("properties x, y and z"));
-            }
-            _ => None,
-        };
+    for element in elements.iter().filter(|element| element.count > 0) {
+        let (place, faces) = (element.place()?, element.corners());
         let least: usize = element.properties.iter().map(|p| p.list.unwrap_or(p.number).bytes).sum();
         if element.properties.is_empty() || (format != Format::Text && element.count > values.rest.len() / least.max(1))
         {
@@ -78,33 +124,37 @@ pub(in crate::scenes) fn read(bytes: &[u8]) -> Result<Surface> {
         for index in 0..element.count {
             row.clear();
             corners.clear();
-            for property in &element.properties {
+            for (number, property) in element.properties.iter().enumerate() {
                 let mut next = |number| values.next(number).ok_or_else(|| short(element, index));
                 let Some(length) = property.list else {
                     row.push(next(property.number)?);
                     continue;
                 };
                 let count = next(length)?;
-                if !(0.0..=MOST_CORNERS as f64).contains(&count) {
+                if count < 0.0 || count.fract() != 0.0 {
                     return Err(damaged("a list of the file has an impossible length")
                         .at(format!("{} {index}", element.name))
                         .found(count)
-                        .wanted(format!("0 to {MOST_CORNERS}")));
+                        .wanted("a whole number, not below 0"));
                 }
                 row.push(count);
-                for _ in 0..count as usize {
+                let wanted = faces.is_some_and(|(_, lists)| lists == number);
+                if wanted {
+                    Surface::check_count(count as usize)?;
+                }
+                // Beyond the numbers that there are, `next` fails.
+                for _ in 0..count as u64 {
                     let value = next(property.number)?;
-                    if element.name == "face" && property.name.starts_with("vertex_ind") {
-                        // Beyond u32 and below 0 the cast saturates; the mesh checks the range.
-                        corners.push(if value < 0.0 { u32::MAX } else { value as u32 });
+                    if wanted {
+                        corners.push(value);
                     }
                 }
             }
             if let Some(place) = place {
-                surface.vertices.push(place.map(|k| row[k]));
+                surface.add_vertex(place.map(|k| row[k]))?;
             }
-            if corners.len() >= 3 {
-                surface.add_face(&corners);
+            if let Some((kind, _)) = faces {
+                add_corners(&mut surface, kind, &corners).map_err(|e| e.at(format!("{} {index}", element.name)))?;
             }
         }
     }
@@ -114,21 +164,52 @@ pub(in crate::scenes) fn read(bytes: &[u8]) -> Result<Surface> {
     Ok(surface)
 }
 
+/// Adds the triangles of a list of corners. A face of one or two corners has none.
+fn add_corners(surface: &mut Surface, kind: Corners, listed: &[f64]) -> Result<()> {
+    // −1 of a list without signs is its greatest number.
+    let restarts = |number: &f64| kind != Corners::Polygon && [-1.0, f64::from(u32::MAX)].contains(number);
+    for part in listed.split(restarts) {
+        let number = |value: &f64| {
+            let whole = (0.0..f64::from(u32::MAX)).contains(value) && value.fract() == 0.0;
+            whole.then_some(*value as u32).ok_or_else(|| {
+                damaged("a face of the mesh names a corner that there is not").found(value).wanted("a number from 0")
+            })
+        };
+        let corners = part.iter().map(number).collect::<Result<Vec<u32>>>()?;
+        match kind {
+            _ if corners.len() < 3 => {}
+            Corners::Strips => surface.add_strip(&corners)?,
+            Corners::Polygon | Corners::Fans => surface.add_face(&corners)?,
+        }
+    }
+    Ok(())
+}
+
 fn short(element: &Element, index: usize) -> gradreel::Error {
     damaged("the file is cut short, or holds something other than numbers")
         .at(format!("{} {index}", element.name))
         .wanted(format!("{} of them", element.count))
 }
 
+/// The format, the elements and what is behind the header, whose lines end as the first one does.
 fn header(bytes: &[u8]) -> Result<(Format, Vec<Element>, &[u8])> {
-    let fault = |found: &str| damaged("the header of the PLY file cannot be read").found(format!("`{found}`"));
+    let fault = |found: &str| {
+        let found = text::shown(found);
+        damaged("the header of the PLY file cannot be read").found(format!("`{found}`"))
+    };
     let mut format = None;
     let mut elements: Vec<Element> = Vec::new();
-    let mut rest = bytes;
+    let mut rest = unmarked(bytes);
+    let first_end = rest.iter().position(|b| matches!(b, b'\n' | b'\r'));
+    let old_mac = first_end.is_some_and(|end| rest[end] == b'\r' && rest.get(end + 1) != Some(&b'\n'));
     for number in 0.. {
         let window = &rest[..rest.len().min(LONGEST_HEADER)];
-        let Some(end) = window.iter().position(|&b| b == b'\n') else {
-            return Err(damaged("the header of the PLY file does not end").wanted("a line `end_header`"));
+        let Some(end) = window.iter().position(|&b| b == if old_mac { b'\r' } else { b'\n' }) else {
+            let begins = number > 0 || window.starts_with(b"ply");
+            return Err(match begins {
+                true => damaged("the header of the PLY file does not end").wanted("a line `end_header`"),
+                false => fault(&String::from_utf8_lossy(&window[..window.len().min(80)])).wanted("`ply`"),
+            });
         };
         let line = String::from_utf8_lossy(&rest[..end]);
         rest = &rest[end + 1..];
@@ -136,7 +217,7 @@ fn header(bytes: &[u8]) -> Result<(Format, Vec<Element>, &[u8])> {
         let words: Vec<&str> = line.split_whitespace().collect();
         match words[..] {
             ["ply"] if number == 0 => {}
-            _ if number == 0 => return Err(fault(&line.chars().take(40).collect::<String>()).wanted("`ply`")),
+            _ if number == 0 => return Err(fault(line).wanted("`ply`")),
             ["format", name, _] => {
                 format = match name {
                     "ascii" => Some(Format::Text),

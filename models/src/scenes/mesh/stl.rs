@@ -1,64 +1,121 @@
-//! STL: triangles without shared corners, binary or as text.
+//! STL: facets without shared corners, binary or as text.
 
-use gradreel::Result;
+use gradreel::{Error, Result};
 
 use super::{Surface, damaged};
+use crate::mesh_files::text;
 
 /// Bytes before the triangles of a binary file, and of each triangle.
 const HEADER: usize = 84;
 const TRIANGLE: usize = 50;
 
 /// Reads triangles.
+///
+/// Either kind may begin with `solid`: text has no zero bytes and says `vertex`; binary files say how long they are.
 pub(super) fn read(bytes: &[u8]) -> Result<Surface> {
-    // Binary files may begin with "solid", too; their length tells.
     let count = bytes.get(80..HEADER).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
     let length = count.map(|count| HEADER + TRIANGLE * count);
-    if length == Some(bytes.len()) {
-        return Ok(binary(&bytes[HEADER..]));
+    if length != Some(bytes.len())
+        && let Ok(text) = text::decoded(bytes)
+    {
+        return ascii(&text);
     }
-    if let Some(text) = std::str::from_utf8(bytes).ok().filter(|text| text.trim_start().starts_with("solid")) {
-        return ascii(text);
+    match (count, length) {
+        (Some(count), Some(length)) if length <= bytes.len() => {
+            let (triangles, behind) = bytes[HEADER..].split_at(TRIANGLE * count);
+            check_behind(count, behind)?;
+            binary(triangles)
+        }
+        (Some(count), Some(length)) => Err(damaged("the mesh is cut short, or no STL")
+            .found(format!("{} bytes, which are {} triangles at most", bytes.len(), (bytes.len() - HEADER) / TRIANGLE))
+            .wanted(format!("{length} bytes for the {count} triangles that it announces"))),
+        _ => Err(damaged("the mesh is cut short, or no STL")
+            .found(format!("{} bytes", bytes.len()))
+            .wanted(format!("at least {HEADER} bytes, or text that begins with `solid`"))),
     }
-    let wanted = match (count, length) {
-        (Some(count), Some(length)) => format!("{length} bytes for the {count} triangles that it announces"),
-        _ => format!("at least {HEADER} bytes, or text that begins with `solid`"),
-    };
-    Err(damaged("the mesh is cut short, or no STL").found(format!("{} bytes", bytes.len())).wanted(wanted))
 }
 
-fn binary(triangles: &[u8]) -> Surface {
+/// What is behind the last triangle is passed over, unless it is triangles, too: then their number is wrong.
+fn check_behind(count: usize, behind: &[u8]) -> Result<()> {
+    let triangles = behind.len() / TRIANGLE;
+    let is_one = |triangle: &[u8]| {
+        let [a, b, c] = corners(triangle);
+        [a, b, c].as_flattened().iter().all(|x| x.is_finite()) && a != b && b != c && c != a
+    };
+    if triangles > 0 && behind.len().is_multiple_of(TRIANGLE) && behind.chunks_exact(TRIANGLE).any(is_one) {
+        return Err(damaged("the mesh has another number of triangles than it announces")
+            .found(format!("bytes of {triangles} more behind the {count} that it announces"))
+            .wanted(format!("the number {} at byte 80, or the end of the file there", count + triangles)));
+    }
+    Ok(())
+}
+
+fn corners(triangle: &[u8]) -> [[f64; 3]; 3] {
+    let number = |k: usize| f64::from(f32::from_le_bytes(triangle[12 + 4 * k..][..4].try_into().expect("four bytes")));
+    [0, 1, 2].map(|corner| [0, 1, 2].map(|axis| number(3 * corner + axis)))
+}
+
+fn binary(triangles: &[u8]) -> Result<Surface> {
     let mut surface = Surface::default();
     for triangle in triangles.chunks_exact(TRIANGLE) {
-        let number =
-            |k: usize| f64::from(f32::from_le_bytes(triangle[12 + 4 * k..][..4].try_into().expect("four bytes")));
-        let first = surface.vertices.len() as u32;
-        surface.vertices.extend((0..3).map(|corner| [0, 1, 2].map(|axis| number(3 * corner + axis))));
-        surface.triangles.push([first, first + 1, first + 2]);
+        add_facet(&mut surface, &corners(triangle))?;
     }
-    surface
+    Ok(surface)
 }
 
+/// Adds a facet with corners of its own.
+fn add_facet(surface: &mut Surface, corners: &[[f64; 3]]) -> Result<()> {
+    let first = surface.vertices.len() as u32;
+    corners.iter().try_for_each(|corner| surface.add_vertex(*corner))?;
+    surface.triangles.extend((2..corners.len() as u32).map(|k| [first, first + k - 1, first + k]));
+    Ok(())
+}
+
+/// Words in large or small letters: `vertex x y z`, three or more between `loop` and `endloop`, and `endsolid` at the end.
 fn ascii(text: &str) -> Result<Surface> {
     let mut surface = Surface::default();
-    for (number, line) in text.lines().enumerate() {
-        let Some(rest) = line.trim_start().strip_prefix("vertex") else { continue };
-        // Through f32, as in a binary file, so that the same corner written twice stays the same.
-        let values: Vec<f64> = rest.split_whitespace().map_while(|w| w.parse::<f32>().ok()).map(f64::from).collect();
-        let Ok(vertex) = values.try_into() else {
-            let place = format!("line {}", number + 1);
-            return Err(damaged("a corner of the mesh cannot be read")
-                .at(place)
-                .found(line.trim())
-                .wanted("vertex x y z"));
-        };
-        surface.vertices.push(vertex);
+    let mut corners = Vec::new();
+    let (mut facets, mut ended) = (0, false);
+    for (index, line) in text::lines(text).enumerate() {
+        let refused = |what: &str, wanted: &str| refused(index, line, what, wanted);
+        let mut words = line.split_whitespace().peekable();
+        let is = |word: &&str, name: &str| word.eq_ignore_ascii_case(name);
+        // The name of the solid may be anything.
+        if let Some(word) = words.next_if(|word| is(word, "solid") || is(word, "endsolid")) {
+            ended = is(&word, "endsolid");
+            continue;
+        }
+        while let Some(word) = words.next() {
+            if is(&word, "vertex") {
+                // Through f32, as in a binary file, so that the same corner written twice stays the same.
+                let values: Vec<f64> =
+                    words.by_ref().take(3).map_while(|word| word.parse::<f32>().ok()).map(f64::from).collect();
+                let corner = values.try_into();
+                corners.push(corner.map_err(|_| refused("a corner of the mesh cannot be read", "vertex x y z"))?);
+            } else if is(&word, "endloop") {
+                if corners.len() < 3 {
+                    return Err(refused("a facet of the mesh has too few corners", "three before `endloop`"));
+                }
+                add_facet(&mut surface, &corners)?;
+                corners.clear();
+                facets += 1;
+            }
+        }
     }
-    let count = surface.vertices.len();
-    if count % 3 != 0 || !text.contains("endsolid") {
+    if facets == 0 && corners.is_empty() {
+        let first = text::lines(text).find(|line| !line.trim().is_empty()).map(text::shown).unwrap_or_default();
+        return Err(damaged("the file is no STL")
+            .found(format!("text without a facet that begins with `{first}`"))
+            .wanted("`solid`, facets with `vertex x y z`, and `endsolid`; or binary STL"));
+    }
+    if !corners.is_empty() || !ended {
         return Err(damaged("the mesh is cut short")
-            .found(format!("{count} corners"))
-            .wanted("three for each triangle, and `endsolid` at the end"));
+            .found(format!("{facets} facets, and {} corners of another", corners.len()))
+            .wanted("`endloop` behind the corners of each, and `endsolid` at the end"));
     }
-    surface.triangles = (0..count as u32 / 3).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
     Ok(surface)
+}
+
+fn refused(index: usize, line: &str, what: &str, wanted: &str) -> Error {
+    damaged(what).at(format!("line {}", index + 1)).found(text::shown(line)).wanted(wanted)
 }

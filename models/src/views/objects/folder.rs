@@ -69,8 +69,15 @@ impl MeshFolder {
     /// when others come, and an object in two formats is not on both. Each side has at least one file if there are two.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] when there are no meshes, or none that can be used.
+    /// [`ErrorKind::Input`] for something that is no folder, and when there are no meshes, or none that can be used.
     pub fn open(root: &Path, settings: FolderSettings, read: &(dyn Fn() + Sync)) -> Result<Self> {
+        if root.exists() && !root.is_dir() {
+            return Err(Error::new(ErrorKind::Input, "the meshes are looked for in a folder")
+                .at(root.display())
+                .found("something that is no folder")
+                .wanted("a folder with `.obj`, `.glb` or `.gltf` files")
+                .fix("put the mesh into a folder and give that"));
+        }
         let mut files = Vec::new();
         list(root, "", &mut files)?;
         files.sort();

@@ -1,19 +1,16 @@
 //! Files that a mesh names: only those in its own folder are read, and none that is too large.
 
 use std::cell::Cell;
-use std::fs::File;
-use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
 use gradreel::{Error, ErrorKind, Result};
 
-/// Largest file, and most bytes of all files beside a mesh.
-pub(super) const LARGEST: u64 = 256 << 20;
+use crate::mesh_files::{self, LARGEST};
 
 /// The folder of a mesh.
 pub(super) struct Beside {
     folder: PathBuf,
-    /// Bytes that may still be read.
+    /// Bytes that may still be read, of [`LARGEST`] for all files beside a mesh.
     left: Cell<u64>,
 }
 
@@ -47,13 +44,9 @@ impl Beside {
         if !whole.starts_with(&folder) {
             return Err(outside("a link that leads elsewhere".into()));
         }
-        let bytes = read(&whole, what).map_err(|e| e.at(named))?;
-        match self.left.get().checked_sub(bytes.len() as u64) {
-            Some(left) => self.left.set(left),
-            None => {
-                return Err(too_large(named, what, format!("more than {} MB with the files before it", LARGEST >> 20)));
-            }
-        }
+        let bytes = mesh_files::read(&whole, what, "remove or replace the file").map_err(|e| e.at(named))?;
+        let left = self.left.get().checked_sub(bytes.len() as u64);
+        self.left.set(left.ok_or_else(|| too_large(named, what))?);
         Ok(bytes)
     }
 
@@ -83,26 +76,10 @@ impl Beside {
     }
 }
 
-/// Reads a regular file of at most [`LARGEST`] bytes.
-pub(super) fn read(path: &Path, what: &str) -> Result<Vec<u8>> {
-    let io = |e: std::io::Error| Error::io(path, &format!("read {what}"), &e).fix("check the path and its permissions");
-    let kind = path.metadata().map_err(io)?;
-    if !kind.is_file() {
-        let error = Error::new(ErrorKind::Input, format!("cannot read {what}")).at(path.display());
-        return Err(error.found("something that is no file").wanted("a file").fix("remove or replace it"));
-    }
-    let mut bytes = Vec::new();
-    File::open(path).map_err(io)?.take(LARGEST + 1).read_to_end(&mut bytes).map_err(io)?;
-    match bytes.len() as u64 <= LARGEST {
-        true => Ok(bytes),
-        false => Err(too_large(&path.display().to_string(), what, format!("{} MB", kind.len() >> 20))),
-    }
-}
-
-fn too_large(at: &str, what: &str, found: String) -> Error {
+fn too_large(at: &str, what: &str) -> Error {
     Error::new(ErrorKind::Input, format!("{what} is too large"))
         .at(at)
-        .found(found)
+        .found(format!("more than {} MB with the files before it", LARGEST >> 20))
         .wanted(format!("at most {} MB", LARGEST >> 20))
         .fix("simplify the mesh, or shrink its textures")
 }

@@ -22,6 +22,7 @@ pub(super) use turned::Turned;
 use self::beside::Beside;
 use self::bvh::Bvh;
 use self::paint::Paint;
+use crate::mesh_files;
 use crate::vector::{cross, dot, minus};
 
 /// Endings of the files that are read.
@@ -77,7 +78,7 @@ impl TexturedMesh {
     pub(super) fn read_inside(path: &Path, name: impl Display) -> Result<Self> {
         let folder = path.parent().unwrap_or(Path::new(""));
         let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default();
-        let bytes = beside::read(path, "the mesh").map_err(|e| e.at(&name))?;
+        let bytes = mesh_files::read(path, "the mesh", "check the path").map_err(|e| e.at(&name))?;
         Self::from_bytes(&bytes, &ending, folder).map_err(|e| e.within(name))
     }
 

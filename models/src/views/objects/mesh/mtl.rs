@@ -9,6 +9,8 @@ use gradreel::Result;
 use super::beside::Beside;
 use super::damaged;
 use super::paint::{Ends, Paint, Picture};
+use crate::mesh_files::text;
+use crate::mesh_files::wavefront::{self, uncommented};
 
 /// Most pictures of a mesh.
 pub(super) const MOST_PICTURES: usize = 256;
@@ -41,7 +43,9 @@ impl Material {
                 if known.len() >= MOST_PICTURES {
                     return Err(damaged("the mesh has too many textures").wanted(format!("at most {MOST_PICTURES}")));
                 }
-                let bytes = beside.read(file, "the texture of the mesh")?;
+                let bare = uncommented(file);
+                let there = if beside.has(file) || bare.is_empty() { file } else { bare };
+                let bytes = beside.read(there, "the texture of the mesh")?;
                 let picture = Arc::new(Picture::decode(&bytes, file)?);
                 known.insert(file.clone(), picture.clone());
                 picture
@@ -54,29 +58,25 @@ impl Material {
 
 /// Reads the materials of a file.
 pub(super) fn read(bytes: &[u8]) -> Result<Vec<Material>> {
-    let text = String::from_utf8_lossy(bytes);
+    let text = text::decoded(bytes)?;
     let mut materials: Vec<Material> = Vec::new();
-    for (number, line) in text.lines().enumerate() {
-        let line = line.trim();
-        let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
-        let rest = rest.trim();
+    for line in wavefront::lines(&text) {
+        let refused = |wanted: &str| {
+            let error = damaged("a line of the materials cannot be read").at(format!("line {}", line.number));
+            error.found(line.shown()).wanted(wanted)
+        };
+        let word = line.word();
         if word == "newmtl" {
-            materials.push(Material { name: rest.to_owned(), colour: None, picture: None });
+            materials.push(Material { name: line.name().to_owned(), colour: None, picture: None });
         }
         let Some(material) = materials.last_mut() else { continue };
-        match word {
-            "Kd" => material.colour = Some(colour(rest).ok_or_else(|| refused(number, line, "Kd r g b, from 0 to 1"))?),
-            "map_Kd" => {
-                material.picture = Some(picture(rest).ok_or_else(|| refused(number, line, "map_Kd and a file"))?);
-            }
-            _ => {}
+        if word == "Kd" {
+            material.colour = Some(colour(line.values()).ok_or_else(|| refused("Kd r g b, from 0 to 1"))?);
+        } else if word.eq_ignore_ascii_case("map_Kd") {
+            material.picture = Some(picture(line.name()).ok_or_else(|| refused("map_Kd and a file"))?);
         }
     }
     Ok(materials)
-}
-
-fn refused(number: usize, line: &str, wanted: &str) -> gradreel::Error {
-    damaged("a line of the materials cannot be read").at(format!("line {}", number + 1)).found(line).wanted(wanted)
 }
 
 /// Three numbers, or one for all.

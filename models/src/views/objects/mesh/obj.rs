@@ -1,7 +1,5 @@
-//! Wavefront OBJ with colours: `v x y z [r g b]`, `vt u v` (v upwards), `vn x y z`, `f corner/texture/normal …`, `mtllib` and
-//! `usemtl`; all else is passed over. Faces with more than three corners are fans of triangles.
+//! Wavefront OBJ with colours and materials. Faces with more than three corners are fans of triangles.
 
-use std::borrow::Cow;
 use std::collections::HashMap;
 
 use gradreel::Result;
@@ -11,6 +9,8 @@ use super::mtl::{self, GREY, Material};
 use super::paint::Paint;
 use super::surface::{Corner, Surface};
 use super::{Triangle, damaged};
+use crate::mesh_files::obj::{self, Item};
+use crate::mesh_files::wavefront::uncommented;
 
 /// No texture or normal at a corner.
 const NONE: u32 = u32::MAX;
@@ -35,48 +35,35 @@ struct Reader {
 /// Reads a surface and its materials.
 pub(super) fn read(bytes: &[u8], beside: &Beside) -> Result<Surface> {
     let mut reader = Reader::default();
-    let text = String::from_utf8_lossy(bytes);
-    let mut lines = text.lines().enumerate();
-    while let Some((number, line)) = lines.next() {
-        let mut line = Cow::Borrowed(line);
-        // goes on in the next one
-        while line.ends_with('\\') && !line.starts_with('#') {
-            let whole = line.to_mut();
-            whole.pop();
-            whole.push(' ');
-            whole.push_str(lines.next().map_or("", |(_, next)| next));
-        }
-        reader.line(line.trim()).map_err(|wanted| {
-            let found: String = line.chars().take(80).collect();
-            damaged("a line of the mesh cannot be read").at(format!("line {}", number + 1)).found(found).wanted(wanted)
-        })?;
+    obj::read(bytes, true, |item| {
+        reader.take(item);
         let longest = [reader.corners.len(), reader.places.len(), reader.uvs.len(), reader.normals.len()];
-        Surface::check_count(longest.into_iter().fold(0, usize::max) / 3)?;
-    }
+        Surface::check_count(longest.into_iter().fold(0, usize::max) / 3)
+    })?;
     reader.surface(beside)
 }
 
 impl Reader {
-    /// Takes a line, or says what it should have been.
-    fn line(&mut self, line: &str) -> Result<(), String> {
-        let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
-        match word {
-            "v" => {
-                let numbers: Vec<f64> = rest.split_whitespace().map_while(|word| word.parse().ok()).collect();
-                let place = numbers.first_chunk().ok_or("v x y z, or v x y z r g b")?;
-                self.places.push(*place);
-                let colour = numbers.get(3..6).map(|rgb| [0, 1, 2].map(|c| rgb[c] as f32));
+    fn take(&mut self, item: Item<'_>) {
+        match item {
+            Item::Place(place, colour) => {
+                self.places.push(place);
                 self.colours.push(colour);
             }
-            "vt" => {
-                let [u, v] = numbers(rest).ok_or("vt u v")?;
-                self.uvs.push([u, 1.0 - v]);
+            Item::Uv([u, v]) => self.uvs.push([u, 1.0 - v]),
+            Item::Normal(normal) => self.normals.push(normal),
+            Item::Face(corners) => {
+                let key = |corner: &obj::Corner| {
+                    [corner.place, corner.uv.unwrap_or(NONE), corner.normal.unwrap_or(NONE), self.material]
+                };
+                for pair in corners[1..].windows(2) {
+                    self.corners.extend([corners[0], pair[0], pair[1]].iter().map(key));
+                }
             }
-            "vn" => self.normals.push(numbers(rest).ok_or("vn x y z")?),
-            "f" => self.face(rest)?,
-            "mtllib" => self.libraries.push(rest.trim().to_owned()),
-            "usemtl" => {
-                let name = rest.trim();
+            Item::Libraries("") => {}
+            Item::Libraries(names) => self.libraries.push(names.to_owned()),
+            Item::Material("") => self.material = 0,
+            Item::Material(name) => {
                 self.material = match self.numbers.get(name) {
                     Some(known) => *known,
                     None => {
@@ -86,52 +73,25 @@ impl Reader {
                     }
                 };
             }
-            _ => {}
         }
-        Ok(())
-    }
-
-    fn face(&mut self, rest: &str) -> Result<(), String> {
-        let counts = [self.places.len(), self.uvs.len(), self.normals.len()];
-        let corner = |word: &str| -> Option<[u32; 4]> {
-            let mut found = [NONE, NONE, NONE, self.material];
-            for (kind, index) in word.split('/').enumerate() {
-                let count = *counts.get(kind)? as i64;
-                if index.is_empty() && kind > 0 {
-                    continue;
-                }
-                let index: i64 = index.parse().ok()?;
-                let index = if index < 0 { count.checked_add(index)? } else { index - 1 };
-                // faces without their normals are flat
-                let there = (0..count).contains(&index).then_some(index as u32);
-                found[kind] = if kind == 2 { there.unwrap_or(NONE) } else { there? };
-            }
-            Some(found)
-        };
-        let corners: Option<Vec<[u32; 4]>> = rest.split_whitespace().map(corner).collect();
-        let corners = corners.filter(|corners| corners.len() >= 3).ok_or_else(|| {
-            let [places, uvs, _] = counts;
-            format!("f and at least three of the {places} corners and {uvs} texture places before it")
-        })?;
-        for pair in corners[1..].windows(2) {
-            self.corners.extend([corners[0], pair[0], pair[1]]);
-        }
-        Ok(())
     }
 
     fn surface(self, beside: &Beside) -> Result<Surface> {
         let libraries = self.read_libraries(beside)?;
         let given: HashMap<&str, &Material> = libraries.iter().map(|material| (&*material.name, material)).collect();
+        // a name may hold a `#`, or a comment may follow it
+        let bare: HashMap<&str, &Material> =
+            given.iter().map(|(name, material)| (uncommented(name), *material)).collect();
         let mut surface = Surface { paints: vec![Paint::default()], ..Surface::default() };
         let (mut tints, mut known) = (vec![GREY], HashMap::new());
         for name in &self.materials {
-            // without a library every surface is grey
-            if self.libraries.is_empty() {
+            // without a library every surface is grey, and one without a name but a comment
+            if self.libraries.is_empty() || (uncommented(name).is_empty() && !given.contains_key(&**name)) {
                 tints.push(GREY);
                 surface.paints.push(Paint::default());
                 continue;
             }
-            let material = given.get(&**name).ok_or_else(|| {
+            let material = given.get(&**name).or_else(|| bare.get(uncommented(name))).ok_or_else(|| {
                 damaged("the mesh uses a material that it does not have")
                     .at(format!("usemtl {name}"))
                     .found(format!("{} materials in {}", given.len(), self.libraries.join(", ")))
@@ -174,10 +134,12 @@ impl Reader {
         Ok(surface)
     }
 
-    /// The materials of all libraries. A line may name several, or one whose name has blanks.
+    /// The materials of all libraries, if any is used. A line may name several, or one whose name has blanks.
     fn read_libraries(&self, beside: &Beside) -> Result<Vec<Material>> {
         let mut materials = Vec::new();
-        for line in &self.libraries {
+        let libraries = if self.materials.is_empty() { &[][..] } else { &self.libraries };
+        for line in libraries {
+            let line = if beside.has(line) { line } else { uncommented(line) };
             let whole = beside.has(line) || !line.contains(char::is_whitespace);
             let names: Vec<&str> = if whole { vec![line] } else { line.split_whitespace().collect() };
             for name in names {
@@ -187,14 +149,4 @@ impl Reader {
         }
         Ok(materials)
     }
-}
-
-/// The first numbers of a text.
-fn numbers<const N: usize>(text: &str) -> Option<[f32; N]> {
-    let mut words = text.split_whitespace();
-    let mut numbers = [0.0; N];
-    for number in &mut numbers {
-        *number = words.next()?.parse().ok()?;
-    }
-    Some(numbers)
 }

@@ -2,26 +2,31 @@
 
 use std::borrow::Cow;
 
-use gradreel::Result;
+use gradreel::{Error, Result};
 
-use super::json::{Accessor, Buffer, BufferView, Root};
+use super::json::{Buffer, BufferView, Root, Sparse};
+use crate::mesh_files::LARGEST;
 use crate::report::base64;
-use crate::views::objects::mesh::beside::{Beside, LARGEST};
+use crate::text::unmarked;
+use crate::views::objects::mesh::beside::Beside;
 use crate::views::objects::mesh::damaged;
 use crate::views::objects::mesh::surface::MOST_TRIANGLES;
 
-/// The JSON of a `.gltf` or `.glb` file, and the binary part of the latter.
+/// Most elements of an accessor without numbers of its own, which are zeros but for the sparse ones: a file of no length can
+/// name any number of them.
+const MOST_ZEROS: usize = 1 << 18;
+
+/// The JSON of a `.gltf` or `.glb` file, and the binary part of the latter. What is behind the announced length is passed over.
 pub(super) fn parts(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>)> {
-    let Some(rest) = bytes.strip_prefix(b"glTF") else { return Ok((bytes, None)) };
+    let Some(rest) = bytes.strip_prefix(b"glTF") else { return Ok((unmarked(bytes), None)) };
     let short = || damaged("the mesh is cut short").found(format!("{} bytes", bytes.len()));
     let (version, rest) = number(rest).ok_or_else(short)?;
     if version != 2 {
         return Err(damaged("the mesh has another version of glTF").found(version).wanted(2));
     }
-    let (length, mut rest) = number(rest).ok_or_else(short)?;
-    if (length as usize) > bytes.len() {
-        return Err(short().wanted(format!("the {length} bytes that it announces")));
-    }
+    let (length, _) = number(rest).ok_or_else(short)?;
+    let short = || short().wanted(format!("the {length} bytes that it announces, and in them all of its parts"));
+    let mut rest = bytes.get(12..length as usize).ok_or_else(short)?;
     let (mut json, mut binary) = (None, None);
     while let Some((length, after)) = number(rest) {
         let (kind, after) = number(after).ok_or_else(short)?;
@@ -33,7 +38,10 @@ pub(super) fn parts(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>)> {
         }
         rest = after;
     }
-    Ok((json.ok_or_else(|| damaged("the mesh has no JSON part"))?, binary))
+    let json = json.ok_or_else(|| damaged("the mesh has no JSON part"))?;
+    // filled up with blanks, or with zeros
+    let end = json.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1);
+    Ok((unmarked(&json[..end]), binary))
 }
 
 fn number(bytes: &[u8]) -> Option<(u32, &[u8])> {
@@ -44,8 +52,12 @@ fn number(bytes: &[u8]) -> Option<(u32, &[u8])> {
 /// The bytes that a URI carries itself (`data:`), or those of the file that it names.
 pub(super) fn of_uri(uri: &str, beside: &Beside, what: &str) -> Result<Vec<u8>> {
     if let Some(data) = uri.strip_prefix("data:") {
-        let text = data.split_once(";base64,").map(|(_, text)| text);
-        return text.and_then(base64::decode).ok_or_else(|| {
+        let bytes = data.split_once(";base64,").and_then(|(_, text)| {
+            // as in other URIs, `=` may be `%3D`; blanks and line ends mean nothing
+            let text = percent_decoded(text);
+            base64::decode(&text.split_ascii_whitespace().collect::<String>())
+        });
+        return bytes.ok_or_else(|| {
             let found: String = uri.chars().take(40).collect();
             damaged(format!("{what} cannot be read")).found(found).wanted("data:…;base64,…")
         });
@@ -112,26 +124,96 @@ impl<'a> Buffers<'a> {
 
     /// The numbers of an accessor; normalised integers are within −1..1.
     pub fn elements(&self, index: usize) -> Result<Elements> {
-        let wrong = |found: String, wanted: &str| {
-            damaged("numbers of the mesh cannot be read").at(format!("accessor {index}")).found(found).wanted(wanted)
-        };
+        self.numbers_of(index).map_err(|e| e.at(format!("accessor {index}")))
+    }
+
+    fn numbers_of(&self, index: usize) -> Result<Elements> {
         let accessor = self.root.accessors.get(index);
         let accessor = accessor.ok_or_else(|| wrong("none".into(), "an accessor of this number"))?;
-        let Accessor { buffer_view, byte_offset, component_type, normalized, count, ref kind, ref sparse } = *accessor;
-        let (Some(view), None) = (buffer_view, sparse) else {
-            return Err(wrong("a sparse accessor".into(), "one with all of its numbers"));
-        };
-        let width = match kind.as_str() {
+        let width = match accessor.kind.as_str() {
             "SCALAR" => 1,
             "VEC2" => 2,
             "VEC3" => 3,
             "VEC4" => 4,
             other => return Err(wrong(format!("the type {other}"), "numbers, or vectors of them")),
         };
+        let (count, component) = (accessor.count, Component::of(accessor.component_type)?);
         if count > 3 * MOST_TRIANGLES {
             return Err(wrong(format!("{count} elements"), "three for each of two million triangles"));
         }
-        let (bytes, scale) = match component_type {
+        let mut numbers = match accessor.buffer_view {
+            Some(view) => self.read_numbers(view, accessor.byte_offset, component, width, count)?,
+            None if accessor.sparse.is_none() => return Err(wrong("no buffer view".into(), "numbers of its own")),
+            None if count > MOST_ZEROS => {
+                return Err(wrong(format!("{count} zeros"), "at most 262144 elements that are not in the file"));
+            }
+            None => vec![0.0; count * width],
+        };
+        if let Some(Sparse { count: replaced, indices, values }) = &accessor.sparse {
+            if *replaced > count {
+                return Err(wrong(format!("{replaced} sparse elements"), "no more than elements"));
+            }
+            let kind = Component::of(indices.component_type.unwrap_or(0))?;
+            let places = self.read_numbers(indices.buffer_view, indices.byte_offset, kind, 1, *replaced)?;
+            let values = self.read_numbers(values.buffer_view, values.byte_offset, component, width, *replaced)?;
+            for (place, value) in places.iter().zip(values.chunks_exact(width)) {
+                let fits = place.fract() == 0.0 && (0.0..count as f64).contains(place);
+                let first = if fits { *place as usize * width } else { usize::MAX };
+                let old = first.checked_add(width).and_then(|end| numbers.get_mut(first..end));
+                old.ok_or_else(|| wrong(format!("a sparse element {place}"), "one of its elements"))?
+                    .copy_from_slice(value);
+            }
+        }
+        if accessor.normalized {
+            numbers.iter_mut().for_each(|value| *value = (*value / component.scale).max(-1.0));
+        }
+        Ok(Elements { width, numbers })
+    }
+
+    /// Numbers of a view, `count` elements of `width` each.
+    fn read_numbers(
+        &self,
+        view: usize,
+        offset: usize,
+        component: Component,
+        width: usize,
+        count: usize,
+    ) -> Result<Vec<f64>> {
+        let (data, stride) = self.view(view)?;
+        let size = width * component.bytes;
+        let stride = stride.unwrap_or(size);
+        if stride < size {
+            return Err(wrong(format!("elements {stride} bytes apart"), "their length or more"));
+        }
+        let mut numbers = Vec::with_capacity((count * width).min(data.len()));
+        for element in 0..count {
+            let place = element.checked_mul(stride).and_then(|place| place.checked_add(offset));
+            let end = place.and_then(|place| place.checked_add(size));
+            let element = place.zip(end).and_then(|(place, end)| data.get(place..end));
+            let element =
+                element.ok_or_else(|| wrong(format!("{} bytes", data.len()), "bytes for all of its elements"))?;
+            numbers.extend(element.chunks_exact(component.bytes).map(|value| component.number(value)));
+        }
+        Ok(numbers)
+    }
+}
+
+fn wrong(found: String, wanted: &str) -> Error {
+    damaged("numbers of the mesh cannot be read").found(found).wanted(wanted)
+}
+
+/// A type of numbers.
+#[derive(Clone, Copy)]
+struct Component {
+    kind: u32,
+    bytes: usize,
+    /// The greatest of an integer type.
+    scale: f64,
+}
+
+impl Component {
+    fn of(kind: u32) -> Result<Self> {
+        let (bytes, scale) = match kind {
             5120 => (1, 127.0),
             5121 => (1, 255.0),
             5122 => (2, 32767.0),
@@ -140,26 +222,16 @@ impl<'a> Buffers<'a> {
             5126 => (4, 1.0),
             other => return Err(wrong(format!("the component type {other}"), "5120 to 5126")),
         };
-        let (data, stride) = self.view(view)?;
-        let stride = stride.unwrap_or(width * bytes);
-        let mut numbers = Vec::with_capacity((count * width).min(data.len()));
-        for element in 0..count {
-            let place = element.checked_mul(stride).and_then(|place| place.checked_add(byte_offset));
-            let end = place.and_then(|place| place.checked_add(width * bytes));
-            let element = place.zip(end).and_then(|(place, end)| data.get(place..end));
-            let element =
-                element.ok_or_else(|| wrong(format!("{} bytes", data.len()), "bytes for all of its elements"))?;
-            numbers.extend(element.chunks_exact(bytes).map(|value| {
-                let value = match (component_type, value) {
-                    (5120, &[a]) => f64::from(a as i8),
-                    (5122, &[a, b]) => f64::from(i16::from_le_bytes([a, b])),
-                    (5126, &[a, b, c, d]) => f64::from(f32::from_le_bytes([a, b, c, d])),
-                    _ => value.iter().rev().fold(0.0, |sum, byte| 256.0 * sum + f64::from(*byte)),
-                };
-                if normalized { (value / scale).max(-1.0) } else { value }
-            }));
+        Ok(Self { kind, bytes, scale })
+    }
+
+    fn number(self, value: &[u8]) -> f64 {
+        match (self.kind, value) {
+            (5120, &[a]) => f64::from(a as i8),
+            (5122, &[a, b]) => f64::from(i16::from_le_bytes([a, b])),
+            (5126, &[a, b, c, d]) => f64::from(f32::from_le_bytes([a, b, c, d])),
+            _ => value.iter().rev().fold(0.0, |sum, byte| 256.0 * sum + f64::from(*byte)),
         }
-        Ok(Elements { width, numbers })
     }
 }
 

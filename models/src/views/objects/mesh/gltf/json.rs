@@ -6,6 +6,8 @@ use std::marker::PhantomData;
 use serde::de::{Error, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 
+use super::whole;
+
 /// Most entries of a list: three bytes of JSON can be an entry that takes fifty times the memory.
 const MOST: usize = 1 << 18;
 
@@ -13,6 +15,7 @@ const MOST: usize = 1 << 18;
 #[serde(default, rename_all = "camelCase")]
 pub(super) struct Root {
     pub extensions_required: Vec<String>,
+    #[serde(deserialize_with = "whole::maybe")]
     pub scene: Option<usize>,
     #[serde(deserialize_with = "list")]
     pub scenes: Vec<Scene>,
@@ -39,13 +42,16 @@ pub(super) struct Root {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Scene {
+    #[serde(deserialize_with = "whole::many")]
     pub nodes: Vec<usize>,
 }
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Node {
+    #[serde(deserialize_with = "whole::many")]
     pub children: Vec<usize>,
+    #[serde(deserialize_with = "whole::maybe")]
     pub mesh: Option<usize>,
     /// By columns.
     pub matrix: Option<[f64; 16]>,
@@ -63,10 +69,13 @@ pub(super) struct Mesh {
 
 #[derive(Debug, Deserialize)]
 pub(super) struct Primitive {
+    #[serde(deserialize_with = "whole::named")]
     pub attributes: std::collections::BTreeMap<String, usize>,
+    #[serde(default, deserialize_with = "whole::maybe")]
     pub indices: Option<usize>,
+    #[serde(default, deserialize_with = "whole::maybe")]
     pub material: Option<usize>,
-    #[serde(default = "triangles")]
+    #[serde(default = "triangles", deserialize_with = "whole::one")]
     pub mode: u32,
 }
 
@@ -104,8 +113,9 @@ pub(super) struct MaterialExtensions {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct TextureInfo {
+    #[serde(deserialize_with = "whole::one")]
     pub index: usize,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "whole::one")]
     pub tex_coord: usize,
     #[serde(default)]
     pub extensions: TextureExtensions,
@@ -126,20 +136,25 @@ pub(super) struct TextureTransform {
     /// Radians.
     pub rotation: f64,
     pub scale: Option<[f64; 2]>,
+    #[serde(deserialize_with = "whole::maybe")]
     pub tex_coord: Option<usize>,
 }
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Texture {
+    #[serde(deserialize_with = "whole::maybe")]
     pub sampler: Option<usize>,
+    #[serde(deserialize_with = "whole::maybe")]
     pub source: Option<usize>,
 }
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
 pub(super) struct Sampler {
+    #[serde(deserialize_with = "whole::maybe")]
     pub wrap_s: Option<u32>,
+    #[serde(deserialize_with = "whole::maybe")]
     pub wrap_t: Option<u32>,
 }
 
@@ -147,31 +162,60 @@ pub(super) struct Sampler {
 #[serde(default, rename_all = "camelCase")]
 pub(super) struct Image {
     pub uri: Option<String>,
+    #[serde(deserialize_with = "whole::maybe")]
     pub buffer_view: Option<usize>,
 }
 
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Accessor {
+    #[serde(default, deserialize_with = "whole::maybe")]
     pub buffer_view: Option<usize>,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "whole::one")]
     pub byte_offset: usize,
+    #[serde(deserialize_with = "whole::one")]
     pub component_type: u32,
     #[serde(default)]
     pub normalized: bool,
+    #[serde(deserialize_with = "whole::one")]
     pub count: usize,
     #[serde(rename = "type")]
     pub kind: String,
-    pub sparse: Option<serde::de::IgnoredAny>,
+    pub sparse: Option<Sparse>,
+}
+
+/// Numbers in the place of some of an accessor's own, or of zeros.
+#[derive(Debug, Deserialize)]
+pub(super) struct Sparse {
+    #[serde(deserialize_with = "whole::one")]
+    pub count: usize,
+    pub indices: Part,
+    pub values: Part,
+}
+
+/// Numbers of a view.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Part {
+    #[serde(deserialize_with = "whole::one")]
+    pub buffer_view: usize,
+    #[serde(default, deserialize_with = "whole::one")]
+    pub byte_offset: usize,
+    /// That of the accessor, if none is given.
+    #[serde(default, deserialize_with = "whole::maybe")]
+    pub component_type: Option<u32>,
 }
 
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct BufferView {
+    #[serde(deserialize_with = "whole::one")]
     pub buffer: usize,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "whole::one")]
     pub byte_offset: usize,
+    #[serde(deserialize_with = "whole::one")]
     pub byte_length: usize,
+    #[serde(default, deserialize_with = "whole::maybe")]
     pub byte_stride: Option<usize>,
 }
 
@@ -179,6 +223,7 @@ pub(super) struct BufferView {
 #[serde(rename_all = "camelCase")]
 pub(super) struct Buffer {
     pub uri: Option<String>,
+    #[serde(deserialize_with = "whole::one")]
     pub byte_length: usize,
 }
 

@@ -6,6 +6,7 @@ mod binary;
 mod json;
 mod materials;
 mod nodes;
+mod whole;
 
 use gradreel::Result;
 
