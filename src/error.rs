@@ -6,9 +6,21 @@
 use std::fmt;
 
 /// The result of anything that can fail because of data, devices or physics.
+///
+/// ```
+/// fn half(x: f64) -> gradreel::Result<f64> { Ok(0.5 * x) }
+/// assert_eq!(half(4.0)?, 2.0);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// What kind of fault an [`Error`] reports; decides the exit code of the command line.
+///
+/// ```
+/// use gradreel::{Error, ErrorKind};
+/// let error = Error::new(ErrorKind::Input, "the film has no frames");
+/// assert_eq!(error.kind(), ErrorKind::Input);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum ErrorKind {
@@ -60,11 +72,22 @@ struct Detail {
 
 impl Error {
     /// An error of this kind; `what` is one short clause without a full stop.
+    ///
+    /// ```
+    /// use gradreel::{Error, ErrorKind};
+    /// assert_eq!(Error::new(ErrorKind::Shape, "no axis 3").kind(), ErrorKind::Shape);
+    /// ```
     pub fn new(kind: ErrorKind, what: impl Into<String>) -> Self {
         Self(Box::new(Detail { kind, what: what.into(), at: None, found: None, wanted: None, fix: None }))
     }
 
     /// Names the file, op or particle concerned.
+    ///
+    /// ```
+    /// use gradreel::{Error, ErrorKind};
+    /// let error = Error::new(ErrorKind::Input, "the film is too short").at("film.gif");
+    /// assert!(error.to_string().contains("film.gif"));
+    /// ```
     #[must_use]
     pub fn at(mut self, place: impl fmt::Display) -> Self {
         self.0.at = Some(place.to_string());
@@ -72,6 +95,12 @@ impl Error {
     }
 
     /// Puts a larger place, such as a file, before the place that is named already.
+    ///
+    /// ```
+    /// use gradreel::{Error, ErrorKind};
+    /// let error = Error::new(ErrorKind::Input, "the film is too short").within("clip.toml");
+    /// assert!(error.to_string().contains("clip.toml"));
+    /// ```
     #[must_use]
     pub fn within(mut self, place: impl fmt::Display) -> Self {
         self.0.at = Some(match self.0.at.take() {
@@ -82,6 +111,12 @@ impl Error {
     }
 
     /// Says what was found there.
+    ///
+    /// ```
+    /// use gradreel::{Error, ErrorKind};
+    /// let error = Error::new(ErrorKind::Input, "the film is too short").found("0 frames");
+    /// assert!(error.to_string().contains("0 frames"));
+    /// ```
     #[must_use]
     pub fn found(mut self, found: impl fmt::Display) -> Self {
         self.0.found = Some(found.to_string());
@@ -89,6 +124,12 @@ impl Error {
     }
 
     /// Says what would have been right.
+    ///
+    /// ```
+    /// use gradreel::{Error, ErrorKind};
+    /// let error = Error::new(ErrorKind::Input, "the film is too short").wanted("3 frames at least");
+    /// assert!(error.to_string().contains("3 frames at least"));
+    /// ```
     #[must_use]
     pub fn wanted(mut self, wanted: impl fmt::Display) -> Self {
         self.0.wanted = Some(wanted.to_string());
@@ -96,6 +137,12 @@ impl Error {
     }
 
     /// Says what the user can do.
+    ///
+    /// ```
+    /// use gradreel::{Error, ErrorKind};
+    /// let error = Error::new(ErrorKind::Input, "the film is too short").fix("give a longer film");
+    /// assert!(error.to_string().contains("give a longer film"));
+    /// ```
     #[must_use]
     pub fn fix(mut self, fix: impl fmt::Display) -> Self {
         self.0.fix = Some(fix.to_string());
@@ -103,6 +150,11 @@ impl Error {
     }
 
     /// The kind of fault.
+    ///
+    /// ```
+    /// use gradreel::{Error, ErrorKind};
+    /// assert_eq!(Error::new(ErrorKind::Input, "no frames").kind(), ErrorKind::Input);
+    /// ```
     pub fn kind(&self) -> ErrorKind {
         self.0.kind
     }
@@ -124,6 +176,12 @@ impl Error {
     /// An operating-system fault at a path.
     ///
     /// A missing or unreadable file is the user's input ([`ErrorKind::Input`]); anything else is [`ErrorKind::Io`].
+    ///
+    /// ```
+    /// use gradreel::{Error, ErrorKind};
+    /// let missing = std::fs::read("no-such-file").unwrap_err();
+    /// assert_eq!(Error::io("no-such-file", "read the film", &missing).kind(), ErrorKind::Input);
+    /// ```
     pub fn io(path: impl AsRef<std::path::Path>, doing: &str, source: &std::io::Error) -> Self {
         let kind = match source.kind() {
             std::io::ErrorKind::NotFound | std::io::ErrorKind::PermissionDenied => ErrorKind::Input,

@@ -80,6 +80,10 @@ pub use tensor::{DType, Device, Element, Shape, Spec, Tensor};
 /// It is the widest that the processor has, or the one that the environment variable `GRADREEL_ISA` names; see
 /// [`scalar::Path`]. Libraries that the crate calls for small dense systems choose for themselves.
 ///
+/// ```
+/// println!("kernels run on {}", gradreel::isa());
+/// ```
+///
 /// # Panics
 /// When `GRADREEL_ISA` names one that this processor cannot run; [`scalar::Path::of_environment`] returns that as an error.
 pub fn isa() -> &'static str {

@@ -227,6 +227,14 @@ impl Var {
     /// The number of the largest element along an axis, which is dropped, as `u32`: the first one on a tie, the first NaN
     /// if there is one. A constant: it has no derivative.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 5.0, 2.0, 9.0, 0.0, 3.0], [2, 3]));
+    /// assert_eq!(x.argmax(1).value()?.slice::<u32>(), [1, 0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When the axis does not exist or is empty.
     #[track_caller]
@@ -236,6 +244,14 @@ impl Var {
     }
 
     /// The number of the smallest element along an axis; as [`Var::argmax`].
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 5.0, 2.0, 9.0, 0.0, 3.0], [2, 3]));
+    /// assert_eq!(x.argmin(1).value()?.slice::<u32>(), [0, 1]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Panics
     /// When the axis does not exist or is empty.

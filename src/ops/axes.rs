@@ -7,6 +7,13 @@ use crate::{Shape, Var};
 impl Var {
     /// Drops an axis of size 1.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0], [2, 1]));
+    /// assert_eq!(x.squeeze(1).dims(), [2]);
+    /// ```
+    ///
     /// # Panics
     /// When the axis does not exist or has another size.
     #[track_caller]
@@ -20,6 +27,13 @@ impl Var {
 
     /// Puts in an axis of size 1 before axis `axis`, or behind the last one.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0], [2]));
+    /// assert_eq!(x.unsqueeze(0).dims(), [1, 2]);
+    /// ```
+    ///
     /// # Panics
     /// When `axis` is beyond the number of axes.
     #[track_caller]
@@ -32,6 +46,14 @@ impl Var {
     }
 
     /// Exchanges two axes.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0, 4.0], [2, 2]));
+    /// assert_eq!(x.transpose(0, 1).value()?.slice::<f64>(), [1.0, 3.0, 2.0, 4.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Panics
     /// When one of them does not exist.
@@ -47,6 +69,13 @@ impl Var {
 
     /// Merges neighbouring axes into one: `x.flatten(1..3)` makes `[n, a, b, c]` to `[n, a · b, c]`.
     ///
+    /// ```
+    /// # use gradreel::Tensor;
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::zeros([2, 3, 4], gradreel::DType::F64));
+    /// assert_eq!(x.flatten(1..3).dims(), [2, 12]);
+    /// ```
+    ///
     /// # Panics
     /// When one of the axes does not exist or there is none.
     #[track_caller]
@@ -61,6 +90,15 @@ impl Var {
     }
 
     /// Parts of these sizes, one after the other along an axis.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0], [3]));
+    /// let parts = x.split(0, &[1, 2]);
+    /// assert_eq!(parts[1].value()?.slice::<f64>(), [2.0, 3.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Panics
     /// When the axis does not exist or the sizes do not add up to its own.
@@ -81,6 +119,15 @@ impl Var {
 
     /// As many parts of one size along an axis.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0, 4.0], [4]));
+    /// let halves = x.chunk(0, 2);
+    /// assert_eq!(halves[1].value()?.slice::<f64>(), [3.0, 4.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When the axis does not exist or its size is no multiple of `count`.
     #[track_caller]
@@ -92,6 +139,15 @@ impl Var {
     }
 
     /// This tensor and others of its shape side by side along a new axis.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0], [2]));
+    /// let y = tape.leaf(Tensor::from_vec(vec![3.0, 4.0], [2]));
+    /// assert_eq!(x.stack(&[&y], 1).value()?.slice::<f64>(), [1.0, 3.0, 2.0, 4.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Panics
     /// When the shapes or dtypes differ, or `axis` is beyond the number of axes.
@@ -107,6 +163,14 @@ impl Var {
 
     /// The tensor repeated along each axis: `[a, b]` repeated `[2, 3]` times is `[2 a, 3 b]`, copies side by side.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0], [1, 2]));
+    /// assert_eq!(x.repeat(&[1, 2]).value()?.slice::<f64>(), [1.0, 2.0, 1.0, 2.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When there is not one number for each axis.
     #[track_caller]
@@ -121,6 +185,14 @@ impl Var {
     }
 
     /// Moves the elements along an axis by `shift` places; what leaves at the end comes in at the beginning.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0], [3]));
+    /// assert_eq!(x.roll(0, 1).value()?.slice::<f64>(), [3.0, 1.0, 2.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Panics
     /// When the axis does not exist.
@@ -139,6 +211,14 @@ impl Var {
     }
 
     /// The same number in every place of a shape, in this tensor's dtype and on its device.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0], [1]));
+    /// assert_eq!(x.full_like(7.0, [2]).value()?.slice::<f64>(), [7.0, 7.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[track_caller]
     #[must_use]
     pub fn full_like(&self, value: f64, shape: impl Into<Shape>) -> Self {

@@ -76,6 +76,14 @@ impl Op for BroadcastTo {
 impl Var {
     /// Stretches axes of size 1 to this shape, adding axes in front where needed.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0], [2, 1]));
+    /// assert_eq!(x.broadcast_to([2, 2]).value()?.slice::<f64>(), [1.0, 1.0, 2.0, 2.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When the shape does not stretch so.
     #[track_caller]

@@ -18,6 +18,14 @@ pub(super) const CLAMP: Pointwise<3> = Pointwise {
 impl Var {
     /// The nearest number in `[low, high]` to each element; the derivative is 1 inside and at both ends, 0 outside.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![-1.0, 0.5, 4.0], [3]));
+    /// assert_eq!(x.clamp(0.0, 1.0).value()?.slice::<f64>(), [0.0, 0.5, 1.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When `low > high` or either is NaN.
     #[track_caller]

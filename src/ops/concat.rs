@@ -113,6 +113,15 @@ impl Op for Concat {
 impl Var {
     /// This tensor and others, one after the other along `axis`.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0], [1]));
+    /// let y = tape.leaf(Tensor::from_vec(vec![2.0, 3.0], [2]));
+    /// assert_eq!(x.concat(&[&y], 0).value()?.slice::<f64>(), [1.0, 2.0, 3.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When they differ in another axis or in dtype.
     #[track_caller]

@@ -14,6 +14,14 @@ pub(super) const COS: Pointwise<1> = Pointwise {
 
 impl Var {
     /// The cosine of each element, an angle in radians.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![0.0], [1]));
+    /// assert_eq!(x.cos().value()?.slice::<f64>(), [1.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[track_caller]
     #[must_use]
     pub fn cos(&self) -> Self {

@@ -86,6 +86,14 @@ impl Op for CumSum {
 impl Var {
     /// Running sums `yᵢ = x₀ + … + xᵢ` along an axis.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0], [3]));
+    /// assert_eq!(x.cumsum(0).value()?.slice::<f64>(), [1.0, 3.0, 6.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When the axis does not exist.
     #[track_caller]
@@ -95,6 +103,14 @@ impl Var {
     }
 
     /// Running sums from the end, `yᵢ = xᵢ + … + xₙ₋₁`, along an axis.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0], [3]));
+    /// assert_eq!(x.cumsum_from_end(0).value()?.slice::<f64>(), [6.0, 5.0, 3.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Panics
     /// When the axis does not exist.

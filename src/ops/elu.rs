@@ -17,6 +17,14 @@ pub(super) const ELU: Pointwise<2> = Pointwise {
 
 impl Var {
     /// `x` above 0, `alpha (eˣ − 1)` elsewhere.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![-1.0], [1]));
+    /// assert!((x.elu(2.0).item()? - 2.0 * (-1.0f64).exp_m1()).abs() < 1e-12);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[track_caller]
     #[must_use]
     pub fn elu(&self, alpha: f64) -> Self {

@@ -48,6 +48,17 @@ impl Var {
     /// `sin(2ʲ x_c)`, then `cos(2ʲ x_c)`, each block component by component with `j = 0 … L − 1` fastest (Mildenhall and
     /// others 2020, without the factor π). Bring positions to about `[−1, 1]` first.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![0.5], [1, 1]));
+    /// // x, sin x, sin 2x, cos x, cos 2x
+    /// let encoded = x.positional_encoding(2);
+    /// assert_eq!(encoded.dims(), [1, 5]);
+    /// assert!((encoded.value()?.slice::<f64>()[2] - 1.0f64.sin()).abs() < 1e-12);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When there is no axis.
     #[track_caller]

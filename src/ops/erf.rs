@@ -12,6 +12,14 @@ pub(super) const ERF: Pointwise<1> = Pointwise {
 
 impl Var {
     /// The error function `2/√π ∫₀ˣ e^{−t²} dt` of each element.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0], [1]));
+    /// assert!((x.erf().item()? - 0.842_700_792_949_714_9).abs() < 1e-12);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[track_caller]
     #[must_use]
     pub fn erf(&self) -> Self {

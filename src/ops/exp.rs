@@ -12,6 +12,14 @@ pub(super) const EXP: Pointwise<1> = Pointwise {
 
 impl Var {
     /// `eˣ` of each element.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0], [1]));
+    /// assert!((x.exp().item()? - std::f64::consts::E).abs() < 1e-12);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[track_caller]
     #[must_use]
     pub fn exp(&self) -> Self {

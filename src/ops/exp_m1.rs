@@ -12,6 +12,14 @@ pub(super) const EXP_M1: Pointwise<1> = Pointwise {
 
 impl Var {
     /// `eˣ − 1` of each element, without cancellation near 0.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1e-20], [1]));
+    /// assert_eq!(x.exp_m1().item()?, 1e-20);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[track_caller]
     #[must_use]
     pub fn exp_m1(&self) -> Self {

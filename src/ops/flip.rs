@@ -72,6 +72,14 @@ impl Op for Flip {
 impl Var {
     /// The elements along `axis` in reverse order.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0], [3]));
+    /// assert_eq!(x.flip(0).value()?.slice::<f64>(), [3.0, 2.0, 1.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When the axis does not exist.
     #[track_caller]

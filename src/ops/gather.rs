@@ -94,6 +94,16 @@ impl Var {
     /// This tensor with values added at the places that [`Var::gather`] would read with the same index:
     /// `y[i, index[i, j, k], k] += values[i, j, k]` for axis 1. Values for one place are added in row-major order.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![0.0, 0.0, 0.0], [3]));
+    /// let index = tape.constant(Tensor::from_vec(vec![2u32, 2], [2]));
+    /// let values = tape.leaf(Tensor::from_vec(vec![1.0, 5.0], [2]));
+    /// assert_eq!(x.scatter_add(0, &index, &values)?.value()?.slice::<f64>(), [0.0, 0.0, 6.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// [`ErrorKind::Input`] when an index is not below the size of the axis.
     ///
@@ -109,6 +119,15 @@ impl Var {
     }
 
     /// The slices at these indices, a list of `u32`, along `axis`: [`Var::index_select`] for any axis.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0, 4.0], [2, 2]));
+    /// let index = tape.constant(Tensor::from_vec(vec![1u32], [1]));
+    /// assert_eq!(x.select_along(1, &index)?.value()?.slice::<f64>(), [2.0, 4.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::Input`] when an index is not below the size of the axis.

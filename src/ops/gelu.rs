@@ -12,6 +12,14 @@ pub(super) const GELU: Pointwise<1> = Pointwise {
 
 impl Var {
     /// `x Φ(x) = x/2 (1 + erf(x/√2))` of each element: the exact GELU.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0], [1]));
+    /// assert!((x.gelu().item()? - 0.5 * (1.0 + 0.682_689_492_137_085_9)).abs() < 1e-12);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[track_caller]
     #[must_use]
     pub fn gelu(&self) -> Self {

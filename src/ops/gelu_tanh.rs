@@ -12,6 +12,14 @@ pub(super) const GELU_TANH: Pointwise<1> = Pointwise {
 
 impl Var {
     /// `x/2 (1 + tanh(√(2/π) (x + 0.044715 x³)))` of each element: the approximate GELU of GPT-2.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![0.0, 10.0], [2]));
+    /// assert_eq!(x.gelu_tanh().value()?.slice::<f64>(), [0.0, 10.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[track_caller]
     #[must_use]
     pub fn gelu_tanh(&self) -> Self {

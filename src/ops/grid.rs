@@ -4,6 +4,12 @@ use crate::backend::gpu::words;
 use crate::{DType, Error, ErrorKind, Result, Spec};
 
 /// A regular lattice of nodes: node `(i, j, k)` lies at `origin + spacing · (i, j, k)`.
+///
+/// ```
+/// use gradreel::ops::Lattice;
+/// let nodes = Lattice { origin: [0.0; 3], spacing: 0.1, dims: [4, 3, 2] };
+/// assert_eq!(nodes.len(), 24);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lattice {
     /// Position of node (0, 0, 0).
@@ -16,17 +22,33 @@ pub struct Lattice {
 
 impl Lattice {
     /// Number of nodes.
+    ///
+    /// ```
+    /// use gradreel::ops::Lattice;
+    /// assert_eq!(Lattice { origin: [0.0; 3], spacing: 1.0, dims: [2, 3, 4] }.len(), 24);
+    /// ```
     pub fn len(&self) -> usize {
         self.dims.iter().product()
     }
 
     /// Whether there are no nodes.
+    ///
+    /// ```
+    /// use gradreel::ops::Lattice;
+    /// assert!(Lattice { origin: [0.0; 3], spacing: 1.0, dims: [0, 3, 4] }.is_empty());
+    /// ```
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 }
 
 /// How [`Var::grid_sample`](crate::Var::grid_sample) looks up a grid; the default is that of PyTorch's `grid_sample`.
+///
+/// ```
+/// use gradreel::ops::{GridSampling, Padding};
+/// let clamped = GridSampling { padding: Padding::Border, align_corners: true, ..GridSampling::default() };
+/// assert_eq!(clamped.interpolation, gradreel::ops::Interpolation::Linear);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct GridSampling {
     /// How values between nodes come about.
@@ -38,6 +60,11 @@ pub struct GridSampling {
 }
 
 /// How values between nodes come about.
+///
+/// ```
+/// use gradreel::ops::Interpolation;
+/// assert_eq!(Interpolation::default(), Interpolation::Linear);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Interpolation {
     /// Linear along each axis: bilinear in two, trilinear in three dimensions.
@@ -48,6 +75,11 @@ pub enum Interpolation {
 }
 
 /// What lies outside a grid.
+///
+/// ```
+/// use gradreel::ops::Padding;
+/// assert_eq!(Padding::default(), Padding::Zeros);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Padding {
     /// Nodes of value 0.

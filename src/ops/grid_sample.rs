@@ -153,6 +153,17 @@ impl Var {
     /// channels]`. Nodes outside count as zero; a point that is not finite has the value NaN. Differentiable in the grid
     /// (any number of times) and in the points (once).
     ///
+    /// ```
+    /// use gradreel::{Tape, Tensor, ops::Lattice};
+    /// let tape = Tape::new();
+    /// // two nodes along x, one metre apart
+    /// let nodes = Lattice { origin: [0.0; 3], spacing: 1.0, dims: [2, 1, 1] };
+    /// let grid = tape.leaf(Tensor::from_vec(vec![1.0, 3.0], [2, 1, 1, 1]));
+    /// let points = tape.leaf(Tensor::from_vec(vec![0.25, 0.0, 0.0], [1, 3]));
+    /// assert_eq!(grid.grid_sample_3d(&points, nodes).item()?, 1.5);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When the shapes do not fit, or the lattice has no nodes.
     #[track_caller]

@@ -120,6 +120,17 @@ impl Var {
     /// first cell NaN. Differentiable in the values (any number of times) and in the points (once). The sums are added up
     /// in the same order whatever the number of threads.
     ///
+    /// ```
+    /// use gradreel::{Tape, Tensor, ops::Lattice};
+    /// let tape = Tape::new();
+    /// // two nodes along x, one metre apart
+    /// let nodes = Lattice { origin: [0.0; 3], spacing: 1.0, dims: [2, 1, 1] };
+    /// let mass = tape.leaf(Tensor::from_vec(vec![4.0], [1, 1]));
+    /// let points = tape.leaf(Tensor::from_vec(vec![0.25, 0.0, 0.0], [1, 3]));
+    /// assert_eq!(mass.grid_scatter_3d(&points, nodes).value()?.slice::<f64>(), [3.0, 1.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When the shapes do not fit, or the lattice has no nodes.
     #[track_caller]

@@ -132,6 +132,15 @@ impl Op for IndexAdd {
 impl Var {
     /// Adds these rows (axis 0) into `rows` rows of zeros, each at its number in `index`.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let rows = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0], [3, 1]));
+    /// let index = tape.constant(Tensor::from_vec(vec![1u32, 0, 1], [3]));
+    /// assert_eq!(rows.index_add(&index, 2)?.value()?.slice::<f64>(), [2.0, 4.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// [`ErrorKind::Input`] when an index is not below `rows`.
     ///

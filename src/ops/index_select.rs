@@ -100,6 +100,15 @@ impl Op for IndexSelect {
 impl Var {
     /// Rows (along axis 0) by their numbers, a list of `u32`.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0], [3, 1]));
+    /// let index = tape.constant(Tensor::from_vec(vec![2u32, 0], [2]));
+    /// assert_eq!(x.index_select(&index)?.value()?.slice::<f64>(), [3.0, 1.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// [`ErrorKind::Input`] when an index is not a row.
     ///

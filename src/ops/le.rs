@@ -19,6 +19,15 @@ pub(super) const LE: Pointwise<2> = Pointwise {
 impl Var {
     /// 1 where this is at most `other`, else 0; 0 where either is NaN. A constant: it has no derivative.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0], [3]));
+    /// let y = tape.leaf(Tensor::from_vec(vec![2.0, 2.0, 2.0], [3]));
+    /// assert_eq!(x.le(&y).value()?.slice::<f64>(), [1.0, 1.0, 0.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When the shapes do not broadcast.
     #[track_caller]

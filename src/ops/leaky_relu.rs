@@ -17,6 +17,14 @@ pub(super) const LEAKY_RELU: Pointwise<2> = Pointwise {
 
 impl Var {
     /// `x` above 0, `slope · x` elsewhere; the derivative at 0 is `slope`.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![-2.0, 3.0], [2]));
+    /// assert_eq!(x.leaky_relu(0.5).value()?.slice::<f64>(), [-1.0, 3.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[track_caller]
     #[must_use]
     pub fn leaky_relu(&self, slope: f64) -> Self {

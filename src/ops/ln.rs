@@ -12,6 +12,14 @@ pub(super) const LN: Pointwise<1> = Pointwise {
 
 impl Var {
     /// The natural logarithm of each element: −∞ at 0, NaN below.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 0.0], [2]));
+    /// assert_eq!(x.ln().value()?.slice::<f64>(), [0.0, f64::NEG_INFINITY]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[track_caller]
     #[must_use]
     pub fn ln(&self) -> Self {

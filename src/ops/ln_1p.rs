@@ -12,6 +12,14 @@ pub(super) const LN_1P: Pointwise<1> = Pointwise {
 
 impl Var {
     /// `ln(1 + x)` of each element, without cancellation near 0.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1e-20], [1]));
+    /// assert_eq!(x.ln_1p().item()?, 1e-20);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[track_caller]
     #[must_use]
     pub fn ln_1p(&self) -> Self {

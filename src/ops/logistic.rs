@@ -12,6 +12,14 @@ pub(super) const LOGISTIC: Pointwise<1> = Pointwise {
 
 impl Var {
     /// `1 / (1 + e⁻ˣ)` of each element, also called sigmoid.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![0.0], [1]));
+    /// assert_eq!(x.logistic().value()?.slice::<f64>(), [0.5]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[track_caller]
     #[must_use]
     pub fn logistic(&self) -> Self {

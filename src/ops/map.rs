@@ -23,6 +23,20 @@ use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
 const BUFFERS: &[&str] = &["y", "x0", "x1", "x2", "x3", "x4", "x5", "x6"];
 
 /// A pointwise op of `N` operands, written once as an ordinary function.
+///
+/// ```
+/// use gradreel::{Tape, Tensor, ops::{Pointwise, uniform}};
+/// const CUBE: Pointwise<1> = Pointwise {
+///     name: "cube",
+///     function: |[x]| x * x * x,
+///     cases: || vec![[uniform(1, [4], -2.0..2.0)]],
+///     entry: || CUBE.all_cases(),
+/// };
+/// let tape = Tape::new();
+/// let x = tape.leaf(Tensor::from_vec(vec![2.0], [1]));
+/// assert_eq!(CUBE.apply([&x]).item()?, 8.0);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 pub struct Pointwise<const N: usize> {
     /// Its name in errors and tables.
     pub name: &'static str,
@@ -36,6 +50,17 @@ pub struct Pointwise<const N: usize> {
 
 impl<const N: usize> Pointwise<N> {
     /// The op with its program traced; the same one at every call of a thread, so that derivatives are built once.
+    ///
+    /// ```
+    /// use gradreel::ops::{Pointwise, uniform};
+    /// const CUBE: Pointwise<1> = Pointwise {
+    ///     name: "cube",
+    ///     function: |[x]| x * x * x,
+    ///     cases: || vec![[uniform(1, [4], -2.0..2.0)]],
+    ///     entry: || CUBE.all_cases(),
+    /// };
+    /// assert_eq!(CUBE.op().program().inputs().len(), 1);
+    /// ```
     pub fn op(&self) -> Rc<Map> {
         thread_local! {
             static TRACED: RefCell<AddressMap<(usize, usize), Rc<Map>>> = RefCell::default();
@@ -54,6 +79,20 @@ impl<const N: usize> Pointwise<N> {
     }
 
     /// Applies it to variables, broadcasting them to a common shape.
+    ///
+    /// ```
+    /// use gradreel::{Tape, Tensor, ops::{Pointwise, uniform}};
+    /// const CUBE: Pointwise<1> = Pointwise {
+    ///     name: "cube",
+    ///     function: |[x]| x * x * x,
+    ///     cases: || vec![[uniform(1, [4], -2.0..2.0)]],
+    ///     entry: || CUBE.all_cases(),
+    /// };
+    /// let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![2.0], [1]));
+    /// assert_eq!(CUBE.apply([&x]).item()?, 8.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Panics
     /// When the shapes do not broadcast.
@@ -79,6 +118,12 @@ impl<const N: usize> Pointwise<N> {
 }
 
 /// A scalar program with one output, as an op on tensors.
+///
+/// ```
+/// use gradreel::{ops::Map, scalar::Program};
+/// let map = Map::new(Program::trace("square", &["x"], &["y"], |x| vec![x[0].square()]));
+/// assert_eq!(map.program().name(), "square");
+/// ```
 #[derive(Debug)]
 pub struct Map {
     program: Program,
@@ -110,6 +155,16 @@ impl Partial {
 impl Map {
     /// The op of a program.
     ///
+    /// ```
+    /// use gradreel::{Tape, Tensor, ops::Map, scalar::Program};
+    /// let program = Program::trace("product", &["x", "y"], &["xy"], |x| vec![x[0] * x[1]]);
+    /// let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![2.0], [1]));
+    /// let y = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+    /// assert_eq!(x.apply(Map::new(program), &[&y])?.item()?, 6.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When the program has not exactly one output.
     #[track_caller]
@@ -120,6 +175,12 @@ impl Map {
     }
 
     /// The program applied to each element.
+    ///
+    /// ```
+    /// use gradreel::{ops::Map, scalar::Program};
+    /// let map = Map::new(Program::trace("square", &["x"], &["y"], |x| vec![x[0].square()]));
+    /// assert_eq!(map.program().eval(&[3.0]), [9.0]);
+    /// ```
     pub fn program(&self) -> &Program {
         &self.program
     }
@@ -147,6 +208,13 @@ impl Map {
     }
 
     /// The kernel around the program, made at the first call.
+    ///
+    /// ```
+    /// use gradreel::{ops::Map, scalar::Program};
+    /// let map = Map::new(Program::trace("square", &["x"], &["y"], |x| vec![x[0].square()]));
+    /// map.kernel()?.reflect()?; // validated, without a GPU
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::Unsupported`] when there are more operands than a kernel may bind.
@@ -393,6 +461,16 @@ impl Var {
     }
 
     /// As [`Var::map`], for a function of any number of operands; shapes broadcast. A GPU takes up to seven.
+    ///
+    /// ```
+    /// use gradreel::{Tape, Tensor, Var};
+    /// let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+    /// let y = tape.leaf(Tensor::from_vec(vec![4.0], [1]));
+    /// let length = Var::map_n("length", [&x, &y], |[x, y]| (x * x + y * y).sqrt());
+    /// assert_eq!(length.item()?, 5.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Panics
     /// When the shapes do not broadcast, or there is no operand.

@@ -257,6 +257,15 @@ impl Var {
     /// The product `self · otherᵀ` with the last two axes of `other` exchanged: `[.., m, k]` and `[.., n, k]` give
     /// `[.., m, n]`. Nothing is copied for the transposition; a batch is as in [`Var::matmul`].
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0], [1, 2]));
+    /// let y = tape.leaf(Tensor::from_vec(vec![3.0, 4.0, 5.0, 6.0], [2, 2]));
+    /// assert_eq!(x.matmul_transposed(&y).value()?.slice::<f64>(), [11.0, 17.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When the shapes or dtypes do not fit.
     #[track_caller]
@@ -267,6 +276,15 @@ impl Var {
 
     /// The product `selfᵀ · other` with the last two axes of `self` exchanged: `[.., k, m]` and `[.., k, n]` give
     /// `[.., m, n]`. Nothing is copied for the transposition; a batch is as in [`Var::matmul`].
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0], [2, 1]));
+    /// let y = tape.leaf(Tensor::from_vec(vec![3.0, 4.0], [2, 1]));
+    /// assert_eq!(x.transposed_matmul(&y).item()?, 11.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Panics
     /// When the shapes or dtypes do not fit.

@@ -86,6 +86,14 @@ impl Var {
     /// The smallest element over some axes, which are dropped; NaN if any element is. The derivative goes to the first
     /// smallest element in row-major order.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 4.0, 3.0, 2.0], [2, 2]));
+    /// assert_eq!(x.min(&[1]).value()?.slice::<f64>(), [1.0, 2.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When an axis does not exist or is empty.
     #[track_caller]

@@ -18,6 +18,15 @@ pub(super) const MINIMUM: Pointwise<2> = Pointwise {
 impl Var {
     /// The smaller of two numbers, element by element; a tie gives its derivative to `self`.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 5.0], [2]));
+    /// let y = tape.leaf(Tensor::from_vec(vec![2.0, 3.0], [2]));
+    /// assert_eq!(x.minimum(&y).value()?.slice::<f64>(), [1.0, 3.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When the shapes do not broadcast.
     #[track_caller]

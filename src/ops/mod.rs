@@ -114,6 +114,11 @@ use crate::backend::gpu::{Kernel, NARROW, SORT_BLOCKS, SORT_STEPS, SORT_TAILS, S
 use crate::{DType, GradCheck, GradReport, Key, Op, Result, Shape, Tape, Tensor, Var, random};
 
 /// An op of the crate with the cases its tests feed it.
+///
+/// ```
+/// let ops = gradreel::ops::registry();
+/// assert!(ops.iter().any(|op| op.name == "matmul" && op.gpu));
+/// ```
 pub struct Entry {
     /// The op's name.
     pub name: &'static str,
@@ -124,6 +129,13 @@ pub struct Entry {
 }
 
 /// One application of an op to fixed inputs: `f64`, or `u32` for indices.
+///
+/// ```
+/// use gradreel::{ops::{Case, Map, uniform}, scalar::Program};
+/// let square = Map::new(Program::trace("square", &["x"], &["y"], |x| vec![x[0].square()]));
+/// let case = Case::new(square, [uniform(1, [3], 0.5..2.0)]);
+/// assert_eq!(case.inputs.len(), 1);
+/// ```
 pub struct Case {
     /// The op with its settings.
     pub op: Rc<dyn Op>,
@@ -135,16 +147,37 @@ pub struct Case {
 
 impl Case {
     /// An op applied to these operands.
+    ///
+    /// ```
+    /// use gradreel::{Tensor, ops::{Case, Map, uniform}, scalar::Program};
+    /// let square = Map::new(Program::trace("square", &["x"], &["y"], |x| vec![x[0] * x[0]]));
+    /// let case = Case::new(square, [uniform(1, [3], 0.5..2.0)]);
+    /// assert!(case.gradcheck("square")?.expect("it has a derivative").passed());
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn new(op: impl Op, inputs: impl Into<Vec<Tensor>>) -> Self {
         Self::of(Rc::new(op), inputs)
     }
 
     /// An op that exists already, applied to these operands.
+    ///
+    /// ```
+    /// use gradreel::{ops::{Case, Map, uniform}, scalar::Program};
+    /// let square = Map::new(Program::trace("square", &["x"], &["y"], |x| vec![x[0].square()]));
+    /// let case = Case::of(std::rc::Rc::new(square), [uniform(1, [3], 0.5..2.0)]);
+    /// assert!(!case.condition);
+    /// ```
     pub fn of(op: Rc<dyn Op>, inputs: impl Into<Vec<Tensor>>) -> Self {
         Self { op, inputs: inputs.into(), condition: false }
     }
 
     /// The same case of an op whose result answers a question, so that NaN gives an answer instead of NaN.
+    ///
+    /// ```
+    /// use gradreel::{ops::{Case, Map, uniform}, scalar::Program};
+    /// let square = Map::new(Program::trace("square", &["x"], &["y"], |x| vec![x[0].square()]));
+    /// assert!(Case::new(square, [uniform(1, [3], 0.5..2.0)]).condition().condition);
+    /// ```
     #[must_use]
     pub fn condition(self) -> Self {
         Self { condition: true, ..self }
@@ -154,6 +187,14 @@ impl Case {
 impl Case {
     /// Compares the op's derivative with central differences in `f64`; `None` where nothing has a derivative.
     ///
+    /// ```
+    /// use gradreel::{ops::{Case, Map, uniform}, scalar::Program};
+    /// let square = Map::new(Program::trace("square", &["x"], &["y"], |x| vec![x[0].square()]));
+    /// let report = Case::new(square, [uniform(1, [3], 0.5..2.0)]).gradcheck("square")?;
+    /// assert!(report.expect("it has a derivative").passed());
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// What the op and its derivative return.
     pub fn gradcheck(&self, name: &str) -> Result<Option<GradReport>> {
@@ -161,6 +202,14 @@ impl Case {
     }
 
     /// As [`Case::gradcheck`] for the derivative of the derivative.
+    ///
+    /// ```
+    /// use gradreel::{ops::{Case, Map, uniform}, scalar::Program};
+    /// let square = Map::new(Program::trace("square", &["x"], &["y"], |x| vec![x[0].square()]));
+    /// let report = Case::new(square, [uniform(1, [3], 0.5..2.0)]).gradcheck_twice("square")?;
+    /// assert!(report.expect("it has a derivative").passed());
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// As [`Case::gradcheck`]; [`ErrorKind::Unsupported`](crate::ErrorKind::Unsupported) when the derivative is a kernel
@@ -195,6 +244,11 @@ impl Case {
 }
 
 /// Uniform numbers in `range`, the same ones at every call with the same seed.
+///
+/// ```
+/// let x = gradreel::ops::uniform(7, [100], -1.0..1.0);
+/// assert!(x.slice::<f64>().iter().all(|x| (-1.0..1.0).contains(x)));
+/// ```
 pub fn uniform(seed: u64, shape: impl Into<Shape>, range: std::ops::Range<f64>) -> Tensor {
     let shape = shape.into();
     let values: Vec<f64> =
@@ -203,6 +257,12 @@ pub fn uniform(seed: u64, shape: impl Into<Shape>, range: std::ops::Range<f64>) 
 }
 
 /// Every op of the crate. Adding one here adds its tests.
+///
+/// ```
+/// for entry in gradreel::ops::registry() {
+///     println!("{} with {} cases", entry.name, entry.cases.len());
+/// }
+/// ```
 pub fn registry() -> Vec<Entry> {
     vec![
         abs::ABS.entry(),
@@ -292,6 +352,10 @@ pub fn registry() -> Vec<Entry> {
 }
 
 /// Every kernel of the crate but those made around scalar programs ([`Map::kernel`]). Adding one here adds its tests.
+///
+/// ```
+/// assert!(gradreel::ops::kernels().iter().any(|kernel| kernel.name() == "matmul"));
+/// ```
 pub fn kernels() -> Vec<&'static Kernel> {
     vec![
         &arg_extremum::FIND,

@@ -239,6 +239,16 @@ impl Var {
 
     /// [`Var::group_norm`] followed by SiLU, `y · logistic(y)`, in one pass.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, -1.0], [1, 1, 2]));
+    /// let y = x.group_norm_silu(1, 0.0, None);
+    /// let y = y.value()?.slice::<f64>();
+    /// assert!((y[0] - 1.0 / (1.0 + (-1.0f64).exp())).abs() < 1e-12);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// As [`Var::group_norm`].
     #[track_caller]
@@ -249,6 +259,14 @@ impl Var {
 
     /// Layer norm: what lies along the last `axes` axes together gets mean 0 and variance 1 (`ε` is added to the variance);
     /// then each element is scaled and shifted by `affine`, two tensors of the shape of these axes.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 3.0], [1, 2]));
+    /// assert_eq!(x.layer_norm(1, 0.0, None).value()?.slice::<f64>(), [-1.0, 1.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Panics
     /// When there are not as many axes, or the shapes do not fit.

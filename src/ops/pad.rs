@@ -95,6 +95,14 @@ impl Op for Pad {
 impl Var {
     /// Zeros before and after along one axis.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0], [2]));
+    /// assert_eq!(x.pad(0, 1, 2).value()?.slice::<f64>(), [0.0, 1.0, 2.0, 0.0, 0.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When the axis does not exist.
     #[track_caller]

@@ -20,6 +20,12 @@ enum Setting {
 
 impl PerAxis {
     /// The numbers of `rank` axes, or `None` when there are numbers for another count of axes.
+    ///
+    /// ```
+    /// use gradreel::ops::PerAxis;
+    /// assert_eq!(PerAxis::from(2).resolve(3), Some(vec![2, 2, 2]));
+    /// assert_eq!(PerAxis::from([1, 2]).resolve(3), None);
+    /// ```
     pub fn resolve(&self, rank: usize) -> Option<Vec<usize>> {
         match &self.0 {
             Setting::All(value) => Some(vec![*value; rank]),

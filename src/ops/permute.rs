@@ -77,6 +77,14 @@ impl Op for Permute {
 impl Var {
     /// Reorders the axes: axis `i` of the result is axis `order[i]` of `self`.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0, 4.0], [2, 2]));
+    /// assert_eq!(x.permute(&[1, 0]).value()?.slice::<f64>(), [1.0, 3.0, 2.0, 4.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When `order` does not name every axis once.
     #[track_caller]

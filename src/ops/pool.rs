@@ -8,6 +8,14 @@ use crate::{Error, ErrorKind, Result, Spec};
 
 /// The settings of pooling; [`Pool::new`] has windows side by side without padding. What takes a [`PerAxis`] takes one number
 /// for all axes, or an array with one for each.
+///
+/// ```
+/// use gradreel::{Tape, Tensor, ops::Pool};
+/// let tape = Tape::new();
+/// let x = tape.leaf(Tensor::from_vec(vec![1.0, 4.0, 2.0, 3.0], [1, 1, 4]));
+/// assert_eq!(x.max_pool(&Pool::new(2)).value()?.slice::<f64>(), [4.0, 3.0]);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Pool {
     kernel: PerAxis,
@@ -18,11 +26,27 @@ pub struct Pool {
 
 impl Pool {
     /// Windows of this size, side by side.
+    ///
+    /// ```
+    /// use gradreel::{Tape, Tensor, ops::Pool};
+    /// let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 4.0, 2.0, 3.0], [1, 1, 4]));
+    /// assert_eq!(x.max_pool(&Pool::new(2)).value()?.slice::<f64>(), [4.0, 3.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn new(kernel: impl Into<PerAxis>) -> Self {
         Self { kernel: kernel.into(), stride: None, padding: 0.into(), counts_padding: true }
     }
 
     /// Distance between neighbouring windows; their size, if it is not set.
+    ///
+    /// ```
+    /// use gradreel::{Tape, Tensor, ops::Pool};
+    /// let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 4.0, 2.0, 3.0], [1, 1, 4]));
+    /// assert_eq!(x.max_pool(&Pool::new(2).stride(1)).value()?.slice::<f64>(), [4.0, 4.0, 3.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[must_use]
     pub fn stride(mut self, stride: impl Into<PerAxis>) -> Self {
         self.stride = Some(stride.into());
@@ -30,6 +54,14 @@ impl Pool {
     }
 
     /// Places around the image on each side, at most half a window. They count as zeros in a mean and never are a maximum.
+    ///
+    /// ```
+    /// use gradreel::{Tape, Tensor, ops::Pool};
+    /// let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 4.0, 2.0, 3.0], [1, 1, 4]));
+    /// assert_eq!(x.max_pool(&Pool::new(2).padding(1)).value()?.slice::<f64>(), [1.0, 4.0, 3.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[must_use]
     pub fn padding(mut self, padding: impl Into<PerAxis>) -> Self {
         self.padding = padding.into();
@@ -37,6 +69,15 @@ impl Pool {
     }
 
     /// Takes means over pixels alone: the padding is not counted (`count_include_pad=False` in PyTorch).
+    ///
+    /// ```
+    /// use gradreel::{Tape, Tensor, ops::Pool};
+    /// let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 4.0, 2.0, 3.0], [1, 1, 4]));
+    /// let settings = Pool::new(2).padding(1).without_padding();
+    /// assert_eq!(x.average_pool(&settings).value()?.slice::<f64>(), [1.0, 3.0, 3.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[must_use]
     pub fn without_padding(mut self) -> Self {
         self.counts_padding = false;

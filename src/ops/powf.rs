@@ -21,6 +21,15 @@ impl Var {
     /// The gradient in `x` is 0 where `y = 0`. That in `y` is 0 where `x = 0` and `y ≥ 0`, −∞ where `x = 0` and `y < 0`, and
     /// NaN where `x < 0`.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![2.0, 9.0], [2]));
+    /// let y = tape.leaf(Tensor::from_vec(vec![3.0, 0.5], [2]));
+    /// assert_eq!(x.powf(&y).value()?.slice::<f64>(), [8.0, 3.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When the shapes do not broadcast.
     #[track_caller]

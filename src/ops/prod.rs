@@ -104,6 +104,14 @@ impl Op for Prod {
 impl Var {
     /// The product over some axes, which are dropped; 1 over no elements.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![2.0, 3.0, 4.0], [3]));
+    /// assert_eq!(x.prod(&[0]).item()?, 24.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When an axis does not exist.
     #[track_caller]

@@ -141,6 +141,14 @@ impl Op for Put {
 impl Var {
     /// With these as indices of any shape: 1 at the index, 0 elsewhere, along a new last axis of size `classes`.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let classes = tape.constant(Tensor::from_vec(vec![2u32, 0], [2]));
+    /// assert_eq!(classes.one_hot(3, gradreel::DType::F64)?.value()?.slice::<f64>(), [0.0, 0.0, 1.0, 1.0, 0.0, 0.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// [`ErrorKind::Input`] when an index is not below `classes`.
     ///

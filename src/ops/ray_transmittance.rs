@@ -81,6 +81,16 @@ impl Var {
     /// The transmittance that is left behind all samples of each ray, `Π (1 − α_k)`: `[rays]`, with opacities, offsets and
     /// threshold as [`Var::ray_weights`] has them. A ray that ends early keeps what was left there. Differentiable once.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let opacities = tape.leaf(Tensor::from_vec(vec![0.5, 0.5, 0.25], [3]));
+    /// // two samples on the first ray, one on the second
+    /// let offsets = tape.constant(Tensor::from_vec(vec![0u32, 2, 3], [3]));
+    /// assert_eq!(opacities.ray_transmittance(&offsets, None)?.value()?.slice::<f64>(), [0.25, 0.75]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// [`ErrorKind::Input`](crate::ErrorKind::Input) when the offsets fall somewhere, or are not those of the samples.
     ///

@@ -12,6 +12,14 @@ pub(super) const RECIP: Pointwise<1> = Pointwise {
 
 impl Var {
     /// `1 / x` of each element.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![2.0, 4.0], [2]));
+    /// assert_eq!(x.recip().value()?.slice::<f64>(), [0.5, 0.25]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[track_caller]
     #[must_use]
     pub fn recip(&self) -> Self {

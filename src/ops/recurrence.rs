@@ -118,6 +118,15 @@ impl Var {
 
     /// As [`Var::recurrence`] from the end: `yᵢ = aᵢ yᵢ₊₁ + bᵢ` from `yₙ₋₁ = bₙ₋₁`.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let factors = tape.leaf(Tensor::from_vec(vec![2.0, 2.0, 2.0], [3]));
+    /// let terms = tape.leaf(Tensor::from_vec(vec![1.0, 1.0, 1.0], [3]));
+    /// assert_eq!(factors.recurrence_from_end(&terms, 0).value()?.slice::<f64>(), [7.0, 3.0, 1.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When the shapes differ or the axis does not exist.
     #[track_caller]
@@ -127,6 +136,14 @@ impl Var {
     }
 
     /// Running products `yᵢ = x₀ ⋯ xᵢ` along an axis. The derivative is right where factors are 0.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0], [3]));
+    /// assert_eq!(x.cumprod(0).value()?.slice::<f64>(), [1.0, 2.0, 6.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Panics
     /// When the axis does not exist.
@@ -139,6 +156,14 @@ impl Var {
     }
 
     /// Running products from the end, `yᵢ = xᵢ ⋯ xₙ₋₁`, along an axis.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0], [3]));
+    /// assert_eq!(x.cumprod_from_end(0).value()?.slice::<f64>(), [6.0, 6.0, 3.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Panics
     /// When the axis does not exist.

@@ -13,6 +13,14 @@ pub(super) const RELU: Pointwise<1> = Pointwise {
 
 impl Var {
     /// `max(x, 0)` of each element; its derivative at 0 is 0.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![-2.0, 3.0], [2]));
+    /// assert_eq!(x.relu().value()?.slice::<f64>(), [0.0, 3.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[track_caller]
     #[must_use]
     pub fn relu(&self) -> Self {

@@ -53,6 +53,13 @@ impl Op for Reshape {
 impl Var {
     /// The same numbers under another shape.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0, 4.0], [4]));
+    /// assert_eq!(x.reshape([2, 2]).dims(), [2, 2]);
+    /// ```
+    ///
     /// # Panics
     /// When the number of elements differs.
     #[track_caller]

@@ -5,6 +5,13 @@ use crate::ops::resample::{Table, resample};
 use crate::{Error, ErrorKind, Var};
 
 /// How values between pixels are found.
+///
+/// ```
+/// use gradreel::{Tape, Tensor, ops::Resampling};
+/// let tape = Tape::new();
+/// let x = tape.leaf(Tensor::from_vec(vec![1.0, 3.0], [1, 1, 2]));
+/// assert_eq!(x.scale_by(2.0, Resampling::Nearest).dims(), [1, 1, 4]);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Resampling {
     /// The pixel at the rounded-down place `⌊i · from / to⌋`.
@@ -98,6 +105,14 @@ impl Var {
 
     /// Images `[batch, channels, …]` enlarged (or shrunk) by a factor for every spatial axis, to the size rounded down. As in
     /// PyTorch, places are spaced by exactly the inverse of the factor, whatever the rounding of the size.
+    ///
+    /// ```
+    /// use gradreel::{Tape, Tensor, ops::Resampling};
+    /// let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0], [1, 1, 2]));
+    /// assert_eq!(x.scale_by(2.0, Resampling::Nearest).value()?.slice::<f64>(), [1.0, 1.0, 2.0, 2.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Panics
     /// When an axis is or would be empty.

@@ -12,6 +12,14 @@ pub(super) const RSQRT: Pointwise<1> = Pointwise {
 
 impl Var {
     /// `1 / √x` of each element.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![4.0], [1]));
+    /// assert_eq!(x.rsqrt().value()?.slice::<f64>(), [0.5]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[track_caller]
     #[must_use]
     pub fn rsqrt(&self) -> Self {

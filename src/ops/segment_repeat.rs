@@ -112,6 +112,15 @@ impl Var {
     /// Row `s` (along axis 0) repeated for the rows `offsets[s] .. offsets[s + 1]` of the result: of something known for each
     /// ray it makes something known for each of the ray's samples.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let rays = tape.leaf(Tensor::from_vec(vec![5.0, 7.0], [2, 1]));
+    /// let offsets = tape.constant(Tensor::from_vec(vec![0u32, 2, 3], [3]));
+    /// assert_eq!(rays.segment_repeat(&offsets)?.value()?.slice::<f64>(), [5.0, 5.0, 7.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// [`ErrorKind::Input`] when the offsets do not begin with 0 or fall somewhere.
     ///

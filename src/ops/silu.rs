@@ -12,6 +12,14 @@ pub(super) const SILU: Pointwise<1> = Pointwise {
 
 impl Var {
     /// `x σ(x)` of each element, with the logistic sigmoid σ (SiLU, swish).
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0], [1]));
+    /// assert!((x.silu().item()? - 1.0 / (1.0 + (-1.0f64).exp())).abs() < 1e-12);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[track_caller]
     #[must_use]
     pub fn silu(&self) -> Self {

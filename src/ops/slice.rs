@@ -81,6 +81,14 @@ impl Op for Slice {
 impl Var {
     /// The elements of `range` along `axis`.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0, 4.0], [4]));
+    /// assert_eq!(x.slice(0, 1..3).value()?.slice::<f64>(), [2.0, 3.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When the axis does not exist or the range is outside of it.
     #[track_caller]
@@ -90,6 +98,14 @@ impl Var {
     }
 
     /// The elements at `index` along `axis`, which is dropped.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0, 4.0], [2, 2]));
+    /// assert_eq!(x.select(0, 1).value()?.slice::<f64>(), [3.0, 4.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Panics
     /// When the axis or the index does not exist.

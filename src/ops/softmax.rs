@@ -199,6 +199,14 @@ impl Var {
 
     /// `x − ln Σ eˣ` along an axis: the logarithm of [`Var::softmax`] without its loss of digits.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![0.0, 0.0], [2]));
+    /// assert_eq!(x.log_softmax(0).value()?.slice::<f64>()[0], -std::f64::consts::LN_2);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When the axis does not exist.
     #[track_caller]

@@ -12,6 +12,14 @@ pub(super) const SOFTPLUS: Pointwise<1> = Pointwise {
 
 impl Var {
     /// `ln(1 + eˣ)` of each element: a smooth map to positive numbers.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![0.0], [1]));
+    /// assert!((x.softplus().item()? - std::f64::consts::LN_2).abs() < 1e-12);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[track_caller]
     #[must_use]
     pub fn softplus(&self) -> Self {

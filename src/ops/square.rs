@@ -12,6 +12,14 @@ pub(super) const SQUARE: Pointwise<1> = Pointwise {
 
 impl Var {
     /// The square of each element.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![-2.0, 3.0], [2]));
+    /// assert_eq!(x.square().value()?.slice::<f64>(), [4.0, 9.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[track_caller]
     #[must_use]
     pub fn square(&self) -> Self {

@@ -78,6 +78,14 @@ impl Op for Sum {
 impl Var {
     /// The sum over some axes, which are dropped.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0, 4.0], [2, 2]));
+    /// assert_eq!(x.sum(&[1]).value()?.slice::<f64>(), [3.0, 7.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When an axis does not exist.
     #[track_caller]
@@ -87,6 +95,14 @@ impl Var {
     }
 
     /// The sum of all elements, a number without axes.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0], [3]));
+    /// assert_eq!(x.sum_all().item()?, 6.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[track_caller]
     #[must_use]
     pub fn sum_all(&self) -> Self {
@@ -94,6 +110,14 @@ impl Var {
     }
 
     /// Sums up what broadcasting from this shape stretched: the adjoint of [`Var::broadcast_to`].
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0, 4.0], [2, 2]));
+    /// assert_eq!(x.sum_to([2, 1]).value()?.slice::<f64>(), [3.0, 7.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Panics
     /// When the shape does not stretch to that of `self`.
@@ -116,6 +140,14 @@ impl Var {
 
     /// The mean over some axes, which are dropped; NaN when they are empty.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0, 4.0], [2, 2]));
+    /// assert_eq!(x.mean(&[0]).value()?.slice::<f64>(), [2.0, 3.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When an axis does not exist.
     #[track_caller]
@@ -126,6 +158,14 @@ impl Var {
     }
 
     /// The mean of all elements, a number without axes; NaN for an empty tensor.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0], [3]));
+    /// assert_eq!(x.mean_all().item()?, 2.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[track_caller]
     #[must_use]
     pub fn mean_all(&self) -> Self {
@@ -134,6 +174,14 @@ impl Var {
 
     /// The variance over some axes, which are dropped: `Σ (x − mean)² / (n − correction)`; a correction of 1 makes the
     /// estimate from a sample unbiased, 0 gives the variance of the numbers themselves.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0], [3]));
+    /// assert_eq!(x.variance(&[0], 1).item()?, 1.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Panics
     /// When an axis does not exist.

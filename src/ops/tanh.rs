@@ -12,6 +12,14 @@ pub(super) const TANH: Pointwise<1> = Pointwise {
 
 impl Var {
     /// The hyperbolic tangent of each element.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![0.0], [1]));
+    /// assert_eq!(x.tanh().value()?.slice::<f64>(), [0.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[track_caller]
     #[must_use]
     pub fn tanh(&self) -> Self {

@@ -15,6 +15,22 @@ use crate::{Element, Result, Tensor};
 /// `m ← β₁ m + (1−β₁) g`, `v ← β₂ v + (1−β₂) g²`, `x ← x − rate · (m̂ / (√v̂ + ε) + decay · x)` with `m̂ = m / (1−β₁ᵗ)` and
 /// `v̂ = v / (1−β₂ᵗ)`. The decay acts on the parameter itself, not through the moments. Moments have the parameter's dtype;
 /// everything that is one number for all elements is computed in `f64`.
+///
+/// ```
+/// use gradreel::optim::{Params, Adam};
+/// use gradreel::{Tape, Tensor};
+/// let mut params = Params::new();
+/// params.set("x", Tensor::from_vec(vec![4.0], [1]));
+/// let mut optimiser = Adam::new(0.1);
+/// let gradients = {
+///     let tape = Tape::new();
+///     let bound = params.bind(&tape);
+///     bound.gradients(&bound.get("x")?.square().backward()?)?
+/// };
+/// optimiser.step(&mut params, &gradients)?;
+/// assert!((params.get("x")?.item()? - 3.9).abs() < 1e-6);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct Adam {
     /// The rate of paths without one of their own.
@@ -34,6 +50,11 @@ pub struct Adam {
 
 impl Adam {
     /// Adam with β = (0.9, 0.999), ε = 1e-8, without weight decay, clipping or schedule.
+    ///
+    /// ```
+    /// use gradreel::optim::Adam;
+    /// assert_eq!(Adam::new(1e-3).steps(), 0);
+    /// ```
     pub fn new(rate: f64) -> Self {
         Self {
             rate,
@@ -48,6 +69,12 @@ impl Adam {
     }
 
     /// Gives the paths under this prefix a rate of their own; the longest prefix counts.
+    ///
+    /// ```
+    /// use gradreel::optim::Adam;
+    /// let optimiser = Adam::new(1e-3).with_rate("net.head", 1e-2);
+    /// # let _ = optimiser;
+    /// ```
     #[must_use]
     pub fn with_rate(mut self, prefix: impl Into<String>, rate: f64) -> Self {
         self.settings.rates.insert(prefix, rate);
@@ -55,6 +82,12 @@ impl Adam {
     }
 
     /// Decays all parameters: AdamW.
+    ///
+    /// ```
+    /// use gradreel::optim::Adam;
+    /// let optimiser = Adam::new(1e-3).with_weight_decay(1e-4);
+    /// # let _ = optimiser;
+    /// ```
     #[must_use]
     pub fn with_weight_decay(mut self, decay: f64) -> Self {
         self.weight_decay = decay;
@@ -62,6 +95,12 @@ impl Adam {
     }
 
     /// Gives the paths under this prefix a weight decay of their own (0 for biases, say); the longest prefix counts.
+    ///
+    /// ```
+    /// use gradreel::optim::Adam;
+    /// let optimiser = Adam::new(1e-3).with_weight_decay_of("net.bias", 0.0);
+    /// # let _ = optimiser;
+    /// ```
     #[must_use]
     pub fn with_weight_decay_of(mut self, prefix: impl Into<String>, decay: f64) -> Self {
         self.settings.decays.insert(prefix, decay);
@@ -69,6 +108,12 @@ impl Adam {
     }
 
     /// Multiplies all rates by a factor that depends on the number of updates made.
+    ///
+    /// ```
+    /// use gradreel::optim::{Adam, Schedule};
+    /// let optimiser = Adam::new(1e-3).with_schedule(Schedule::cosine(1000, 0.1));
+    /// # let _ = optimiser;
+    /// ```
     #[must_use]
     pub fn with_schedule(mut self, schedule: Schedule) -> Self {
         self.settings.schedule = schedule;
@@ -76,6 +121,12 @@ impl Adam {
     }
 
     /// Limits the gradients.
+    ///
+    /// ```
+    /// use gradreel::optim::{Adam, Clip};
+    /// let optimiser = Adam::new(1e-3).with_clip(Clip::Norm(1.0));
+    /// # let _ = optimiser;
+    /// ```
     #[must_use]
     pub fn with_clip(mut self, clip: Clip) -> Self {
         self.settings.clip = clip;
@@ -83,11 +134,43 @@ impl Adam {
     }
 
     /// Updates made so far.
+    ///
+    /// ```
+    /// use gradreel::optim::{Params, Adam};
+    /// use gradreel::{Tape, Tensor};
+    /// let mut params = Params::new();
+    /// params.set("x", Tensor::from_vec(vec![4.0], [1]));
+    /// let mut optimiser = Adam::new(0.1);
+    /// let gradients = {
+    ///     let tape = Tape::new();
+    ///     let bound = params.bind(&tape);
+    ///     bound.gradients(&bound.get("x")?.square().backward()?)?
+    /// };
+    /// optimiser.step(&mut params, &gradients)?;
+    /// assert_eq!(optimiser.steps(), 1);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn steps(&self) -> u64 {
         self.steps
     }
 
     /// One step against the gradients. A tensor that nothing else holds is updated in place, so drop the tape first.
+    ///
+    /// ```
+    /// use gradreel::optim::{Params, Adam};
+    /// use gradreel::{Tape, Tensor};
+    /// let mut params = Params::new();
+    /// params.set("x", Tensor::from_vec(vec![4.0], [1]));
+    /// let mut optimiser = Adam::new(0.1);
+    /// let gradients = {
+    ///     let tape = Tape::new();
+    ///     let bound = params.bind(&tape);
+    ///     bound.gradients(&bound.get("x")?.square().backward()?)?
+    /// };
+    /// optimiser.step(&mut params, &gradients)?;
+    /// assert!((params.get("x")?.item()? - 3.9).abs() < 1e-6);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`crate::ErrorKind::NonFinite`] for a gradient that is not finite, naming its path; [`crate::ErrorKind::Input`] for a
@@ -126,11 +209,51 @@ impl Adam {
 
     /// Adds the moments (`optimizer.adam.m.<path>`, `optimizer.adam.v.<path>`) and the number of updates (metadata
     /// `optimizer.adam.step`) to a file. Rates, decays and schedule are the program's to give again.
+    ///
+    /// ```
+    /// use gradreel::optim::{Params, Adam};
+    /// use gradreel::{Tape, Tensor};
+    /// let mut params = Params::new();
+    /// params.set("x", Tensor::from_vec(vec![4.0], [1]));
+    /// let mut optimiser = Adam::new(0.1);
+    /// let gradients = {
+    ///     let tape = Tape::new();
+    ///     let bound = params.bind(&tape);
+    ///     bound.gradients(&bound.get("x")?.square().backward()?)?
+    /// };
+    /// optimiser.step(&mut params, &gradients)?;
+    /// let mut file = gradreel::io::TensorFile::default();
+    /// optimiser.save(&mut file);
+    /// let mut again = Adam::new(0.1);
+    /// again.restore(&file)?;
+    /// assert_eq!(again.steps(), 1);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn save(&self, file: &mut TensorFile) {
         save_states(file, NAME, ["m", "v"], self.steps, &self.moments);
     }
 
     /// Goes on from a file, bit for bit.
+    ///
+    /// ```
+    /// use gradreel::optim::{Params, Adam};
+    /// use gradreel::{Tape, Tensor};
+    /// let mut params = Params::new();
+    /// params.set("x", Tensor::from_vec(vec![4.0], [1]));
+    /// let mut optimiser = Adam::new(0.1);
+    /// let gradients = {
+    ///     let tape = Tape::new();
+    ///     let bound = params.bind(&tape);
+    ///     bound.gradients(&bound.get("x")?.square().backward()?)?
+    /// };
+    /// optimiser.step(&mut params, &gradients)?;
+    /// let mut file = gradreel::io::TensorFile::default();
+    /// optimiser.save(&mut file);
+    /// let mut again = Adam::new(0.1);
+    /// again.restore(&file)?;
+    /// assert_eq!(again.steps(), 1);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`crate::ErrorKind::Input`] when the state is missing or incomplete; nothing is changed then.
@@ -140,6 +263,11 @@ impl Adam {
     }
 
     /// Whether a file holds a state.
+    ///
+    /// ```
+    /// use gradreel::{io::TensorFile, optim::Adam};
+    /// assert!(!Adam::is_saved_in(&TensorFile::default()));
+    /// ```
     pub fn is_saved_in(file: &TensorFile) -> bool {
         file.metadata.contains_key(&format!("optimizer.{NAME}.step"))
     }

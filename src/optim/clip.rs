@@ -5,6 +5,12 @@ use crate::scalar::Real;
 use crate::{Error, ErrorKind, Result};
 
 /// How an optimiser limits gradients that are finite but large. A gradient that is not finite is an error, always.
+///
+/// ```
+/// use gradreel::optim::{Adam, Clip};
+/// let adam = Adam::new(1e-3).with_clip(Clip::Norm(1.0));
+/// # let _ = adam;
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Clip {
     /// Not at all.

@@ -11,6 +11,19 @@ use crate::{Device, Element, Error, ErrorKind, Result, Tensor};
 
 /// The exponential moving average `a ← decay · a + (1 − decay) · x` of all parameters that are not frozen; it starts at the
 /// parameters of the first update.
+///
+/// ```
+/// use gradreel::optim::{Ema, Params};
+/// use gradreel::Tensor;
+/// let mut params = Params::new();
+/// params.set("x", Tensor::from_vec(vec![1.0], [1]));
+/// let mut ema = Ema::new(0.5);
+/// ema.update(&params)?;
+/// params.set("x", Tensor::from_vec(vec![3.0], [1]));
+/// ema.update(&params)?;
+/// assert_eq!(ema.averaged(&params).get("x")?.item()?, 2.0);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct Ema {
     decay: f64,
@@ -20,11 +33,30 @@ pub struct Ema {
 
 impl Ema {
     /// An average with this decay, 0.999 or 0.9999 for long trainings.
+    ///
+    /// ```
+    /// use gradreel::optim::Ema;
+    /// let ema = Ema::new(0.999);
+    /// # let _ = ema;
+    /// ```
     pub fn new(decay: f64) -> Self {
         Self { decay, steps: 0, averages: BTreeMap::new() }
     }
 
     /// Takes the parameters after an optimiser's step into the average.
+    ///
+    /// ```
+    /// use gradreel::optim::{Ema, Params};
+    /// use gradreel::Tensor;
+    /// let mut params = Params::new();
+    /// params.set("x", Tensor::from_vec(vec![1.0], [1]));
+    /// let mut ema = Ema::new(0.5);
+    /// ema.update(&params)?;
+    /// params.set("x", Tensor::from_vec(vec![3.0], [1]));
+    /// ema.update(&params)?;
+    /// assert_eq!(ema.averaged(&params).get("x")?.item()?, 2.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::Shape`] when a parameter has changed its shape or dtype, [`ErrorKind::Device`] when one cannot be read
@@ -52,6 +84,20 @@ impl Ema {
     }
 
     /// The parameters with averages in the place of those that are averaged.
+    ///
+    /// ```
+    /// use gradreel::optim::{Ema, Params};
+    /// use gradreel::Tensor;
+    /// let mut params = Params::new();
+    /// params.set("x", Tensor::from_vec(vec![1.0], [1]));
+    /// let mut ema = Ema::new(0.5);
+    /// ema.update(&params)?;
+    /// params.set("x", Tensor::from_vec(vec![3.0], [1]));
+    /// ema.update(&params)?;
+    /// let smooth = ema.averaged(&params);
+    /// assert_eq!(smooth.get("x")?.item()?, 2.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn averaged(&self, params: &Params) -> Params {
         let mut averaged = params.clone();
         for (path, average) in &self.averages {
@@ -61,12 +107,45 @@ impl Ema {
     }
 
     /// Adds the averages (`ema.<path>`) and the number of updates (metadata `ema.step`) to a file.
+    ///
+    /// ```
+    /// use gradreel::optim::{Ema, Params};
+    /// use gradreel::Tensor;
+    /// let mut params = Params::new();
+    /// params.set("x", Tensor::from_vec(vec![1.0], [1]));
+    /// let mut ema = Ema::new(0.5);
+    /// ema.update(&params)?;
+    /// params.set("x", Tensor::from_vec(vec![3.0], [1]));
+    /// ema.update(&params)?;
+    /// let mut file = gradreel::io::TensorFile::default();
+    /// ema.save(&mut file);
+    /// let mut again = Ema::new(0.5);
+    /// again.restore(&file)?;
+    /// assert_eq!(again.averaged(&params).get("x")?.item()?, 2.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn save(&self, file: &mut TensorFile) {
         file.metadata.insert("ema.step".to_owned(), self.steps.to_string());
         file.tensors.extend(self.averages.iter().map(|(path, average)| (format!("ema.{path}"), average.clone())));
     }
 
     /// Goes on from a file, bit for bit.
+    ///
+    /// ```
+    /// use gradreel::optim::{Ema, Params};
+    /// use gradreel::Tensor;
+    /// let mut params = Params::new();
+    /// params.set("x", Tensor::from_vec(vec![1.0], [1]));
+    /// let mut ema = Ema::new(0.5);
+    /// ema.update(&params)?;
+    /// params.set("x", Tensor::from_vec(vec![3.0], [1]));
+    /// ema.update(&params)?;
+    /// let mut file = gradreel::io::TensorFile::default();
+    /// ema.save(&mut file);
+    /// let mut again = Ema::new(0.5);
+    /// again.restore(&file)?;
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::Input`] when the file holds no averages; nothing is changed then.

@@ -57,6 +57,18 @@ impl Default for Lbfgs {
 }
 
 /// One accepted step, for progress reports.
+///
+/// ```
+/// use gradreel::optim::Lbfgs;
+/// let mut f = |x: &[f64]| Ok(((x[0] - 2.0).powi(2), vec![2.0 * (x[0] - 2.0)]));
+/// let mut losses = Vec::new();
+/// Lbfgs::default().minimise(&[0.0], &mut f, |step| {
+///     losses.push(step.value);
+///     Ok(())
+/// })?;
+/// assert!(losses.is_sorted_by(|a, b| a >= b));
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct LbfgsStep<'a> {
     /// Outer iteration, from 1.
@@ -85,6 +97,14 @@ struct Pair {
 impl Lbfgs {
     /// Minimises `f` from `start` and returns the best point seen. `each` is called after every accepted step; an error from
     /// it (an interruption, say) ends the search and is returned.
+    ///
+    /// ```
+    /// use gradreel::optim::Lbfgs;
+    /// let mut f = |x: &[f64]| Ok(((x[0] - 2.0).powi(2), vec![2.0 * (x[0] - 2.0)]));
+    /// let found = Lbfgs::default().minimise(&[0.0], &mut f, |_| Ok(()))?;
+    /// assert!((found[0] - 2.0).abs() < 1e-6);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::NonFinite`] when the function is not finite at the start; what `f` and `each` return.

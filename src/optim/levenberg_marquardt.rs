@@ -59,6 +59,13 @@ impl Default for LevenbergMarquardt {
 }
 
 /// Residuals at a point.
+///
+/// ```
+/// use gradreel::optim::Residuals;
+/// // r = (x, 2 x) at x = 3
+/// let residuals = Residuals { values: vec![3.0, 6.0], columns: vec![vec![1.0, 2.0]] };
+/// assert_eq!(residuals.columns.len(), 1);
+/// ```
 #[derive(Debug, Clone, Default)]
 pub struct Residuals {
     /// `rᵢ`.
@@ -68,6 +75,17 @@ pub struct Residuals {
 }
 
 /// Why the search ended.
+///
+/// ```
+/// use gradreel::optim::{LevenbergMarquardt, Residuals};
+/// // through the points (0, 1), (1, 3), (2, 5)
+/// let fit = LevenbergMarquardt::default().minimise(&[0.0, 0.0], &mut |x, _| {
+///     let values = (0..3).map(|t| x[0] + x[1] * f64::from(t) - f64::from(1 + 2 * t)).collect();
+///     Ok(Residuals { values, columns: vec![vec![1.0; 3], vec![0.0, 1.0, 2.0]] })
+/// })?;
+/// println!("{:?}", fit.stop);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stop {
     /// The residuals are orthogonal to the Jacobian, or zero: a stationary point.
@@ -83,6 +101,17 @@ pub enum Stop {
 }
 
 /// What was found.
+///
+/// ```
+/// use gradreel::optim::{LevenbergMarquardt, Residuals};
+/// // through the points (0, 1), (1, 3), (2, 5)
+/// let fit = LevenbergMarquardt::default().minimise(&[0.0, 0.0], &mut |x, _| {
+///     let values = (0..3).map(|t| x[0] + x[1] * f64::from(t) - f64::from(1 + 2 * t)).collect();
+///     Ok(Residuals { values, columns: vec![vec![1.0; 3], vec![0.0, 1.0, 2.0]] })
+/// })?;
+/// assert!((fit.point[1] - 2.0).abs() < 1e-9);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct Fit {
     /// The parameters.
@@ -109,6 +138,17 @@ pub struct Fit {
 impl Fit {
     /// The standard deviation of each parameter: infinite for one that takes part in an undetermined direction, NaN without a
     /// variance.
+    ///
+    /// ```
+    /// use gradreel::optim::{LevenbergMarquardt, Residuals};
+    /// // through the points (0, 1), (1, 3), (2, 5)
+    /// let fit = LevenbergMarquardt::default().minimise(&[0.0, 0.0], &mut |x, _| {
+    ///     let values = (0..3).map(|t| x[0] + x[1] * f64::from(t) - f64::from(1 + 2 * t)).collect();
+    ///     Ok(Residuals { values, columns: vec![vec![1.0; 3], vec![0.0, 1.0, 2.0]] })
+    /// })?;
+    /// assert!(fit.standard_errors().iter().all(|error| *error < 1e-6));
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn standard_errors(&self) -> Vec<f64> {
         let takes_part = |i: usize| self.undetermined.iter().any(|direction| direction[i].abs() > 1e-6);
         let error = |i: usize| match self.variance {
@@ -126,6 +166,17 @@ type Model<'a> = dyn FnMut(&[f64], bool) -> Result<Residuals> + 'a;
 impl LevenbergMarquardt {
     /// Minimises from `start`. `model(x, jacobian)` gives the residuals at `x`, and their Jacobian when it is asked for (it may
     /// always give both). A trial where residuals are not finite is stepped back from.
+    ///
+    /// ```
+    /// use gradreel::optim::{LevenbergMarquardt, Residuals};
+    /// // through the points (0, 1), (1, 3), (2, 5)
+    /// let fit = LevenbergMarquardt::default().minimise(&[0.0, 0.0], &mut |x, _| {
+    ///     let values = (0..3).map(|t| x[0] + x[1] * f64::from(t) - f64::from(1 + 2 * t)).collect();
+    ///     Ok(Residuals { values, columns: vec![vec![1.0; 3], vec![0.0, 1.0, 2.0]] })
+    /// })?;
+    /// assert!((fit.point[0] - 1.0).abs() < 1e-9 && (fit.point[1] - 2.0).abs() < 1e-9);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::NonFinite`] when residuals at the start, or the Jacobian at an accepted point, are not finite;

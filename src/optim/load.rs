@@ -10,6 +10,21 @@ use crate::optim::state::{RESERVED, is_state};
 use crate::{DType, Error, ErrorKind, Result, Shape, Tensor};
 
 /// Where parameters can be loaded from: an open [`Archive`], of which only what is needed is read, or a [`TensorFile`].
+///
+/// ```
+/// use gradreel::io::TensorFile;
+/// use gradreel::optim::{Load, Params};
+/// use gradreel::{DType, Tensor};
+/// let mut saved = Params::new();
+/// saved.set("weight", Tensor::full(2.0, [1], DType::F64));
+/// let mut file = TensorFile::default();
+/// saved.save(&mut file)?;
+/// let mut params = Params::new();
+/// params.set("weight", Tensor::zeros([1], DType::F64));
+/// params.load(&file, &Load::strict())?;
+/// assert_eq!(params.get("weight")?.item()?, 2.0);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 pub trait TensorSource {
     /// Every name.
     fn names(&self) -> Box<dyn Iterator<Item = &str> + '_>;
@@ -58,6 +73,21 @@ impl TensorSource for TensorFile {
 }
 
 /// How names in a file are matched with paths. By default both sets must be equal.
+///
+/// ```
+/// use gradreel::io::TensorFile;
+/// use gradreel::optim::{Load, Params};
+/// use gradreel::{DType, Tensor};
+/// let mut saved = Params::new();
+/// saved.set("weight", Tensor::full(2.0, [1], DType::F64));
+/// let mut file = TensorFile::default();
+/// saved.save(&mut file)?;
+/// let mut params = Params::new();
+/// params.set("net.weight", Tensor::zeros([1], DType::F64));
+/// params.load(&file, &Load::strict().into_prefix("net"))?;
+/// assert_eq!(params.get("net.weight")?.item()?, 2.0);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Debug, Clone, Default)]
 pub struct Load {
     file_prefix: String,
@@ -68,11 +98,23 @@ pub struct Load {
 
 impl Load {
     /// Every path has its name in the file, and the other way round.
+    ///
+    /// ```
+    /// use gradreel::optim::Load;
+    /// let load = Load::strict();
+    /// # let _ = load;
+    /// ```
     pub fn strict() -> Self {
         Self::default()
     }
 
     /// Takes from the file only what is under this prefix, which is removed from the names.
+    ///
+    /// ```
+    /// use gradreel::optim::Load;
+    /// let load = Load::strict().from_prefix("model.unet");
+    /// # let _ = load;
+    /// ```
     #[must_use]
     pub fn from_prefix(mut self, prefix: impl Into<String>) -> Self {
         self.file_prefix = prefix.into();
@@ -80,6 +122,12 @@ impl Load {
     }
 
     /// Loads only the parameters under this prefix; the names in the file are the rest of their paths.
+    ///
+    /// ```
+    /// use gradreel::optim::Load;
+    /// let load = Load::strict().into_prefix("unet");
+    /// # let _ = load;
+    /// ```
     #[must_use]
     pub fn into_prefix(mut self, prefix: impl Into<String>) -> Self {
         self.prefix = prefix.into();
@@ -87,6 +135,12 @@ impl Load {
     }
 
     /// Leaves parameters that the file does not have as they are.
+    ///
+    /// ```
+    /// use gradreel::optim::Load;
+    /// let load = Load::strict().allow_missing();
+    /// # let _ = load;
+    /// ```
     #[must_use]
     pub fn allow_missing(mut self) -> Self {
         self.missing = true;
@@ -94,6 +148,12 @@ impl Load {
     }
 
     /// Ignores what the file has beyond the parameters.
+    ///
+    /// ```
+    /// use gradreel::optim::Load;
+    /// let load = Load::strict().allow_unexpected();
+    /// # let _ = load;
+    /// ```
     #[must_use]
     pub fn allow_unexpected(mut self) -> Self {
         self.unexpected = true;
@@ -171,6 +231,18 @@ impl Params {
     }
 
     /// Adds all parameters to a file, under their paths.
+    ///
+    /// ```
+    /// use gradreel::io::TensorFile;
+    /// use gradreel::optim::{Load, Params};
+    /// use gradreel::{DType, Tensor};
+    /// let mut saved = Params::new();
+    /// saved.set("weight", Tensor::full(2.0, [1], DType::F64));
+    /// let mut file = TensorFile::default();
+    /// saved.save(&mut file)?;
+    /// assert_eq!(file.get("weight")?.item()?, 2.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::Input`] for a path under `optimizer` or `ema`, which are the names of a training's states.

@@ -34,16 +34,38 @@ pub struct Params {
 
 impl Params {
     /// An empty store.
+    ///
+    /// ```
+    /// assert_eq!(gradreel::optim::Params::new().count(), 0);
+    /// ```
     pub fn new() -> Self {
         Self::default()
     }
 
     /// Stores a tensor under a path, replacing what was there.
+    ///
+    /// ```
+    /// use gradreel::optim::Params;
+    /// use gradreel::{DType, Tensor};
+    /// let mut params = Params::new();
+    /// params.set("net.weight", Tensor::zeros([2, 3], DType::F32));
+    /// assert_eq!(params.count(), 6);
+    /// ```
     pub fn set(&mut self, path: impl Into<String>, value: Tensor) {
         self.tensors.insert(path.into(), value);
     }
 
     /// The tensor at a path.
+    ///
+    /// ```
+    /// use gradreel::optim::Params;
+    /// use gradreel::{DType, Tensor};
+    /// let mut params = Params::new();
+    /// params.set("net.weight", Tensor::zeros([2, 3], DType::F32));
+    /// assert_eq!(params.get("net.weight")?.dims(), [2, 3]);
+    /// assert!(params.get("net.bias").is_err());
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::Input`] when there is none.
@@ -52,27 +74,72 @@ impl Params {
     }
 
     /// Every path with its tensor.
+    ///
+    /// ```
+    /// use gradreel::optim::Params;
+    /// use gradreel::{DType, Tensor};
+    /// let mut params = Params::new();
+    /// params.set("net.weight", Tensor::zeros([2, 3], DType::F32));
+    /// assert_eq!(params.iter().next().map(|(path, _)| path), Some("net.weight"));
+    /// ```
     pub fn iter(&self) -> impl Iterator<Item = (&str, &Tensor)> {
         self.tensors.iter().map(|(path, value)| (path.as_str(), value))
     }
 
     /// Number of scalars in all tensors.
+    ///
+    /// ```
+    /// use gradreel::optim::Params;
+    /// use gradreel::{DType, Tensor};
+    /// let mut params = Params::new();
+    /// params.set("net.weight", Tensor::zeros([2, 3], DType::F32));
+    /// assert_eq!(params.count(), 6);
+    /// ```
     pub fn count(&self) -> usize {
         self.tensors.values().map(Tensor::len).sum()
     }
 
     /// Number of scalars in the tensors that are not frozen.
+    ///
+    /// ```
+    /// use gradreel::optim::Params;
+    /// use gradreel::{DType, Tensor};
+    /// let mut params = Params::new();
+    /// params.set("net.weight", Tensor::zeros([2, 3], DType::F32));
+    /// params.freeze("net")?;
+    /// assert_eq!(params.count_trainable(), 0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn count_trainable(&self) -> usize {
         self.iter().filter(|(path, _)| !self.is_frozen(path)).map(|(_, value)| value.len()).sum()
     }
 
     /// The parameters under a prefix, by the rest of their paths.
+    ///
+    /// ```
+    /// use gradreel::optim::Params;
+    /// use gradreel::{DType, Tensor};
+    /// let mut params = Params::new();
+    /// params.set("net.weight", Tensor::zeros([2, 3], DType::F32));
+    /// assert_eq!(params.scope("net").get("weight")?.len(), 6);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn scope(&self, prefix: impl Into<String>) -> Scope<'_> {
         Scope { params: self, prefix: prefix.into() }
     }
 
     /// Treats every path under this prefix as constant from now on. The longest prefix counts: part of what is frozen can be
     /// thawed.
+    ///
+    /// ```
+    /// use gradreel::optim::Params;
+    /// use gradreel::{DType, Tensor};
+    /// let mut params = Params::new();
+    /// params.set("net.weight", Tensor::zeros([2, 3], DType::F32));
+    /// params.freeze("net")?;
+    /// assert!(params.is_frozen("net.weight"));
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::Input`] when no path has this prefix.
@@ -81,6 +148,17 @@ impl Params {
     }
 
     /// Treats every path under this prefix as variable from now on.
+    ///
+    /// ```
+    /// use gradreel::optim::Params;
+    /// use gradreel::{DType, Tensor};
+    /// let mut params = Params::new();
+    /// params.set("net.weight", Tensor::zeros([2, 3], DType::F32));
+    /// params.freeze("net")?;
+    /// params.thaw("net.weight")?;
+    /// assert!(!params.is_frozen("net.weight"));
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::Input`] when no path has this prefix.
@@ -95,11 +173,29 @@ impl Params {
     }
 
     /// Whether a path is constant.
+    ///
+    /// ```
+    /// use gradreel::optim::Params;
+    /// use gradreel::{DType, Tensor};
+    /// let mut params = Params::new();
+    /// params.set("net.weight", Tensor::zeros([2, 3], DType::F32));
+    /// assert!(!params.is_frozen("net.weight"));
+    /// ```
     pub fn is_frozen(&self, path: &str) -> bool {
         self.frozen.get(path).copied().unwrap_or(false)
     }
 
     /// Stores all floats under a prefix in another dtype; `f16` halves the memory of weights that are not trained.
+    ///
+    /// ```
+    /// use gradreel::optim::Params;
+    /// use gradreel::{DType, Tensor};
+    /// let mut params = Params::new();
+    /// params.set("net.weight", Tensor::zeros([2, 3], DType::F32));
+    /// params.cast("net", DType::F16)?;
+    /// assert_eq!(params.get("net.weight")?.bytes(), 12);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::Input`] when no path has this prefix, or `dtype` holds no floats; [`ErrorKind::Device`] when a tensor
@@ -138,6 +234,15 @@ impl FromIterator<(String, Tensor)> for Params {
 }
 
 /// The parameters under a prefix, by the rest of their paths.
+///
+/// ```
+/// use gradreel::optim::Params;
+/// use gradreel::{DType, Tensor};
+/// let mut params = Params::new();
+/// params.set("net.weight", Tensor::zeros([2, 3], DType::F32));
+/// let net = params.scope("net");
+/// assert_eq!(net.count(), 6);
+/// ```
 #[derive(Debug, Clone)]
 pub struct Scope<'p> {
     params: &'p Params,
@@ -147,6 +252,15 @@ pub struct Scope<'p> {
 impl<'p> Scope<'p> {
     /// The tensor at the rest of a path.
     ///
+    /// ```
+    /// use gradreel::optim::Params;
+    /// use gradreel::{DType, Tensor};
+    /// let mut params = Params::new();
+    /// params.set("net.weight", Tensor::zeros([2, 3], DType::F32));
+    /// assert_eq!(params.scope("net").get("weight")?.dims(), [2, 3]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// [`ErrorKind::Input`] when there is none.
     pub fn get(&self, path: &str) -> Result<&'p Tensor> {
@@ -154,18 +268,42 @@ impl<'p> Scope<'p> {
     }
 
     /// The parameters under a longer prefix.
+    ///
+    /// ```
+    /// use gradreel::optim::Params;
+    /// use gradreel::{DType, Tensor};
+    /// let mut params = Params::new();
+    /// params.set("net.first.weight", Tensor::zeros([2], DType::F32));
+    /// assert_eq!(params.scope("net").scope("first").count(), 2);
+    /// ```
     #[must_use]
     pub fn scope(&self, prefix: &str) -> Self {
         Self { params: self.params, prefix: join(&self.prefix, prefix) }
     }
 
     /// The rest of every path with its tensor.
+    ///
+    /// ```
+    /// use gradreel::optim::Params;
+    /// use gradreel::{DType, Tensor};
+    /// let mut params = Params::new();
+    /// params.set("net.weight", Tensor::zeros([2, 3], DType::F32));
+    /// assert_eq!(params.scope("net").iter().next().map(|(path, _)| path), Some("weight"));
+    /// ```
     pub fn iter(&self) -> impl Iterator<Item = (&'p str, &'p Tensor)> {
         let cut = if self.prefix.is_empty() { 0 } else { self.prefix.len() + 1 };
         under(&self.params.tensors, &self.prefix).map(move |(path, value)| (path.get(cut..).unwrap_or(""), value))
     }
 
     /// Number of scalars in all tensors.
+    ///
+    /// ```
+    /// use gradreel::optim::Params;
+    /// use gradreel::{DType, Tensor};
+    /// let mut params = Params::new();
+    /// params.set("net.weight", Tensor::zeros([2, 3], DType::F32));
+    /// assert_eq!(params.scope("net").count(), 6);
+    /// ```
     pub fn count(&self) -> usize {
         self.iter().map(|(_, value)| value.len()).sum()
     }

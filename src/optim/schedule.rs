@@ -46,38 +46,74 @@ enum Form {
 
 impl Schedule {
     /// Always 1.
+    ///
+    /// ```
+    /// use gradreel::optim::Schedule;
+    /// assert_eq!(Schedule::constant().factor(100), 1.0);
+    /// ```
     pub fn constant() -> Self {
         Self::default()
     }
 
     /// Linear from `from` at the first update to 1 after `steps`: `from + (1 − from) n / steps`, then 1.
+    ///
+    /// ```
+    /// use gradreel::optim::Schedule;
+    /// assert_eq!(Schedule::warmup(10, 0.0).factor(5), 0.5);
+    /// ```
     pub fn warmup(steps: u64, from: f64) -> Self {
         Self(Form::Warmup { steps, from })
     }
 
     /// Half a cosine from 1 to `to` over `steps` updates (Loshchilov and Hutter 2017, without restarts), then `to`:
     /// `to + (1 − to) (1 + cos(π n / steps)) / 2`.
+    ///
+    /// ```
+    /// use gradreel::optim::Schedule;
+    /// assert!((Schedule::cosine(100, 0.0).factor(50) - 0.5).abs() < 1e-12);
+    /// ```
     pub fn cosine(steps: u64, to: f64) -> Self {
         Self(Form::Cosine { steps, to })
     }
 
     /// Multiplied by `factor` every `every` updates: `factor^⌊n / every⌋`.
+    ///
+    /// ```
+    /// use gradreel::optim::Schedule;
+    /// assert_eq!(Schedule::step(10, 0.5).factor(25), 0.25);
+    /// ```
     pub fn step(every: u64, factor: f64) -> Self {
         Self(Form::Step { every: every.max(1), factor })
     }
 
     /// Multiplied by `factor` at every update: `factorⁿ`.
+    ///
+    /// ```
+    /// use gradreel::optim::Schedule;
+    /// assert_eq!(Schedule::exponential(0.5).factor(2), 0.25);
+    /// ```
     pub fn exponential(factor: f64) -> Self {
         Self(Form::Exponential { factor })
     }
 
     /// This schedule for `steps` updates, then `next`, which counts from there.
+    ///
+    /// ```
+    /// use gradreel::optim::Schedule;
+    /// let schedule = Schedule::warmup(10, 0.0).then(10, Schedule::exponential(0.5));
+    /// assert_eq!(schedule.factor(11), 0.5);
+    /// ```
     #[must_use]
     pub fn then(self, steps: u64, next: Self) -> Self {
         Self(Form::Then { first: Box::new(self.0), steps, next: Box::new(next.0) })
     }
 
     /// The factor for the next update after `steps` were made.
+    ///
+    /// ```
+    /// use gradreel::optim::Schedule;
+    /// assert_eq!(Schedule::step(10, 0.5).factor(9), 1.0);
+    /// ```
     pub fn factor(&self, steps: u64) -> f64 {
         self.0.factor(steps)
     }

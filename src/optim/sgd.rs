@@ -14,6 +14,22 @@ use crate::{Element, Result, Tensor};
 ///
 /// `g ← g + decay · x`, `b ← momentum · b + g`, `x ← x − rate · b`; Nesterov's form moves by `g + momentum · b` instead of
 /// `b`. Without momentum there is no state.
+///
+/// ```
+/// use gradreel::optim::{Params, Sgd};
+/// use gradreel::{Tape, Tensor};
+/// let mut params = Params::new();
+/// params.set("x", Tensor::from_vec(vec![4.0], [1]));
+/// let mut optimiser = Sgd::new(0.1);
+/// let gradients = {
+///     let tape = Tape::new();
+///     let bound = params.bind(&tape);
+///     bound.gradients(&bound.get("x")?.square().backward()?)?
+/// };
+/// optimiser.step(&mut params, &gradients)?;
+/// assert!((params.get("x")?.item()? - 3.2).abs() < 1e-6);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct Sgd {
     /// The rate of paths without one of their own.
@@ -31,12 +47,23 @@ pub struct Sgd {
 
 impl Sgd {
     /// Plain gradient descent.
+    ///
+    /// ```
+    /// use gradreel::optim::Sgd;
+    /// assert_eq!(Sgd::new(1e-3).steps(), 0);
+    /// ```
     pub fn new(rate: f64) -> Self {
         let (settings, moves) = (Settings::new(), BTreeMap::new());
         Self { rate, momentum: 0.0, nesterov: false, weight_decay: 0.0, settings, steps: 0, moves }
     }
 
     /// Keeps a share of the last move.
+    ///
+    /// ```
+    /// use gradreel::optim::Sgd;
+    /// let optimiser = Sgd::new(1e-3).with_momentum(0.9);
+    /// # let _ = optimiser;
+    /// ```
     #[must_use]
     pub fn with_momentum(mut self, momentum: f64) -> Self {
         self.momentum = momentum;
@@ -44,6 +71,12 @@ impl Sgd {
     }
 
     /// Keeps a share of the last move and looks ahead along it.
+    ///
+    /// ```
+    /// use gradreel::optim::Sgd;
+    /// let optimiser = Sgd::new(1e-3).with_nesterov_momentum(0.9);
+    /// # let _ = optimiser;
+    /// ```
     #[must_use]
     pub fn with_nesterov_momentum(mut self, momentum: f64) -> Self {
         (self.momentum, self.nesterov) = (momentum, true);
@@ -51,6 +84,12 @@ impl Sgd {
     }
 
     /// Gives the paths under this prefix a rate of their own; the longest prefix counts.
+    ///
+    /// ```
+    /// use gradreel::optim::Sgd;
+    /// let optimiser = Sgd::new(1e-3).with_rate("net.head", 1e-2);
+    /// # let _ = optimiser;
+    /// ```
     #[must_use]
     pub fn with_rate(mut self, prefix: impl Into<String>, rate: f64) -> Self {
         self.settings.rates.insert(prefix, rate);
@@ -58,6 +97,12 @@ impl Sgd {
     }
 
     /// Decays all parameters.
+    ///
+    /// ```
+    /// use gradreel::optim::Sgd;
+    /// let optimiser = Sgd::new(1e-3).with_weight_decay(1e-4);
+    /// # let _ = optimiser;
+    /// ```
     #[must_use]
     pub fn with_weight_decay(mut self, decay: f64) -> Self {
         self.weight_decay = decay;
@@ -65,6 +110,12 @@ impl Sgd {
     }
 
     /// Gives the paths under this prefix a weight decay of their own; the longest prefix counts.
+    ///
+    /// ```
+    /// use gradreel::optim::Sgd;
+    /// let optimiser = Sgd::new(1e-3).with_weight_decay_of("net.bias", 0.0);
+    /// # let _ = optimiser;
+    /// ```
     #[must_use]
     pub fn with_weight_decay_of(mut self, prefix: impl Into<String>, decay: f64) -> Self {
         self.settings.decays.insert(prefix, decay);
@@ -72,6 +123,12 @@ impl Sgd {
     }
 
     /// Multiplies all rates by a factor that depends on the number of updates made.
+    ///
+    /// ```
+    /// use gradreel::optim::{Sgd, Schedule};
+    /// let optimiser = Sgd::new(1e-3).with_schedule(Schedule::cosine(1000, 0.1));
+    /// # let _ = optimiser;
+    /// ```
     #[must_use]
     pub fn with_schedule(mut self, schedule: Schedule) -> Self {
         self.settings.schedule = schedule;
@@ -79,6 +136,12 @@ impl Sgd {
     }
 
     /// Limits the gradients.
+    ///
+    /// ```
+    /// use gradreel::optim::{Sgd, Clip};
+    /// let optimiser = Sgd::new(1e-3).with_clip(Clip::Norm(1.0));
+    /// # let _ = optimiser;
+    /// ```
     #[must_use]
     pub fn with_clip(mut self, clip: Clip) -> Self {
         self.settings.clip = clip;
@@ -86,11 +149,43 @@ impl Sgd {
     }
 
     /// Updates made so far.
+    ///
+    /// ```
+    /// use gradreel::optim::{Params, Sgd};
+    /// use gradreel::{Tape, Tensor};
+    /// let mut params = Params::new();
+    /// params.set("x", Tensor::from_vec(vec![4.0], [1]));
+    /// let mut optimiser = Sgd::new(0.1);
+    /// let gradients = {
+    ///     let tape = Tape::new();
+    ///     let bound = params.bind(&tape);
+    ///     bound.gradients(&bound.get("x")?.square().backward()?)?
+    /// };
+    /// optimiser.step(&mut params, &gradients)?;
+    /// assert_eq!(optimiser.steps(), 1);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn steps(&self) -> u64 {
         self.steps
     }
 
     /// One step against the gradients. A tensor that nothing else holds is updated in place, so drop the tape first.
+    ///
+    /// ```
+    /// use gradreel::optim::{Params, Sgd};
+    /// use gradreel::{Tape, Tensor};
+    /// let mut params = Params::new();
+    /// params.set("x", Tensor::from_vec(vec![4.0], [1]));
+    /// let mut optimiser = Sgd::new(0.1);
+    /// let gradients = {
+    ///     let tape = Tape::new();
+    ///     let bound = params.bind(&tape);
+    ///     bound.gradients(&bound.get("x")?.square().backward()?)?
+    /// };
+    /// optimiser.step(&mut params, &gradients)?;
+    /// assert!((params.get("x")?.item()? - 3.2).abs() < 1e-6);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// As [`crate::optim::Adam::step`]; nothing is changed then.
@@ -125,11 +220,51 @@ impl Sgd {
     }
 
     /// Adds the moves (`optimizer.sgd.momentum.<path>`) and the number of updates (metadata `optimizer.sgd.step`) to a file.
+    ///
+    /// ```
+    /// use gradreel::optim::{Params, Sgd};
+    /// use gradreel::{Tape, Tensor};
+    /// let mut params = Params::new();
+    /// params.set("x", Tensor::from_vec(vec![4.0], [1]));
+    /// let mut optimiser = Sgd::new(0.1).with_momentum(0.9);
+    /// let gradients = {
+    ///     let tape = Tape::new();
+    ///     let bound = params.bind(&tape);
+    ///     bound.gradients(&bound.get("x")?.square().backward()?)?
+    /// };
+    /// optimiser.step(&mut params, &gradients)?;
+    /// let mut file = gradreel::io::TensorFile::default();
+    /// optimiser.save(&mut file);
+    /// let mut again = Sgd::new(0.1).with_momentum(0.9);
+    /// again.restore(&file)?;
+    /// assert_eq!(again.steps(), 1);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn save(&self, file: &mut TensorFile) {
         save_states(file, NAME, ["momentum"], self.steps, &self.moves);
     }
 
     /// Goes on from a file, bit for bit.
+    ///
+    /// ```
+    /// use gradreel::optim::{Params, Sgd};
+    /// use gradreel::{Tape, Tensor};
+    /// let mut params = Params::new();
+    /// params.set("x", Tensor::from_vec(vec![4.0], [1]));
+    /// let mut optimiser = Sgd::new(0.1).with_momentum(0.9);
+    /// let gradients = {
+    ///     let tape = Tape::new();
+    ///     let bound = params.bind(&tape);
+    ///     bound.gradients(&bound.get("x")?.square().backward()?)?
+    /// };
+    /// optimiser.step(&mut params, &gradients)?;
+    /// let mut file = gradreel::io::TensorFile::default();
+    /// optimiser.save(&mut file);
+    /// let mut again = Sgd::new(0.1).with_momentum(0.9);
+    /// again.restore(&file)?;
+    /// assert_eq!(again.steps(), 1);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`crate::ErrorKind::Input`] when the state is missing or incomplete; nothing is changed then.

@@ -61,6 +61,12 @@ impl Tensor {
     /// Uniform numbers in `[0, 1)` on the CPU, multiples of 2⁻²⁴ in `f32` and of 2⁻⁵³ in `f64`: the same ones for every
     /// thread count and platform.
     ///
+    /// ```
+    /// # use gradreel::{DType, Key, Tensor};
+    /// let x = Tensor::uniform(Key::new(7), [3], DType::F64);
+    /// assert_eq!(x.slice::<f64>(), Tensor::uniform(Key::new(7), [3], DType::F64).slice::<f64>());
+    /// ```
+    ///
     /// # Panics
     /// When `dtype` is not `f32` or `f64`.
     #[track_caller]
@@ -70,6 +76,13 @@ impl Tensor {
 
     /// Numbers of the standard normal distribution on the CPU; see [`Key::normal`].
     ///
+    /// ```
+    /// # use gradreel::{DType, Key, Tensor};
+    /// let x = Tensor::normal(Key::new(7), [1000], DType::F32);
+    /// assert!(x.to_vec()?.iter().sum::<f64>().abs() < 150.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When `dtype` is not `f32` or `f64`.
     #[track_caller]
@@ -78,6 +91,13 @@ impl Tensor {
     }
 
     /// [`Tensor::uniform`], made on a device: bit for bit the same numbers.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Device, Key, Tensor};
+    /// let x = Tensor::uniform_on(&Device::Cpu, Key::new(7), [3], DType::F32)?;
+    /// assert_eq!(x.len(), 3);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`crate::ErrorKind::Device`] when it does not fit; [`crate::ErrorKind::Unsupported`] for a dtype the device does
@@ -90,6 +110,13 @@ impl Tensor {
     }
 
     /// [`Tensor::normal`], made on a device: the same numbers but for rounding.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Device, Key, Tensor};
+    /// let x = Tensor::normal_on(&Device::Cpu, Key::new(7), [3], DType::F32)?;
+    /// assert_eq!(x.len(), 3);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// As [`Tensor::uniform_on`].

@@ -21,23 +21,44 @@ pub struct Key(u64);
 
 impl Key {
     /// A key from a seed.
+    ///
+    /// ```
+    /// # use gradreel::Key;
+    /// assert_eq!(Key::new(7), Key::new(7));
+    /// ```
     pub fn new(seed: u64) -> Self {
         Self(mix(seed ^ 0x5851_F42D_4C95_7F2D))
     }
 
     /// Independent keys.
+    ///
+    /// ```
+    /// # use gradreel::Key;
+    /// let [noise, order] = Key::new(7).split();
+    /// assert_ne!(noise, order);
+    /// ```
     #[must_use]
     pub fn split<const N: usize>(self) -> [Self; N] {
         std::array::from_fn(|i| self.fold(i as u64))
     }
 
     /// The key of one member of a family: an iteration, a camera, a frame.
+    ///
+    /// ```
+    /// # use gradreel::Key;
+    /// assert_ne!(Key::new(7).fold(0), Key::new(7).fold(1));
+    /// ```
     #[must_use]
     pub fn fold(self, member: u64) -> Self {
         Self(mix(self.0 ^ mix(member.wrapping_add(0xA076_1D64_78BD_642F))))
     }
 
     /// Uniform numbers in `[0, 1)`.
+    ///
+    /// ```
+    /// # use gradreel::Key;
+    /// assert!(Key::new(7).uniform(10).all(|x| (0.0..1.0).contains(&x)));
+    /// ```
     pub fn uniform(self, count: usize) -> impl Iterator<Item = f64> {
         (0..count as u64).map(move |i| (self.bits(i) >> 11) as f64 * (1.0 / (1u64 << 53) as f64))
     }
@@ -63,6 +84,11 @@ impl Key {
     }
 
     /// Uniform integers in `0..bound`.
+    ///
+    /// ```
+    /// # use gradreel::Key;
+    /// assert!(Key::new(7).below(6, 10).all(|x| x < 6));
+    /// ```
     ///
     /// # Panics
     /// When `bound` is 0.

@@ -39,6 +39,13 @@ impl Program {
     /// The reverse derivative with respect to the inputs `which` only, in that order; what only the others need is left
     /// out. The inputs are those of [`Program::vjp`].
     ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("f", &["x", "y"], &["z"], |x| vec![x[0] * x[1]]);
+    /// // inputs, then the cotangent of z
+    /// assert_eq!(f.vjp_wrt(&[1]).eval(&[2.0, 3.0, 1.0]), [2.0]);
+    /// ```
+    ///
     /// # Panics
     /// If an index is out of range or occurs twice.
     #[track_caller]

@@ -19,6 +19,14 @@ use super::real::Real;
 const BLOCK: usize = 256;
 
 /// The values of one input over the lanes of a run.
+///
+/// ```
+/// use gradreel::scalar::{Lanes, Program};
+/// let f = Program::trace("scaled", &["a", "x"], &["y"], |v| vec![v[0] * v[1]]);
+/// let mut y = [0.0; 3];
+/// f.run(3, &[Lanes::Same(2.0), Lanes::Each(&[1.0, 2.0, 3.0])], &mut [&mut y]);
+/// assert_eq!(y, [2.0, 4.0, 6.0]);
+/// ```
 #[derive(Debug, Clone, Copy)]
 pub enum Lanes<'a, T> {
     /// One value per lane.
@@ -65,6 +73,12 @@ impl Program {
     }
 
     /// The outputs for one lane; for tests and occasional values.
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![x[0].square()]);
+    /// assert_eq!(f.eval(&[3.0]), [9.0]);
+    /// ```
     ///
     /// # Panics
     /// If the number of inputs differs.

@@ -34,6 +34,12 @@ pub(super) enum Repr {
 /// The outcome of a comparison inside a traced function: true or false for each lane.
 ///
 /// A comparison with NaN is false, so `x.lt(y).not()` and `x.ge(y)` differ there.
+///
+/// ```
+/// use gradreel::scalar::Program;
+/// let f = Program::trace("f", &["x"], &["y"], |x| vec![x[0].gt(1.0).select(10.0, 20.0)]);
+/// assert_eq!(f.eval(&[3.0]), [10.0]);
+/// ```
 #[derive(Debug, Clone, Copy)]
 pub struct Condition(Scalar);
 
@@ -89,6 +95,11 @@ impl Scalar {
     }
 
     /// The value if it is known while tracing.
+    ///
+    /// ```
+    /// use gradreel::scalar::Scalar;
+    /// assert_eq!(Scalar::from(2.0).constant(), Some(2.0));
+    /// ```
     #[must_use]
     pub fn constant(self) -> Option<f64> {
         match self.0 {
@@ -98,6 +109,12 @@ impl Scalar {
     }
 
     /// The smallest integer not below `x`; its derivative is 0 everywhere.
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![x[0].ceil()]);
+    /// assert_eq!(f.eval(&[1.2]), [2.0]);
+    /// ```
     #[must_use]
     #[track_caller]
     pub fn ceil(self) -> Self {
@@ -105,6 +122,12 @@ impl Scalar {
     }
 
     /// The nearest integer, halves upwards; its derivative is 0 everywhere.
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![x[0].round()]);
+    /// assert_eq!(f.eval(&[1.5]), [2.0]);
+    /// ```
     #[must_use]
     #[track_caller]
     pub fn round(self) -> Self {
@@ -113,6 +136,12 @@ impl Scalar {
     }
 
     /// `x²`
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![x[0].square()]);
+    /// assert_eq!(f.eval(&[3.0]), [9.0]);
+    /// ```
     #[must_use]
     #[track_caller]
     pub fn square(self) -> Self {
@@ -120,6 +149,12 @@ impl Scalar {
     }
 
     /// `xⁿ` by repeated squaring; any sign of `x`, and `(1/x)⁻ⁿ` for negative `n`.
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![x[0].powi(-2)]);
+    /// assert_eq!(f.eval(&[2.0]), [0.25]);
+    /// ```
     #[must_use]
     #[track_caller]
     pub fn powi(self, n: i32) -> Self {
@@ -143,6 +178,12 @@ impl Scalar {
     ///
     /// The slope in `x` is 0 where `b = 0`; that in `b` is 0 where `x = 0` and `b ≥ 0`, −∞ where `x = 0` and `b < 0`, and
     /// NaN where `x < 0`.
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![x[0].powf(0.5)]);
+    /// assert_eq!(f.eval(&[9.0]), [3.0]);
+    /// ```
     #[must_use]
     #[track_caller]
     #[allow(clippy::cast_possible_truncation)]
@@ -156,6 +197,12 @@ impl Scalar {
     }
 
     /// The smaller of two; on a tie the derivative goes to `self`; NaN if either is NaN.
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![x[0].min(1.0)]);
+    /// assert_eq!(f.eval(&[3.0]), [1.0]);
+    /// ```
     #[must_use]
     #[track_caller]
     pub fn min(self, b: impl Into<Self>) -> Self {
@@ -163,6 +210,12 @@ impl Scalar {
     }
 
     /// The larger of two; on a tie the derivative goes to `self`; NaN if either is NaN.
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![x[0].max(1.0)]);
+    /// assert_eq!(f.eval(&[3.0]), [3.0]);
+    /// ```
     #[must_use]
     #[track_caller]
     pub fn max(self, b: impl Into<Self>) -> Self {
@@ -170,6 +223,12 @@ impl Scalar {
     }
 
     /// The nearest number in `[low, high]`; the derivative is 1 inside and at both ends, 0 outside.
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![x[0].clamp(0.0, 1.0)]);
+    /// assert_eq!(f.eval(&[3.0]), [1.0]);
+    /// ```
     ///
     /// # Panics
     /// If `low > high` or either is NaN.
@@ -181,6 +240,12 @@ impl Scalar {
     }
 
     /// `self < b`
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![x[0].lt(2.0).to_scalar()]);
+    /// assert_eq!(f.eval(&[2.0]), [0.0]);
+    /// ```
     #[must_use]
     #[track_caller]
     pub fn lt(self, b: impl Into<Self>) -> Condition {
@@ -188,6 +253,12 @@ impl Scalar {
     }
 
     /// `self ≤ b`
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![x[0].le(2.0).to_scalar()]);
+    /// assert_eq!(f.eval(&[2.0]), [1.0]);
+    /// ```
     #[must_use]
     #[track_caller]
     pub fn le(self, b: impl Into<Self>) -> Condition {
@@ -195,6 +266,12 @@ impl Scalar {
     }
 
     /// `self > b`
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![x[0].gt(2.0).to_scalar()]);
+    /// assert_eq!(f.eval(&[2.0]), [0.0]);
+    /// ```
     #[must_use]
     #[track_caller]
     pub fn gt(self, b: impl Into<Self>) -> Condition {
@@ -202,6 +279,12 @@ impl Scalar {
     }
 
     /// `self ≥ b`
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![x[0].ge(2.0).to_scalar()]);
+    /// assert_eq!(f.eval(&[2.0]), [1.0]);
+    /// ```
     #[must_use]
     #[track_caller]
     pub fn ge(self, b: impl Into<Self>) -> Condition {
@@ -209,6 +292,12 @@ impl Scalar {
     }
 
     /// `self = b`; false for NaN.
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![x[0].eq(2.0).to_scalar()]);
+    /// assert_eq!(f.eval(&[2.0]), [1.0]);
+    /// ```
     #[must_use]
     #[track_caller]
     pub fn eq(self, b: impl Into<Self>) -> Condition {
@@ -217,6 +306,12 @@ impl Scalar {
     }
 
     /// `a` where the condition holds, else `b`. See [`Condition::select`].
+    ///
+    /// ```
+    /// use gradreel::scalar::{Program, Scalar};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![Scalar::select(x[0].lt(0.0), -x[0], x[0])]);
+    /// assert_eq!(f.eval(&[-3.0]), [3.0]);
+    /// ```
     #[must_use]
     #[track_caller]
     pub fn select(condition: Condition, a: impl Into<Self>, b: impl Into<Self>) -> Self {
@@ -247,6 +342,12 @@ impl Condition {
     }
 
     /// Both hold.
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![x[0].gt(0.0).and(x[0].lt(1.0)).to_scalar()]);
+    /// assert_eq!(f.eval(&[0.5]), [1.0]);
+    /// ```
     #[must_use]
     #[track_caller]
     pub fn and(self, other: Self) -> Self {
@@ -254,6 +355,12 @@ impl Condition {
     }
 
     /// At least one holds.
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![x[0].lt(0.0).or(x[0].gt(1.0)).to_scalar()]);
+    /// assert_eq!(f.eval(&[0.5]), [0.0]);
+    /// ```
     #[must_use]
     #[track_caller]
     pub fn or(self, other: Self) -> Self {
@@ -261,6 +368,12 @@ impl Condition {
     }
 
     /// It does not hold.
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![x[0].lt(0.0).not().to_scalar()]);
+    /// assert_eq!(f.eval(&[0.5]), [1.0]);
+    /// ```
     #[must_use]
     #[track_caller]
     #[allow(clippy::should_implement_trait)]
@@ -269,6 +382,12 @@ impl Condition {
     }
 
     /// 1 where it holds, else 0.
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![x[0].ge(0.0).to_scalar()]);
+    /// assert_eq!(f.eval(&[0.5]), [1.0]);
+    /// ```
     #[must_use]
     pub fn to_scalar(self) -> Scalar {
         self.0

@@ -18,16 +18,34 @@ pub struct Mat3(pub [[Scalar; 3]; 3]);
 
 impl Mat3 {
     /// The identity.
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![(Mat3::eye() * x[0]).trace()]);
+    /// assert_eq!(f.eval(&[2.0]), [6.0]);
+    /// ```
     pub fn eye() -> Self {
         Self::diag(Vec3::new(1.0, 1.0, 1.0))
     }
 
     /// All zeros.
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![(Mat3::zero() + Mat3::eye() * x[0]).trace()]);
+    /// assert_eq!(f.eval(&[2.0]), [6.0]);
+    /// ```
     pub fn zero() -> Self {
         Self([[Scalar::from(0.0); 3]; 3])
     }
 
     /// The matrix with `d` on its diagonal and zeros elsewhere.
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program, Vec3};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![Mat3::diag(Vec3::new(x[0], 2.0, 3.0)).det()]);
+    /// assert_eq!(f.eval(&[4.0]), [24.0]);
+    /// ```
     pub fn diag(d: Vec3) -> Self {
         let mut m = Self::zero();
         for i in 0..3 {
@@ -38,6 +56,13 @@ impl Mat3 {
 
     /// The first nine values of a slice, row by row.
     ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program};
+    /// let names = ["a", "b", "c", "d", "e", "f", "g", "h", "i"];
+    /// let f = Program::trace("trace", &names, &["y"], |x| vec![Mat3::from_slice(x).trace()]);
+    /// assert_eq!(f.eval(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]), [15.0]);
+    /// ```
+    ///
     /// # Panics
     /// If there are fewer.
     #[track_caller]
@@ -47,26 +72,69 @@ impl Mat3 {
     }
 
     /// The nine values row by row, as a traced function returns them.
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program};
+    /// let names = ["a", "b", "c", "d", "e", "f", "g", "h", "i"];
+    /// let f = Program::trace("scaled", &["x"], &names, |x| (Mat3::eye() * x[0]).to_vec());
+    /// assert_eq!(f.eval(&[2.0])[4], 2.0);
+    /// ```
     pub fn to_vec(self) -> Vec<Scalar> {
         self.0.as_flattened().to_vec()
     }
 
     /// `f` of each entry.
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program, Vec3};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| {
+    ///     let a = Mat3::diag(Vec3::new(x[0], 2.0, 3.0));
+    ///     vec![a.map(|entry| entry.square()).trace()]
+    /// });
+    /// assert_eq!(f.eval(&[1.0]), [14.0]);
+    /// ```
     pub fn map(self, mut f: impl FnMut(Scalar) -> Scalar) -> Self {
         Self(self.0.map(|row| row.map(&mut f)))
     }
 
     /// Row `i`.
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program, Vec3};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| {
+    ///     let a = Mat3::diag(Vec3::new(x[0], 2.0, 3.0));
+    ///     vec![a.row(1).norm_squared()]
+    /// });
+    /// assert_eq!(f.eval(&[1.0]), [4.0]);
+    /// ```
     pub fn row(self, i: usize) -> Vec3 {
         Vec3(self.0[i])
     }
 
     /// Column `j`.
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program, Vec3};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| {
+    ///     let a = Mat3::diag(Vec3::new(x[0], 2.0, 3.0));
+    ///     vec![a.column(1).norm_squared()]
+    /// });
+    /// assert_eq!(f.eval(&[1.0]), [4.0]);
+    /// ```
     pub fn column(self, j: usize) -> Vec3 {
         self.t().row(j)
     }
 
     /// `s A`
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program, Vec3};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| {
+    ///     let a = Mat3::diag(Vec3::new(x[0], 2.0, 3.0));
+    ///     vec![a.scale(2.0).trace()]
+    /// });
+    /// assert_eq!(f.eval(&[1.0]), [12.0]);
+    /// ```
     #[track_caller]
     pub fn scale(self, s: impl Into<Scalar>) -> Self {
         let s = s.into();
@@ -74,6 +142,15 @@ impl Mat3 {
     }
 
     /// The transpose `Aᵀ`.
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program, Vec3};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| {
+    ///     let a = Mat3::diag(Vec3::new(x[0], 2.0, 3.0));
+    ///     vec![a.t().row(0).norm_squared()]
+    /// });
+    /// assert_eq!(f.eval(&[1.0]), [1.0]);
+    /// ```
     #[must_use]
     pub fn t(self) -> Self {
         let [a, b, c] = self.0;
@@ -81,6 +158,15 @@ impl Mat3 {
     }
 
     /// `A B`; the same as `a * b`.
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program, Vec3};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| {
+    ///     let a = Mat3::diag(Vec3::new(x[0], 2.0, 3.0));
+    ///     vec![a.matmul(Mat3::eye()).trace()]
+    /// });
+    /// assert_eq!(f.eval(&[1.0]), [6.0]);
+    /// ```
     #[must_use]
     #[track_caller]
     pub fn matmul(self, b: Self) -> Self {
@@ -89,30 +175,75 @@ impl Mat3 {
     }
 
     /// `a bᵀ`; the same as `a.outer(b)`.
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program, Vec3};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| {
+    ///     let v = Vec3::new(x[0], 2.0, 3.0);
+    ///     vec![Mat3::outer(v, v).trace()]
+    /// });
+    /// assert_eq!(f.eval(&[1.0]), [14.0]);
+    /// ```
     #[track_caller]
     pub fn outer(a: Vec3, b: Vec3) -> Self {
         a.outer(b)
     }
 
     /// `tr A`
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program, Vec3};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| {
+    ///     let a = Mat3::diag(Vec3::new(x[0], 2.0, 3.0));
+    ///     vec![a.trace()]
+    /// });
+    /// assert_eq!(f.eval(&[1.0]), [6.0]);
+    /// ```
     #[track_caller]
     pub fn trace(self) -> Scalar {
         self.0[0][0] + self.0[1][1] + self.0[2][2]
     }
 
     /// `A : B = Σ Aᵢⱼ Bᵢⱼ`, the Frobenius product.
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program, Vec3};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| {
+    ///     let a = Mat3::diag(Vec3::new(x[0], 2.0, 3.0));
+    ///     vec![a.ddot(Mat3::eye())]
+    /// });
+    /// assert_eq!(f.eval(&[1.0]), [6.0]);
+    /// ```
     #[track_caller]
     pub fn ddot(self, b: Self) -> Scalar {
         self.row(0).dot(b.row(0)) + self.row(1).dot(b.row(1)) + self.row(2).dot(b.row(2))
     }
 
     /// `det A`
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program, Vec3};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| {
+    ///     let a = Mat3::diag(Vec3::new(x[0], 2.0, 3.0));
+    ///     vec![a.det()]
+    /// });
+    /// assert_eq!(f.eval(&[1.0]), [6.0]);
+    /// ```
     #[track_caller]
     pub fn det(self) -> Scalar {
         self.row(0).dot(self.row(1).cross(self.row(2)))
     }
 
     /// The cofactor matrix `det A · A⁻ᵀ`, defined for singular matrices too.
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program, Vec3};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| {
+    ///     let a = Mat3::diag(Vec3::new(x[0], 2.0, 3.0));
+    ///     vec![a.cofactor().row(0).norm_squared()]
+    /// });
+    /// assert_eq!(f.eval(&[1.0]), [36.0]);
+    /// ```
     #[must_use]
     #[track_caller]
     pub fn cofactor(self) -> Self {
@@ -121,6 +252,12 @@ impl Mat3 {
     }
 
     /// `A⁻¹`; not finite for a singular matrix.
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![(Mat3::eye() * x[0]).inverse().trace()]);
+    /// assert_eq!(f.eval(&[4.0]), [0.75]);
+    /// ```
     #[must_use]
     #[track_caller]
     pub fn inverse(self) -> Self {
@@ -128,6 +265,15 @@ impl Mat3 {
     }
 
     /// `(A + Aᵀ) / 2`
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program, Vec3};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| {
+    ///     let a = Mat3::diag(Vec3::new(x[0], 2.0, 3.0));
+    ///     vec![a.sym().row(0).norm_squared()]
+    /// });
+    /// assert_eq!(f.eval(&[1.0]), [1.0]);
+    /// ```
     #[must_use]
     #[track_caller]
     pub fn sym(self) -> Self {
@@ -135,6 +281,12 @@ impl Mat3 {
     }
 
     /// The deviator `A − tr A / 3 · I`.
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| vec![(Mat3::eye() * x[0]).dev().trace()]);
+    /// assert_eq!(f.eval(&[4.0]), [0.0]);
+    /// ```
     #[must_use]
     #[track_caller]
     pub fn dev(self) -> Self {

@@ -41,6 +41,11 @@ impl Path {
     pub const VARIABLE: &'static str = "GRADREEL_ISA";
 
     /// Every path that this processor can run.
+    ///
+    /// ```
+    /// use gradreel::scalar::Path;
+    /// assert!(Path::available().any(|path| path == Path::Portable));
+    /// ```
     pub fn available() -> impl DoubleEndedIterator<Item = Self> {
         [
             Some(Self::Portable),
@@ -67,6 +72,10 @@ impl Path {
     ];
 
     /// Its name: `scalar`, `avx2`, `avx512` or `neon`.
+    ///
+    /// ```
+    /// assert_eq!(gradreel::scalar::Path::Portable.name(), "scalar");
+    /// ```
     pub const fn name(self) -> &'static str {
         match self {
             Self::Portable => "scalar",
@@ -113,6 +122,12 @@ impl Path {
     }
 
     /// The path that kernels run on: that of the environment, unless they are held to another.
+    ///
+    /// ```
+    /// use gradreel::scalar::Path;
+    /// println!("kernels run on {:?}", Path::best());
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Panics
     /// When the environment asks for one that this processor cannot run; [`Path::of_environment`] returns that as an error.

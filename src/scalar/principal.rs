@@ -42,6 +42,16 @@ pub struct Principal {
 impl Mat3 {
     /// Its singular value decomposition. That of [`Principal::two_point`] is known and costs nothing: it has the same
     /// frames.
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program, Vec3};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| {
+    ///     let stretch = Mat3::diag(Vec3::new(x[0], 2.0, 1.0));
+    ///     let principal = stretch.principal();
+    ///     vec![principal.stretches().norm_squared()]
+    /// });
+    /// assert!((f.eval(&[3.0f64])[0] - 14.0).abs() < 1e-12);
+    /// ```
     #[must_use]
     #[track_caller]
     pub fn principal(self) -> Principal {
@@ -56,23 +66,63 @@ impl Mat3 {
 
 impl Principal {
     /// The principal stretches.
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program, Vec3};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| {
+    ///     let stretch = Mat3::diag(Vec3::new(x[0], 2.0, 1.0));
+    ///     let principal = stretch.principal();
+    ///     vec![principal.stretches().norm_squared()]
+    /// });
+    /// assert!((f.eval(&[3.0f64])[0] - 14.0).abs() < 1e-12);
+    /// ```
     pub fn stretches(self) -> Vec3 {
         Vec3(self.stretches)
     }
 
     /// `U`, a rotation. Its derivative is not finite where two stretches coincide; there it is cut off.
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program, Vec3};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| {
+    ///     let stretch = Mat3::diag(Vec3::new(x[0], 2.0, 1.0));
+    ///     let principal = stretch.principal();
+    ///     vec![principal.u().det()]
+    /// });
+    /// assert!((f.eval(&[3.0f64])[0] - 1.0).abs() < 1e-12);
+    /// ```
     #[track_caller]
     pub fn u(self) -> Mat3 {
         matrix(self.svd, 0)
     }
 
     /// `V`, a rotation. Its derivative is as that of [`Principal::u`].
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program, Vec3};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| {
+    ///     let stretch = Mat3::diag(Vec3::new(x[0], 2.0, 1.0));
+    ///     let principal = stretch.principal();
+    ///     vec![principal.v().det()]
+    /// });
+    /// assert!((f.eval(&[3.0f64])[0] - 1.0).abs() < 1e-12);
+    /// ```
     #[track_caller]
     pub fn v(self) -> Mat3 {
         matrix(self.svd, 12)
     }
 
     /// `U diag(d) Vᵀ`: a deformation gradient with other stretches.
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program, Vec3};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| {
+    ///     let stretch = Mat3::diag(Vec3::new(x[0], 2.0, 1.0));
+    ///     let principal = stretch.principal();
+    ///     vec![principal.two_point(principal.stretches()).trace()]
+    /// });
+    /// assert!((f.eval(&[3.0f64])[0] - 6.0).abs() < 1e-12);
+    /// ```
     #[must_use]
     #[track_caller]
     pub fn two_point(self, d: Vec3) -> Mat3 {
@@ -80,6 +130,16 @@ impl Principal {
     }
 
     /// `U diag(d) Uᵀ`: a symmetric matrix in the deformed body, such as the Kirchhoff stress.
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program, Vec3};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| {
+    ///     let stretch = Mat3::diag(Vec3::new(x[0], 2.0, 1.0));
+    ///     let principal = stretch.principal();
+    ///     vec![principal.left(principal.stretches().map(|s| s.ln())).trace()]
+    /// });
+    /// assert!((f.eval(&[3.0f64])[0] - 6.0f64.ln()).abs() < 1e-12);
+    /// ```
     #[must_use]
     #[track_caller]
     pub fn left(self, d: Vec3) -> Mat3 {
@@ -87,6 +147,16 @@ impl Principal {
     }
 
     /// `V diag(d) Vᵀ`: a symmetric matrix in the undeformed body, such as the right stretch tensor.
+    ///
+    /// ```
+    /// use gradreel::scalar::{Mat3, Program, Vec3};
+    /// let f = Program::trace("f", &["x"], &["y"], |x| {
+    ///     let stretch = Mat3::diag(Vec3::new(x[0], 2.0, 1.0));
+    ///     let principal = stretch.principal();
+    ///     vec![principal.right(principal.stretches().map(|s| s.square())).trace()]
+    /// });
+    /// assert!((f.eval(&[3.0f64])[0] - 14.0).abs() < 1e-12);
+    /// ```
     #[must_use]
     #[track_caller]
     pub fn right(self, d: Vec3) -> Mat3 {

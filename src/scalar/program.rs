@@ -46,6 +46,12 @@ impl Program {
     ///
     /// Equal subexpressions are stored once, constants are folded and whatever no output depends on is dropped.
     ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("area", &["a", "b"], &["ab"], |x| vec![x[0] * x[1]]);
+    /// assert_eq!(f.eval(&[2.0, 3.0]), [6.0]);
+    /// ```
+    ///
     /// # Panics
     /// If `f` returns another number of values than there are output names; if a name is not an identifier or
     /// occurs twice in its list.
@@ -79,31 +85,67 @@ impl Program {
     }
 
     /// The name given to [`Program::trace`]; derivatives append `_vjp` or `_jvp`.
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("area", &["a", "b"], &["ab"], |x| vec![x[0] * x[1]]);
+    /// assert_eq!(f.vjp().name(), "area_vjp");
+    /// ```
     pub fn name(&self) -> &str {
         &self.0.name
     }
 
     /// The names of the inputs, in calling order.
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("area", &["a", "b"], &["ab"], |x| vec![x[0] * x[1]]);
+    /// assert_eq!(f.inputs(), ["a", "b"]);
+    /// ```
     pub fn inputs(&self) -> &[String] {
         &self.0.inputs
     }
 
     /// The names of the outputs, in order.
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("area", &["a", "b"], &["ab"], |x| vec![x[0] * x[1]]);
+    /// assert_eq!(f.outputs(), ["ab"]);
+    /// ```
     pub fn outputs(&self) -> &[String] {
         &self.0.outputs
     }
 
     /// The number of instructions: inputs and constants do not count, a singular value decomposition counts as one.
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("area", &["a", "b"], &["ab"], |x| vec![x[0] * x[1]]);
+    /// assert_eq!(f.len(), 1);
+    /// ```
     pub fn len(&self) -> usize {
         self.plain().0.iter().filter(|node| !matches!(node, Node::Input(_) | Node::Const(_) | Node::Part(..))).count()
     }
 
     /// Whether every output is an input or a constant.
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("area", &["a", "b"], &["ab"], |x| vec![x[0] * x[1]]);
+    /// assert!(!f.is_empty());
+    /// ```
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
     /// Whether the value of output `output` depends on input `input`.
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("area", &["a", "b"], &["ab"], |x| vec![x[0] * x[1]]);
+    /// assert!(f.depends(0, 1));
+    /// ```
     ///
     /// # Panics
     /// If either index is out of range.
@@ -124,6 +166,13 @@ impl Program {
     }
 
     /// Uses this program inside another traced function, as if its code stood there.
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("area", &["a", "b"], &["ab"], |x| vec![x[0] * x[1]]);
+    /// let twice = Program::trace("twice", &["a"], &["y"], |x| vec![f.apply(&[x[0], x[0]])[0] * 2.0]);
+    /// assert_eq!(twice.eval(&[3.0]), [18.0]);
+    /// ```
     ///
     /// # Panics
     /// If the number of inputs differs.

@@ -82,6 +82,12 @@ impl Program {
     }
 
     /// The name of the WGSL function: the program's, with `_` appended where WGSL has that name for itself.
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("area", &["a", "b"], &["ab"], |x| vec![x[0] * x[1]]);
+    /// assert_eq!(f.wgsl_name(), "area");
+    /// ```
     pub fn wgsl_name(&self) -> String {
         let name = self.name();
         if is_reserved(name) || BUILT_IN.contains(&name) || name.starts_with("scalar_") {
@@ -92,6 +98,12 @@ impl Program {
     }
 
     /// The names of the members of the result struct: the outputs', with `_` appended where WGSL reserves the word.
+    ///
+    /// ```
+    /// use gradreel::scalar::Program;
+    /// let f = Program::trace("area", &["a", "b"], &["ab"], |x| vec![x[0] * x[1]]);
+    /// assert_eq!(f.wgsl_members(), ["ab"]);
+    /// ```
     pub fn wgsl_members(&self) -> Vec<String> {
         let member = |name: &String| if is_reserved(name) { format!("{name}_") } else { name.clone() };
         self.outputs().iter().map(member).collect()
@@ -139,6 +151,12 @@ impl Program {
 }
 
 /// The WGSL functions of several programs, with the functions they call written once.
+///
+/// ```
+/// use gradreel::scalar::Program;
+/// let f = Program::trace("area", &["a", "b"], &["ab"], |x| vec![x[0] * x[1]]);
+/// assert!(gradreel::scalar::wgsl_module(&[&f, &f.vjp()]).contains("fn area_vjp"));
+/// ```
 ///
 /// # Panics
 /// If two of the programs have the same name.

@@ -18,6 +18,15 @@ use crate::{Device, Error, ErrorKind, Result, Tensor};
 type Arrived = SmallVec<[(usize, Var); 2]>;
 
 /// The gradients of a scalar with respect to the leaves of a tape. Does not keep the tape.
+///
+/// ```
+/// # use gradreel::{Tape, Tensor};
+/// # let tape = Tape::new();
+/// let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+/// let gradients = x.square().backward()?;
+/// assert_eq!(gradients.wrt(&x)?.item()?, 6.0);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 pub struct Gradients {
     tape: u64,
     /// In the order of the leaves' places on the tape.
@@ -26,6 +35,14 @@ pub struct Gradients {
 
 impl Gradients {
     /// The gradient with respect to a leaf.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+    /// assert_eq!((&x * 2.0).backward()?.wrt(&x)?.item()?, 2.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::NoGradient`] when the variable is a constant, lives on another tape, is not a leaf, or the result does
@@ -85,6 +102,15 @@ pub(super) enum Pass {
 impl Var {
     /// Gradients of this number with respect to every leaf behind it.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0], [2]));
+    /// let gradients = x.square().sum_all().backward()?;
+    /// assert_eq!(gradients.wrt(&x)?.slice::<f64>(), [2.0, 4.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// [`ErrorKind::NoGradient`] when no leaf is behind it; the tape's fault; what [`crate::Op::vjp`] returns; in anomaly
     /// mode, the first non-finite cotangent.
@@ -140,6 +166,16 @@ impl Var {
 
     /// Gradients of this number with respect to some leaves as variables of the same tape, so that they can be
     /// differentiated again.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+    /// let cube = &x.square() * &x;
+    /// let slope = cube.gradients_of(&[&x])?.remove(0); // 3 x²
+    /// assert_eq!(slope.backward()?.wrt(&x)?.item()?, 18.0); // 6 x
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// As [`Var::backward`], and [`ErrorKind::NoGradient`] for a leaf the result does not depend on.

@@ -21,6 +21,14 @@ use crate::tape::{Tape, Var};
 use crate::{DType, Error, ErrorKind, Result, Tensor};
 
 /// How a gradient check is done.
+///
+/// ```
+/// use gradreel::{GradCheck, Tensor};
+/// let x = Tensor::from_vec(vec![0.3, 1.2], [2]);
+/// let check = GradCheck { tolerance: 1e-8, ..GradCheck::default() };
+/// assert!(check.function("sin", &[("x", x)], |_, x| Ok(x[0].sin().sum_all()))?.passed());
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct GradCheck {
     /// Step of the central difference, relative to `max(1, |x|)` unless a scale is given.
@@ -39,6 +47,14 @@ impl Default for GradCheck {
 }
 
 /// The outcome of a gradient check, one row per input. Prints as a table.
+///
+/// ```
+/// use gradreel::{Tensor, gradcheck};
+/// let x = Tensor::from_vec(vec![0.3, 1.2], [2]);
+/// let report = gradcheck("sin", &[("x", x)], |_, x| Ok(x[0].sin().sum_all()))?;
+/// assert_eq!(report.rows.len(), 1);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct GradReport {
     /// What was checked.
@@ -50,6 +66,14 @@ pub struct GradReport {
 }
 
 /// What a gradient check found for one input.
+///
+/// ```
+/// use gradreel::{Tensor, gradcheck};
+/// let x = Tensor::from_vec(vec![0.3], [1]);
+/// let report = gradcheck("sin", &[("x", x)], |_, x| Ok(x[0].sin()))?;
+/// println!("{:?}", report.rows[0]);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct GradRow {
     /// Name of the input.
@@ -74,6 +98,15 @@ pub struct GradRow {
 
 /// Checks a function with the default settings; see [`GradCheck::function`].
 ///
+/// ```
+/// use gradreel::{Tensor, gradcheck};
+/// let x = Tensor::from_vec(vec![0.3, 1.2], [2]);
+/// let report = gradcheck("sin", &[("x", x)], |_, x| Ok(x[0].sin().sum_all()))?;
+/// println!("{report}");
+/// assert!(report.passed());
+/// # Ok::<(), gradreel::Error>(())
+/// ```
+///
 /// # Errors
 /// As [`GradCheck::function`].
 pub fn gradcheck(
@@ -86,6 +119,14 @@ pub fn gradcheck(
 
 impl GradCheck {
     /// Compares the tape's gradient of `function` at `inputs` (all `f64`) with central differences.
+    ///
+    /// ```
+    /// use gradreel::{GradCheck, Tensor};
+    /// let x = Tensor::from_vec(vec![0.3, 1.2], [2]);
+    /// let report = GradCheck::default().function("exp", &[("x", x)], |_, x| Ok(x[0].exp().sum_all()))?;
+    /// assert!(report.passed());
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::Unsupported`] for an input that is not `f64`; what the function and its derivative return.
@@ -148,6 +189,14 @@ impl GradCheck {
 
     /// As [`GradCheck::function`], one order higher: compares the gradient of the gradient with central differences of
     /// the gradient. `function` is differentiated twice, so that each op in it must be able to.
+    ///
+    /// ```
+    /// use gradreel::{GradCheck, Tensor};
+    /// let x = Tensor::from_vec(vec![0.3, 1.2], [2]);
+    /// let report = GradCheck::default().gradient("cube", &[("x", x)], |_, x| Ok((&x[0].square() * &x[0]).sum_all()))?;
+    /// assert!(report.passed());
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// As [`GradCheck::function`]; [`ErrorKind::Unsupported`] when an op cannot be differentiated twice.
@@ -263,6 +312,13 @@ struct Sample {
 
 impl GradReport {
     /// Whether every input is within the tolerance.
+    ///
+    /// ```
+    /// use gradreel::{Tensor, gradcheck};
+    /// let x = Tensor::from_vec(vec![0.3, 1.2], [2]);
+    /// assert!(gradcheck("sin", &[("x", x)], |_, x| Ok(x[0].sin().sum_all()))?.passed());
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn passed(&self) -> bool {
         self.rows.iter().all(|row| row.passed)
     }

@@ -12,6 +12,15 @@ use crate::Tensor;
 /// declared with [`Forward::holding`](crate::Forward::holding), and, while a backward pass runs, the cotangents that wait
 /// for their turn. Not counted are single numbers, tensors that only the program's own variables keep, and what one op needs
 /// while it runs.
+///
+/// ```
+/// # use gradreel::{Tape, Tensor};
+/// # let tape = Tape::new();
+/// let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+/// let loss = x.square().sum_all();
+/// println!("{} bytes are held", tape.memory().held);
+/// # let _ = loss;
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Memory {
     /// Bytes held now.

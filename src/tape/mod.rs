@@ -55,6 +55,15 @@ use crate::tensor::Role;
 use crate::{Error, ErrorKind, Result, Spec, Tensor};
 
 /// A record of the ops applied to some leaves; cloning it gives another handle to the same record.
+///
+/// ```
+/// # use gradreel::{Tape, Tensor};
+/// # let tape = Tape::new();
+/// let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+/// let y = x.square();
+/// assert_eq!(y.backward()?.wrt(&x)?.item()?, 6.0);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Clone)]
 pub struct Tape(Rc<RefCell<Record>>);
 
@@ -104,6 +113,11 @@ impl Default for Tape {
 
 impl Tape {
     /// An empty tape.
+    ///
+    /// ```
+    /// # use gradreel::Tape;
+    /// assert!(Tape::new().is_empty());
+    /// ```
     pub fn new() -> Self {
         static NEXT: AtomicU64 = AtomicU64::new(0);
         let id = NEXT.fetch_add(1, Ordering::Relaxed);
@@ -115,6 +129,14 @@ impl Tape {
 
     /// An empty tape that checks every value and gradient and names the first op that made one non-finite, with the
     /// caller's line, shapes and ranges. Costs one pass over each result.
+    ///
+    /// ```
+    /// use gradreel::{Tape, Tensor};
+    /// let tape = Tape::with_anomaly_mode();
+    /// let x = tape.leaf(Tensor::from_vec(vec![-1.0], [1]));
+    /// let error = x.ln().value().unwrap_err();
+    /// assert!(error.to_string().contains("ln"));
+    /// ```
     pub fn with_anomaly_mode() -> Self {
         let tape = Self::new();
         tape.0.borrow_mut().anomaly = true;
@@ -132,6 +154,13 @@ impl Tape {
     }
 
     /// A variable whose gradient is wanted.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+    /// assert!(x.is_differentiable());
+    /// ```
     #[track_caller]
     pub fn leaf(&self, value: Tensor) -> Var {
         let node = self.push(Node { kind: Kind::Leaf, place: Location::caller() });
@@ -139,16 +168,36 @@ impl Tape {
     }
 
     /// A variable without gradient.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.constant(Tensor::from_vec(vec![3.0], [1]));
+    /// assert!(!x.is_differentiable());
+    /// ```
     pub fn constant(&self, value: Tensor) -> Var {
         Var::new(self.clone(), None, value)
     }
 
     /// Number of recorded nodes, leaves included.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+    /// let _y = x.square();
+    /// assert_eq!(tape.len(), 2);
+    /// ```
     pub fn len(&self) -> usize {
         self.0.borrow().nodes.len()
     }
 
     /// Whether nothing was recorded.
+    ///
+    /// ```
+    /// # use gradreel::Tape;
+    /// assert!(Tape::new().is_empty());
+    /// ```
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -175,6 +224,15 @@ impl Tape {
     /// The first fault met by a method that could not return it (a device lost under `a + b`, a non-finite value in
     /// anomaly mode).
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+    /// let _y = x.sqrt();
+    /// tape.check()?;
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// That fault. [`Var::value`] and [`Var::backward`] return it, too.
     pub fn check(&self) -> Result<()> {
@@ -184,6 +242,16 @@ impl Tape {
     /// Applies an op; records it if the gradient of an operand is wanted.
     ///
     /// Where no gradient is wanted, nothing is recorded, and operands may live on any tapes.
+    ///
+    /// ```
+    /// use std::rc::Rc;
+    /// use gradreel::{Tape, Tensor, ops::Map, scalar::Program};
+    /// let square = Map::new(Program::trace("square", &["x"], &["y"], |x| vec![x[0].square()]));
+    /// let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+    /// assert_eq!(tape.apply(Rc::new(square), &[&x])?.item()?, 9.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// What [`Op::infer`] and [`Op::forward`] return; in anomaly mode, a non-finite result.

@@ -132,44 +132,85 @@ pub struct Reads {
 
 impl Reads {
     /// All operands and the result.
+    ///
+    /// ```
+    /// use gradreel::Reads;
+    /// assert!(Reads::everything().reads_output());
+    /// ```
     pub const fn everything() -> Self {
         Self { inputs: u64::MAX, output: true }
     }
 
     /// No values: shapes, dtypes and the cotangent are enough. The right answer for most linear ops.
+    ///
+    /// ```
+    /// use gradreel::Reads;
+    /// assert!(!Reads::nothing().reads_input(0));
+    /// ```
     pub const fn nothing() -> Self {
         Self { inputs: 0, output: false }
     }
 
     /// All operands, but not the result.
+    ///
+    /// ```
+    /// use gradreel::Reads;
+    /// assert!(Reads::inputs().reads_input(3) && !Reads::inputs().reads_output());
+    /// ```
     pub const fn inputs() -> Self {
         Self { inputs: u64::MAX, output: false }
     }
 
     /// This operand as well.
+    ///
+    /// ```
+    /// use gradreel::Reads;
+    /// let reads = Reads::nothing().input(1);
+    /// assert!(reads.reads_input(1) && !reads.reads_input(0));
+    /// ```
     #[must_use]
     pub const fn input(self, index: usize) -> Self {
         Self { inputs: self.inputs | Self::bit(index), ..self }
     }
 
     /// This operand as well, under a condition.
+    ///
+    /// ```
+    /// use gradreel::Reads;
+    /// assert_eq!(Reads::nothing().input_if(0, false), Reads::nothing());
+    /// ```
     #[must_use]
     pub const fn input_if(self, index: usize, condition: bool) -> Self {
         if condition { self.input(index) } else { self }
     }
 
     /// The result as well.
+    ///
+    /// ```
+    /// use gradreel::Reads;
+    /// assert!(Reads::nothing().output().reads_output());
+    /// ```
     #[must_use]
     pub const fn output(self) -> Self {
         Self { output: true, ..self }
     }
 
     /// Whether this operand is read.
+    ///
+    /// ```
+    /// use gradreel::Reads;
+    /// assert!(Reads::inputs().reads_input(0));
+    /// ```
     pub const fn reads_input(self, index: usize) -> bool {
         self.inputs & Self::bit(index) != 0
     }
 
     /// Whether the result is read.
+    ///
+    /// ```
+    /// use gradreel::Reads;
+    /// assert!(!Reads::inputs().reads_output());
+    /// ```
     pub const fn reads_output(self) -> bool {
         self.output
     }
@@ -180,6 +221,12 @@ impl Reads {
 }
 
 /// What a forward pass hands on: the result, and anything the derivative wants to keep.
+///
+/// ```
+/// use gradreel::{Forward, Tensor};
+/// let forward = Forward::from(Tensor::from_vec(vec![1.0], [1]));
+/// assert!(forward.residual.is_none());
+/// ```
 pub struct Forward {
     /// The result.
     pub output: Tensor,
@@ -190,11 +237,25 @@ pub struct Forward {
 
 impl Forward {
     /// A result with something kept for the backward pass.
+    ///
+    /// ```
+    /// use gradreel::{Forward, Tensor};
+    /// let largest = 3usize;
+    /// let forward = Forward::with_residual(Tensor::from_vec(vec![9.0], [1]), largest);
+    /// assert!(forward.residual.is_some());
+    /// ```
     pub fn with_residual(output: Tensor, residual: impl Any) -> Self {
         Self { output, residual: Some(Rc::new(residual)), residual_bytes: 0 }
     }
 
     /// Says how many bytes the residual holds, for [`Tape::memory`](crate::Tape::memory).
+    ///
+    /// ```
+    /// use gradreel::{Forward, Tensor};
+    /// let places = vec![0u32; 100];
+    /// let forward = Forward::with_residual(Tensor::from_vec(vec![9.0], [1]), places).holding(400);
+    /// # let _ = forward;
+    /// ```
     #[must_use]
     pub fn holding(self, bytes: usize) -> Self {
         Self { residual_bytes: bytes, ..self }

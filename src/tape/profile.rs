@@ -12,6 +12,14 @@ use crate::{Shape, Tensor};
 /// The time that ops took, by name and shapes of operands. See [`Tape::with_profile`].
 ///
 /// Printed, it is a table: ops in the order of their time, then the problems that took longest.
+///
+/// ```
+/// use gradreel::{Tape, Tensor};
+/// let tape = Tape::with_profile();
+/// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0], [2]));
+/// let _y = x.exp();
+/// println!("{}", tape.profile());
+/// ```
 #[derive(Debug, Clone, Default)]
 pub struct Profile {
     rows: HashMap<Key, (u64, Duration)>,
@@ -22,6 +30,17 @@ pub struct Profile {
 type Key = (String, SmallVec<[Shape; 3]>);
 
 /// The time of one op on operands of some shapes.
+///
+/// ```
+/// use gradreel::{Tape, Tensor};
+/// let tape = Tape::with_profile();
+/// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0], [2]));
+/// let _y = x.exp();
+/// for row in tape.profile().rows() {
+///     println!("{row:?}");
+/// }
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ProfileRow {
     /// The op.
@@ -36,6 +55,14 @@ pub struct ProfileRow {
 
 impl Profile {
     /// Ops with the shapes of their operands, those that took longest first.
+    ///
+    /// ```
+    /// use gradreel::{Tape, Tensor};
+    /// let tape = Tape::with_profile();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0], [2]));
+    /// let _y = x.exp();
+    /// assert_eq!(tape.profile().rows().len(), 1);
+    /// ```
     pub fn rows(&self) -> Vec<ProfileRow> {
         let row = |((op, shapes), (calls, time)): (&Key, &(u64, Duration))| ProfileRow {
             op: op.clone(),
@@ -49,6 +76,14 @@ impl Profile {
     }
 
     /// The time of each op, whatever the shapes, the longest first: name, number of runs, time.
+    ///
+    /// ```
+    /// use gradreel::{Tape, Tensor};
+    /// let tape = Tape::with_profile();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0], [2]));
+    /// let _y = x.exp();
+    /// assert_eq!(tape.profile().by_op()[0].0, "exp");
+    /// ```
     pub fn by_op(&self) -> Vec<(String, u64, Duration)> {
         let mut sums = HashMap::<&str, (u64, Duration)>::new();
         for ((op, _), (calls, time)) in &self.rows {
@@ -61,6 +96,15 @@ impl Profile {
     }
 
     /// The time of all ops.
+    ///
+    /// ```
+    /// use gradreel::{Tape, Tensor};
+    /// let tape = Tape::with_profile();
+    /// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0], [2]));
+    /// let _y = x.exp();
+    /// let profile = tape.profile();
+    /// assert_eq!(profile.total(), profile.by_op()[0].2);
+    /// ```
     pub fn total(&self) -> Duration {
         self.total
     }
@@ -99,6 +143,11 @@ impl Tape {
     }
 
     /// What was measured so far; nothing on a tape that was not made by [`Tape::with_profile`].
+    ///
+    /// ```
+    /// # use gradreel::Tape;
+    /// assert!(Tape::new().profile().rows().is_empty());
+    /// ```
     pub fn profile(&self) -> Profile {
         self.0.borrow().profile.clone().unwrap_or_default()
     }

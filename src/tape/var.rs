@@ -10,6 +10,15 @@ use crate::{DType, Device, Result, Shape, Spec, Tensor};
 ///
 /// Arithmetic (`+ - * /` among variables and with `f64`) and the methods of [`crate::ops`] make new variables. A wrong shape
 /// panics at the line of the call.
+///
+/// ```
+/// # use gradreel::{Tape, Tensor};
+/// # let tape = Tape::new();
+/// let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0], [2]));
+/// let y = &(&x * 3.0) + 1.0;
+/// assert_eq!(y.value()?.slice::<f64>(), [4.0, 7.0]);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Clone)]
 pub struct Var {
     tape: Tape,
@@ -23,6 +32,13 @@ impl Var {
     }
 
     /// The tape it lives on.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+    /// assert_eq!(x.tape().len(), 1);
+    /// ```
     pub fn tape(&self) -> &Tape {
         &self.tape
     }
@@ -33,11 +49,27 @@ impl Var {
     }
 
     /// Whether a leaf is behind it.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+    /// assert!(x.exp().is_differentiable());
+    /// assert!(!x.detach().is_differentiable());
+    /// ```
     pub fn is_differentiable(&self) -> bool {
         self.node.is_some()
     }
 
     /// Its tensor.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+    /// assert_eq!(x.value()?.slice::<f64>(), [3.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// The tape's fault, if there was one before (see [`Tape::check`]).
@@ -57,6 +89,14 @@ impl Var {
 
     /// Its only number.
     ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+    /// assert_eq!(x.item()?, 3.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// As [`Var::value`] and [`Tensor::item`].
     pub fn item(&self) -> Result<f64> {
@@ -64,47 +104,114 @@ impl Var {
     }
 
     /// Sizes per axis.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::zeros([2, 3], DType::F32));
+    /// assert_eq!(x.shape().rank(), 2);
+    /// ```
     pub fn shape(&self) -> &Shape {
         self.value.shape()
     }
 
     /// Sizes per axis as a slice.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::zeros([2, 3], DType::F32));
+    /// assert_eq!(x.dims(), [2, 3]);
+    /// ```
     pub fn dims(&self) -> &[usize] {
         self.value.dims()
     }
 
     /// Number of elements.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::zeros([2, 3], DType::F32));
+    /// assert_eq!(x.len(), 6);
+    /// ```
     pub fn len(&self) -> usize {
         self.value.len()
     }
 
     /// Whether there are no elements.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::zeros([2, 3], DType::F32));
+    /// assert!(!x.is_empty());
+    /// ```
     pub fn is_empty(&self) -> bool {
         self.value.is_empty()
     }
 
     /// Element type.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::zeros([2, 3], DType::F32));
+    /// assert_eq!(x.dtype(), DType::F32);
+    /// ```
     pub fn dtype(&self) -> DType {
         self.value.dtype()
     }
 
     /// Shape and dtype.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::zeros([2, 3], DType::F32));
+    /// assert_eq!(x.spec().dtype, DType::F32);
+    /// ```
     pub fn spec(&self) -> Spec {
         self.value.spec()
     }
 
     /// Where it lives.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::zeros([2, 3], DType::F32));
+    /// assert_eq!(x.device(), gradreel::Device::Cpu);
+    /// ```
     pub fn device(&self) -> Device {
         self.value.device()
     }
 
     /// The same value as a constant: gradients stop here.
+    ///
+    /// ```
+    /// # use gradreel::{Tape, Tensor};
+    /// # let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+    /// let y = &x.detach() * &x; // only the second factor counts
+    /// assert_eq!(y.backward()?.wrt(&x)?.item()?, 3.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[must_use]
     pub fn detach(&self) -> Self {
         self.tape.constant(self.value.clone())
     }
 
     /// Applies an op of anybody's making to this variable and others.
+    ///
+    /// ```
+    /// use gradreel::{Tape, Tensor, ops::Map, scalar::Program};
+    /// let square = Map::new(Program::trace("square", &["x"], &["y"], |x| vec![x[0].square()]));
+    /// let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+    /// assert_eq!(x.apply(square, &[])?.item()?, 9.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// As [`Tape::apply`].

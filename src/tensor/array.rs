@@ -38,6 +38,12 @@ impl Tensor {
 
     /// A tensor on the CPU that takes over `values`.
     ///
+    /// ```
+    /// # use gradreel::Tensor;
+    /// let x = Tensor::from_vec(vec![1.0f32, 2.0, 3.0, 4.0], [2, 2]);
+    /// assert_eq!(x.dims(), [2, 2]);
+    /// ```
+    ///
     /// # Panics
     /// When the number of values is not that of the shape.
     #[track_caller]
@@ -48,6 +54,11 @@ impl Tensor {
     }
 
     /// A tensor on the CPU filled with one value.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Tensor};
+    /// assert_eq!(Tensor::full(2.5, [2], DType::F64).slice::<f64>(), [2.5, 2.5]);
+    /// ```
     pub fn full(value: f64, shape: impl Into<Shape>, dtype: DType) -> Self {
         fn constant<T: Element>(value: f64, shape: Shape) -> Tensor {
             let (value, len) = (T::from_f64(value), shape.len());
@@ -72,11 +83,22 @@ impl Tensor {
     }
 
     /// A tensor of zeros on the CPU.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Tensor};
+    /// assert_eq!(Tensor::zeros([2], DType::F32).slice::<f32>(), [0.0, 0.0]);
+    /// ```
     pub fn zeros(shape: impl Into<Shape>, dtype: DType) -> Self {
         Self::full(0.0, shape, dtype)
     }
 
     /// A single number without axes, on the CPU.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Tensor};
+    /// assert_eq!(Tensor::scalar(9.81, DType::F64).item()?, 9.81);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn scalar(value: f64, dtype: DType) -> Self {
         Self::full(value, Shape::scalar(), dtype)
     }
@@ -114,36 +136,77 @@ impl Tensor {
     }
 
     /// Sizes per axis.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Tensor};
+    /// let x = Tensor::zeros([2, 3], DType::F32);
+    /// assert_eq!(x.shape().rank(), 2);
+    /// ```
     pub fn shape(&self) -> &Shape {
         &self.0.shape
     }
 
     /// Sizes per axis as a slice.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Tensor};
+    /// let x = Tensor::zeros([2, 3], DType::F32);
+    /// assert_eq!(x.dims(), [2, 3]);
+    /// ```
     pub fn dims(&self) -> &[usize] {
         self.shape().dims()
     }
 
     /// Number of elements.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Tensor};
+    /// let x = Tensor::zeros([2, 3], DType::F32);
+    /// assert_eq!(x.len(), 6);
+    /// ```
     pub fn len(&self) -> usize {
         self.shape().len()
     }
 
     /// Whether there are no elements.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Tensor};
+    /// assert!(Tensor::zeros([0, 3], DType::F32).is_empty());
+    /// ```
     pub fn is_empty(&self) -> bool {
         self.shape().is_empty()
     }
 
     /// Element type.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Tensor};
+    /// let x = Tensor::zeros([2, 3], DType::F32);
+    /// assert_eq!(x.dtype(), DType::F32);
+    /// ```
     pub fn dtype(&self) -> DType {
         self.0.dtype
     }
 
     /// Shape and dtype together.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Tensor};
+    /// let x = Tensor::zeros([2, 3], DType::F32);
+    /// assert_eq!(x.spec(), gradreel::Spec::new([2, 3], DType::F32));
+    /// ```
     pub fn spec(&self) -> Spec {
         Spec::new(self.shape(), self.dtype())
     }
 
     /// Bytes of the numbers.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Tensor};
+    /// let x = Tensor::zeros([2, 3], DType::F32);
+    /// assert_eq!(x.bytes(), 24);
+    /// ```
     pub fn bytes(&self) -> usize {
         self.len() * self.dtype().size()
     }
@@ -158,6 +221,12 @@ impl Tensor {
     }
 
     /// Where the numbers live.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Tensor};
+    /// let x = Tensor::zeros([2, 3], DType::F32);
+    /// assert_eq!(x.device(), gradreel::Device::Cpu);
+    /// ```
     pub fn device(&self) -> Device {
         match self.storage() {
             Storage::Cpu(_) | Storage::One(_) => Device::Cpu,
@@ -190,6 +259,12 @@ impl Tensor {
     }
 
     /// The numbers of a CPU tensor.
+    ///
+    /// ```
+    /// # use gradreel::Tensor;
+    /// let x = Tensor::from_vec(vec![1.0, 2.0], [2]);
+    /// assert_eq!(x.slice::<f64>(), [1.0, 2.0]);
+    /// ```
     ///
     /// # Panics
     /// When `T` is not the tensor's dtype, or the tensor is on a GPU (see [`Tensor::to_vec`]).
@@ -236,6 +311,12 @@ impl Tensor {
 
     /// The numbers of a CPU tensor as an ndarray view.
     ///
+    /// ```
+    /// # use gradreel::Tensor;
+    /// let x = Tensor::from_vec(vec![1.0, 2.0, 3.0, 4.0], [2, 2]);
+    /// assert_eq!(x.view::<f64>()[[1, 0]], 3.0);
+    /// ```
+    ///
     /// # Panics
     /// As [`Tensor::slice`].
     #[track_caller]
@@ -244,6 +325,12 @@ impl Tensor {
     }
 
     /// The same numbers under another shape; shares storage.
+    ///
+    /// ```
+    /// # use gradreel::Tensor;
+    /// let x = Tensor::from_vec(vec![1.0, 2.0, 3.0, 4.0], [4]);
+    /// assert_eq!(x.reshape([2, 2]).dims(), [2, 2]);
+    /// ```
     ///
     /// # Panics
     /// When the number of elements differs.

@@ -12,6 +12,13 @@ use crate::{Error, ErrorKind, Result};
 impl Tensor {
     /// A copy of the numbers as `f64`, read back from a GPU if need be.
     ///
+    /// ```
+    /// # use gradreel::Tensor;
+    /// let x = Tensor::from_vec(vec![1.0f32, 2.0], [2]);
+    /// assert_eq!(x.to_vec()?, [1.0, 2.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// [`ErrorKind::Device`] when the read-back fails.
     pub fn to_vec(&self) -> Result<Vec<f64>> {
@@ -26,6 +33,12 @@ impl Tensor {
 
     /// The only number of a tensor of one element.
     ///
+    /// ```
+    /// # use gradreel::Tensor;
+    /// assert_eq!(Tensor::from_vec(vec![7u32], [1]).item()?, 7.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// [`ErrorKind::Shape`] when there is not exactly one; [`ErrorKind::Device`] when the read-back fails.
     pub fn item(&self) -> Result<f64> {
@@ -38,6 +51,13 @@ impl Tensor {
     /// The same numbers in another dtype, each the nearest there is; shares storage if it is the same.
     ///
     /// Between `f16` and `f32` a GPU does it where the numbers are; other dtypes go through the CPU.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Tensor};
+    /// let x = Tensor::from_vec(vec![1.0, 2.0], [2]).cast(DType::F16)?;
+    /// assert_eq!(x.bytes(), 4);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::Device`] when a GPU tensor cannot be read back; [`ErrorKind::Unsupported`] for a dtype that its
@@ -82,6 +102,14 @@ impl Tensor {
 
     /// The same tensor on another device; shares storage if it is there already.
     ///
+    /// ```
+    /// # use gradreel::{Device, Tensor};
+    /// let x = Tensor::from_vec(vec![1.0f32], [1]);
+    /// let there = x.to_device(&Device::Cpu)?; // or &Device::gpu()?
+    /// assert_eq!(there.item()?, 1.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// [`ErrorKind::Device`] when the transfer fails; [`ErrorKind::Unsupported`] for a dtype the device does not hold.
     pub fn to_device(&self, device: &Device) -> Result<Self> {
@@ -123,6 +151,12 @@ impl Tensor {
     }
 
     /// Whether no element is NaN or infinite.
+    ///
+    /// ```
+    /// # use gradreel::Tensor;
+    /// assert!(!Tensor::from_vec(vec![1.0, f64::NAN], [2]).all_finite()?);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::Device`] when the read-back fails.

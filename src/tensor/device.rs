@@ -6,6 +6,13 @@ use crate::Result;
 use crate::backend::gpu::Gpu;
 
 /// The CPU, or one adapter reached through wgpu (Vulkan, Metal or Direct3D 12).
+///
+/// ```
+/// # use gradreel::Device;
+/// // the GPU where there is one
+/// let device = Device::gpu().unwrap_or(Device::Cpu);
+/// println!("{device}");
+/// ```
 #[derive(Clone)]
 pub enum Device {
     /// The reference backend: `f32` and `f64`, all cores.

@@ -5,6 +5,11 @@ use std::fmt;
 use half::f16;
 
 /// The type of a tensor's elements.
+///
+/// ```
+/// # use gradreel::DType;
+/// assert_eq!(DType::F64.size(), 8);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum DType {
     /// 16-bit floats: storage of weights; cast before computing.
@@ -19,6 +24,11 @@ pub enum DType {
 
 impl DType {
     /// Bytes per element.
+    ///
+    /// ```
+    /// # use gradreel::DType;
+    /// assert_eq!(DType::F16.size(), 2);
+    /// ```
     pub fn size(self) -> usize {
         match self {
             Self::F16 => 2,
@@ -28,6 +38,11 @@ impl DType {
     }
 
     /// The type of gradients with respect to tensors of this type: `f32` for `f16`, whose range is too small for them.
+    ///
+    /// ```
+    /// # use gradreel::DType;
+    /// assert_eq!(DType::F16.of_cotangent(), DType::F32);
+    /// ```
     pub fn of_cotangent(self) -> Self {
         match self {
             Self::F16 => Self::F32,
@@ -36,6 +51,11 @@ impl DType {
     }
 
     /// Whether ops compute in this type (`f32` and `f64`; `f16` is for storage only).
+    ///
+    /// ```
+    /// # use gradreel::DType;
+    /// assert!(DType::F32.is_real() && !DType::U32.is_real());
+    /// ```
     pub fn is_real(self) -> bool {
         matches!(self, Self::F32 | Self::F64)
     }
@@ -53,6 +73,12 @@ impl fmt::Display for DType {
 }
 
 /// A Rust type that tensors can hold.
+///
+/// ```
+/// use gradreel::{DType, Element};
+/// fn name<T: Element>() -> DType { T::DTYPE }
+/// assert_eq!(name::<f32>(), DType::F32);
+/// ```
 pub trait Element: bytemuck::Pod + Send + Sync + fmt::Debug + PartialOrd {
     /// Its name at run time.
     const DTYPE: DType;

@@ -31,11 +31,22 @@ enum Dims {
 
 impl Shape {
     /// The shape of a scalar: no axes, one element.
+    ///
+    /// ```
+    /// # use gradreel::Shape;
+    /// assert_eq!(Shape::scalar().len(), 1);
+    /// ```
     pub fn scalar() -> Self {
         Self::default()
     }
 
     /// Sizes per axis.
+    ///
+    /// ```
+    /// # use gradreel::Shape;
+    /// let shape = Shape::from([2, 3]);
+    /// assert_eq!(shape.dims(), [2, 3]);
+    /// ```
     pub fn dims(&self) -> &[usize] {
         match &self.0 {
             Dims::Few(rank, sizes) => &sizes[..usize::from(*rank)],
@@ -44,21 +55,44 @@ impl Shape {
     }
 
     /// Number of axes.
+    ///
+    /// ```
+    /// # use gradreel::Shape;
+    /// let shape = Shape::from([2, 3]);
+    /// assert_eq!(shape.rank(), 2);
+    /// ```
     pub fn rank(&self) -> usize {
         self.dims().len()
     }
 
     /// Number of elements; 1 for a scalar, 0 when an axis is empty.
+    ///
+    /// ```
+    /// # use gradreel::Shape;
+    /// let shape = Shape::from([2, 3]);
+    /// assert_eq!(shape.len(), 6);
+    /// ```
     pub fn len(&self) -> usize {
         self.dims().iter().product()
     }
 
     /// Whether there are no elements.
+    ///
+    /// ```
+    /// # use gradreel::Shape;
+    /// assert!(Shape::from([2, 0]).is_empty());
+    /// ```
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
     /// Distance in elements between neighbours along each axis.
+    ///
+    /// ```
+    /// # use gradreel::Shape;
+    /// let shape = Shape::from([2, 3]);
+    /// assert_eq!(shape.strides(), [3, 1]);
+    /// ```
     pub fn strides(&self) -> Vec<usize> {
         let mut strides = vec![1; self.rank()];
         for axis in (1..self.rank()).rev() {
@@ -68,6 +102,13 @@ impl Shape {
     }
 
     /// The common shape of two operands: axes are aligned at the last one, and an axis of size 1 stretches.
+    ///
+    /// ```
+    /// # use gradreel::Shape;
+    /// let shape = Shape::from([2, 3]);
+    /// assert_eq!(shape.broadcast(&Shape::from([2, 1]))?, shape);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::Shape`] when two sizes differ and neither is 1.
@@ -105,11 +146,23 @@ impl Shape {
     }
 
     /// The flat offset of a multi-index.
+    ///
+    /// ```
+    /// # use gradreel::Shape;
+    /// let shape = Shape::from([2, 3]);
+    /// assert_eq!(shape.offset(&[1, 2]), 5);
+    /// ```
     pub fn offset(&self, index: &[usize]) -> usize {
         index.iter().zip(self.dims()).fold(0, |offset, (i, size)| offset * size + i)
     }
 
     /// The multi-index of a flat offset.
+    ///
+    /// ```
+    /// # use gradreel::Shape;
+    /// let shape = Shape::from([2, 3]);
+    /// assert_eq!(shape.index(5), [1, 2]);
+    /// ```
     pub fn index(&self, offset: usize) -> Vec<usize> {
         let mut rest = offset;
         let mut index = vec![0; self.rank()];
@@ -190,6 +243,12 @@ impl fmt::Debug for Shape {
 }
 
 /// What an op needs to know of an operand before it runs: its shape and dtype.
+///
+/// ```
+/// # use gradreel::{DType, Spec};
+/// let spec = Spec::new([2, 3], DType::F32);
+/// assert_eq!(spec.shape.dims(), [2, 3]);
+/// ```
 #[derive(Clone, PartialEq, Eq)]
 pub struct Spec {
     /// Sizes per axis.
@@ -200,11 +259,24 @@ pub struct Spec {
 
 impl Spec {
     /// A spec of this shape and dtype.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Spec};
+    /// assert_eq!(Spec::new([2], DType::F64).dtype, DType::F64);
+    /// ```
     pub fn new(shape: impl Into<Shape>, dtype: DType) -> Self {
         Self { shape: shape.into(), dtype }
     }
 
     /// The specs of an op that takes `N` operands.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Spec};
+    /// let specs = [Spec::new([2], DType::F64)];
+    /// let [x] = Spec::exactly("square", &specs)?;
+    /// assert_eq!(x.shape.len(), 2);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::Shape`] when there are not `N`.
@@ -213,6 +285,12 @@ impl Spec {
     }
 
     /// The specs of an op that takes so many operands.
+    ///
+    /// ```
+    /// # use gradreel::{DType, Spec};
+    /// let specs = [Spec::new([2], DType::F64)];
+    /// assert!(Spec::between("linear", &specs, 2..=3).is_err());
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::Shape`] when there are fewer or more.

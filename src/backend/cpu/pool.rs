@@ -50,12 +50,20 @@ struct Shelf<W> {
 }
 
 /// Bytes that wait for their next use.
+///
+/// ```
+/// println!("{} bytes wait for their next use", gradreel::backend::cpu::pool::held());
+/// ```
 pub fn held() -> usize {
     pool().bytes()
 }
 
 /// Bytes that are kept at most. At first a quarter of the machine's memory (on Linux of what the control group allows),
 /// or 1 GiB where that cannot be told.
+///
+/// ```
+/// println!("{} bytes are kept at most", gradreel::backend::cpu::pool::limit());
+/// ```
 pub fn limit() -> usize {
     static QUARTER: OnceLock<usize> = OnceLock::new();
     match LIMIT.load(Ordering::Relaxed) {
@@ -65,12 +73,22 @@ pub fn limit() -> usize {
 }
 
 /// Sets the bytes that are kept at most; 0 switches the pool off.
+///
+/// ```
+/// use gradreel::backend::cpu::pool;
+/// pool::set_limit(1 << 30);
+/// assert_eq!(pool::limit(), 1 << 30);
+/// ```
 pub fn set_limit(bytes: usize) {
     LIMIT.store(bytes, Ordering::Relaxed);
     trim(bytes);
 }
 
 /// Gives buffers back to the system until at most `bytes` are kept, those first that were not used for longest.
+///
+/// ```
+/// gradreel::backend::cpu::pool::trim(0);
+/// ```
 pub fn trim(bytes: usize) {
     let evicted = pool().evict(bytes);
     // the system takes its time: without the lock
@@ -79,6 +97,11 @@ pub fn trim(bytes: usize) {
 
 /// Whether new buffers are filled with ones (NaN, for floats) at first, so that a kernel that does not write all of its
 /// result is found out. For tests: it costs a pass over every result.
+///
+/// ```
+/// use gradreel::backend::cpu::pool;
+/// pool::set_poison(true); // what a kernel forgets to write is NaN
+/// ```
 pub fn set_poison(on: bool) {
     POISON.store(on, Ordering::Relaxed);
 }

@@ -17,6 +17,13 @@ type Pipelines = HashMap<&'static str, HashMap<String, Arc<Pipeline>>>;
 
 /// A handle to one adapter: its device, its queue, its compiled kernels. Cloning it copies a pointer; threads may share
 /// it.
+///
+/// ```
+/// use gradreel::{DType, Device, Tensor};
+/// if let Ok(Device::Gpu(gpu)) = Device::gpu() {
+///     println!("{}", gpu.name());
+/// }
+/// ```
 #[derive(Clone)]
 pub struct Gpu(Arc<Inner>);
 
@@ -42,6 +49,14 @@ enum Fault {
 impl Gpu {
     /// Opens the adapter that wgpu prefers; `WGPU_ADAPTER_NAME` is honoured.
     ///
+    /// ```
+    /// use gradreel::backend::gpu::Gpu;
+    /// match Gpu::open() {
+    ///     Ok(gpu) => println!("{}", gpu.name()),
+    ///     Err(error) => println!("{error}"), // no adapter
+    /// }
+    /// ```
+    ///
     /// # Errors
     /// [`ErrorKind::Device`] when there is no adapter or it refuses WebGPU's guaranteed limits.
     pub fn open() -> Result<Self> {
@@ -50,6 +65,14 @@ impl Gpu {
 
     /// As [`Gpu::open`], but takes no more at once than these limits: to leave memory to others, or to meet on a small
     /// tensor what otherwise happens to a large one.
+    ///
+    /// ```
+    /// use gradreel::backend::gpu::{Gpu, GpuLimits};
+    /// let small = GpuLimits { binding_bytes: 1 << 20, ..GpuLimits::NONE };
+    /// if let Ok(gpu) = Gpu::open_within(small) {
+    ///     assert!(gpu.limits().binding_bytes <= 1 << 20);
+    /// }
+    /// ```
     ///
     /// # Errors
     /// As [`Gpu::open`].
@@ -97,16 +120,35 @@ impl Gpu {
     }
 
     /// The adapter's name and the API it is reached through.
+    ///
+    /// ```
+    /// if let Ok(gpu) = gradreel::backend::gpu::Gpu::open() {
+    ///     println!("{}", gpu.name());
+    /// }
+    /// ```
     pub fn name(&self) -> &str {
         &self.0.name
     }
 
     /// How much it takes at once: what the device granted, within what it was opened with.
+    ///
+    /// ```
+    /// if let Ok(gpu) = gradreel::backend::gpu::Gpu::open() {
+    ///     println!("{:?}", gpu.limits());
+    /// }
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn limits(&self) -> GpuLimits {
         self.0.limits
     }
 
     /// Whether two handles belong to the same opened device.
+    ///
+    /// ```
+    /// if let Ok(gpu) = gradreel::backend::gpu::Gpu::open() {
+    ///     assert!(gpu.same(&gpu.clone()));
+    /// }
+    /// ```
     pub fn same(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.0, &other.0)
     }

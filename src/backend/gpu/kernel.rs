@@ -57,12 +57,36 @@ pub struct Binding {
 
 impl Binding {
     /// Whether it takes `f16` tensors, two numbers to a word: the shader says so by a name that ends in `_f16`.
+    ///
+    /// ```
+    /// use gradreel::backend::gpu::Kernel;
+    /// static DOUBLE: Kernel = Kernel::new("double", "main", "
+    /// @group(0) @binding(0) var<storage, read_write> y: array<f32>;
+    /// @group(0) @binding(1) var<storage, read> x: array<f32>;
+    /// @compute @workgroup_size(64) fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    ///     if id.x < arrayLength(&y) { y[id.x] = 2.0 * x[id.x]; }
+    /// }", &["y", "x"]);
+    /// assert!(!DOUBLE.reflect()?.buffers()[0].holds_halves());
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn holds_halves(&self) -> bool {
         self.element == DType::U32 && self.name.ends_with("_f16")
     }
 }
 
 /// What the validated module says about a kernel.
+///
+/// ```
+/// use gradreel::backend::gpu::Kernel;
+/// static DOUBLE: Kernel = Kernel::new("double", "main", "
+/// @group(0) @binding(0) var<storage, read_write> y: array<f32>;
+/// @group(0) @binding(1) var<storage, read> x: array<f32>;
+/// @compute @workgroup_size(64) fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+///     if id.x < arrayLength(&y) { y[id.x] = 2.0 * x[id.x]; }
+/// }", &["y", "x"]);
+/// assert_eq!(DOUBLE.reflect()?.buffers().len(), 2);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Debug)]
 pub struct Reflection {
     text: String,
@@ -75,6 +99,18 @@ pub struct Reflection {
 impl Kernel {
     /// A kernel with this entry point; `buffers` names its storage buffers in the order in which the host gives them,
     /// the written one first.
+    ///
+    /// ```
+    /// use gradreel::backend::gpu::Kernel;
+    /// static DOUBLE: Kernel = Kernel::new("double", "main", "
+    /// @group(0) @binding(0) var<storage, read_write> y: array<f32>;
+    /// @group(0) @binding(1) var<storage, read> x: array<f32>;
+    /// @compute @workgroup_size(64) fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    ///     if id.x < arrayLength(&y) { y[id.x] = 2.0 * x[id.x]; }
+    /// }", &["y", "x"]);
+    /// DOUBLE.reflect()?; // parsed and validated, without a GPU
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub const fn new(
         name: &'static str,
         entry: &'static str,
@@ -87,22 +123,64 @@ impl Kernel {
 
     /// A kernel with the entry point `main` whose text has a line `#import "program"`, where `program` is put in: for text that
     /// is made at run time, such as [`Program::wgsl`](crate::scalar::Program::wgsl).
+    ///
+    /// ```
+    /// // `Map::kernel` is the caller of this: a kernel around a program's WGSL
+    /// use gradreel::{ops::Map, scalar::Program};
+    /// let square = Map::new(Program::trace("square", &["x"], &["y"], |x| vec![x[0].square()]));
+    /// assert!(square.kernel()?.reflect()?.text().contains("square"));
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn around(program: String, name: String, text: &'static str, buffers: &'static [&'static str]) -> Self {
         let name = Cow::Owned(name);
         Self { name, entry: "main", text, program: Some(program), buffers, reflected: OnceLock::new() }
     }
 
     /// Its name in errors and labels.
+    ///
+    /// ```
+    /// use gradreel::backend::gpu::Kernel;
+    /// static DOUBLE: Kernel = Kernel::new("double", "main", "
+    /// @group(0) @binding(0) var<storage, read_write> y: array<f32>;
+    /// @group(0) @binding(1) var<storage, read> x: array<f32>;
+    /// @compute @workgroup_size(64) fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    ///     if id.x < arrayLength(&y) { y[id.x] = 2.0 * x[id.x]; }
+    /// }", &["y", "x"]);
+    /// assert_eq!(DOUBLE.name(), "double");
+    /// ```
     pub fn name(&self) -> &str {
         &self.name
     }
 
     /// The entry point that it runs.
+    ///
+    /// ```
+    /// use gradreel::backend::gpu::Kernel;
+    /// static DOUBLE: Kernel = Kernel::new("double", "main", "
+    /// @group(0) @binding(0) var<storage, read_write> y: array<f32>;
+    /// @group(0) @binding(1) var<storage, read> x: array<f32>;
+    /// @compute @workgroup_size(64) fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    ///     if id.x < arrayLength(&y) { y[id.x] = 2.0 * x[id.x]; }
+    /// }", &["y", "x"]);
+    /// assert_eq!(DOUBLE.entry(), "main");
+    /// ```
     pub fn entry(&self) -> &'static str {
         self.entry
     }
 
     /// What the module says about it, parsed and validated at the first call; needs no GPU.
+    ///
+    /// ```
+    /// use gradreel::backend::gpu::Kernel;
+    /// static DOUBLE: Kernel = Kernel::new("double", "main", "
+    /// @group(0) @binding(0) var<storage, read_write> y: array<f32>;
+    /// @group(0) @binding(1) var<storage, read> x: array<f32>;
+    /// @compute @workgroup_size(64) fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    ///     if id.x < arrayLength(&y) { y[id.x] = 2.0 * x[id.x]; }
+    /// }", &["y", "x"]);
+    /// assert_eq!(DOUBLE.reflect()?.invocations(), 64);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::Input`] with file and line for a text that does not parse or validate, a buffer that is not there
@@ -168,26 +246,81 @@ impl Kernel {
 
 impl Reflection {
     /// The whole text, imports included.
+    ///
+    /// ```
+    /// use gradreel::backend::gpu::Kernel;
+    /// static DOUBLE: Kernel = Kernel::new("double", "main", "
+    /// @group(0) @binding(0) var<storage, read_write> y: array<f32>;
+    /// @group(0) @binding(1) var<storage, read> x: array<f32>;
+    /// @compute @workgroup_size(64) fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    ///     if id.x < arrayLength(&y) { y[id.x] = 2.0 * x[id.x]; }
+    /// }", &["y", "x"]);
+    /// assert!(DOUBLE.reflect()?.text().contains("@compute"));
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn text(&self) -> &str {
         &self.text
     }
 
     /// The storage buffers in the order in which the host gives them.
+    ///
+    /// ```
+    /// use gradreel::backend::gpu::Kernel;
+    /// static DOUBLE: Kernel = Kernel::new("double", "main", "
+    /// @group(0) @binding(0) var<storage, read_write> y: array<f32>;
+    /// @group(0) @binding(1) var<storage, read> x: array<f32>;
+    /// @compute @workgroup_size(64) fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    ///     if id.x < arrayLength(&y) { y[id.x] = 2.0 * x[id.x]; }
+    /// }", &["y", "x"]);
+    /// assert_eq!(DOUBLE.reflect()?.buffers().len(), 2);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn buffers(&self) -> &[Binding] {
         &self.buffers
     }
 
     /// Binding number and size in bytes of the uniform struct, if there is one.
+    ///
+    /// ```
+    /// use gradreel::backend::gpu::Kernel;
+    /// static DOUBLE: Kernel = Kernel::new("double", "main", "
+    /// @group(0) @binding(0) var<storage, read_write> y: array<f32>;
+    /// @group(0) @binding(1) var<storage, read> x: array<f32>;
+    /// @compute @workgroup_size(64) fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    ///     if id.x < arrayLength(&y) { y[id.x] = 2.0 * x[id.x]; }
+    /// }", &["y", "x"]);
+    /// assert_eq!(DOUBLE.reflect()?.parameters(), None);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn parameters(&self) -> Option<(u32, usize)> {
         self.parameters
     }
 
     /// Invocations of one workgroup.
+    ///
+    /// ```
+    /// use gradreel::backend::gpu::Kernel;
+    /// static DOUBLE: Kernel = Kernel::new("double", "main", "
+    /// @group(0) @binding(0) var<storage, read_write> y: array<f32>;
+    /// @group(0) @binding(1) var<storage, read> x: array<f32>;
+    /// @compute @workgroup_size(64) fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    ///     if id.x < arrayLength(&y) { y[id.x] = 2.0 * x[id.x]; }
+    /// }", &["y", "x"]);
+    /// assert_eq!(DOUBLE.reflect()?.invocations(), 64);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn invocations(&self) -> usize {
         self.workgroup.iter().map(|&n| n as usize).product()
     }
 
     /// The value of a `const NAME: u32` of the module.
+    ///
+    /// ```
+    /// let kernels = gradreel::ops::kernels();
+    /// let softmax = kernels.iter().find(|kernel| kernel.name() == "softmax").expect("it is listed");
+    /// println!("{}", softmax.reflect()?.invocations());
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Panics
     /// When the module has none of this name.

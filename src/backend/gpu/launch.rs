@@ -6,6 +6,12 @@ use crate::backend::gpu::{Gpu, GpuBuffer, Kernel};
 use crate::{DType, Error, ErrorKind, Result, Spec, Tensor};
 
 /// How much there is to do for a kernel.
+///
+/// ```
+/// use gradreel::backend::gpu::Work;
+/// let each_element = Work::Invocations(1000);
+/// # let _ = each_element;
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Work {
     /// At least this many invocations, numbered from 0.
@@ -36,6 +42,24 @@ impl Gpu {
     /// where there is no work. A dispatch of more workgroups than an axis may have is spread over three axes: kernels
     /// number their workgroups as `(id.z * num.y + id.y) * num.x + id.x` (with `workgroup_id` and `num_workgroups`) and
     /// skip numbers beyond the work.
+    ///
+    /// ```
+    /// use gradreel::backend::gpu::Kernel;
+    /// static DOUBLE: Kernel = Kernel::new("double", "main", "
+    /// @group(0) @binding(0) var<storage, read_write> y: array<f32>;
+    /// @group(0) @binding(1) var<storage, read> x: array<f32>;
+    /// @compute @workgroup_size(64) fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    ///     if id.x < arrayLength(&y) { y[id.x] = 2.0 * x[id.x]; }
+    /// }", &["y", "x"]);
+    /// use gradreel::backend::gpu::{Gpu, Work};
+    /// use gradreel::{DType, Device, Spec, Tensor};
+    /// if let Ok(gpu) = Gpu::open() {
+    ///     let x = Tensor::from_vec(vec![1.0f32, 2.0], [2]).to_device(&Device::Gpu(gpu.clone()))?;
+    ///     let y = gpu.launch(&DOUBLE, &[&x], &[], Spec::new([2], DType::F32), Work::Invocations(2))?;
+    ///     assert_eq!(y.to_vec()?, [2.0, 4.0]);
+    /// }
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// As [`Gpu::dispatch`]; [`ErrorKind::Device`] when the result does not fit.
@@ -92,6 +116,14 @@ impl Gpu {
 
     /// A tensor of undefined contents, for a kernel to write all of.
     ///
+    /// ```
+    /// use gradreel::{DType, Spec, backend::gpu::Gpu};
+    /// if let Ok(gpu) = Gpu::open() {
+    ///     assert_eq!(gpu.empty(Spec::new([2], DType::F32))?.dims(), [2]);
+    /// }
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// [`ErrorKind::Device`] when it does not fit; [`ErrorKind::Unsupported`] for a dtype the device does not hold.
     pub fn empty(&self, spec: Spec) -> Result<Tensor> {
@@ -105,6 +137,25 @@ impl Gpu {
     }
 
     /// Runs a kernel on tensors given in the order of its buffers, the written one first.
+    ///
+    /// ```
+    /// use gradreel::backend::gpu::Kernel;
+    /// static DOUBLE: Kernel = Kernel::new("double", "main", "
+    /// @group(0) @binding(0) var<storage, read_write> y: array<f32>;
+    /// @group(0) @binding(1) var<storage, read> x: array<f32>;
+    /// @compute @workgroup_size(64) fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    ///     if id.x < arrayLength(&y) { y[id.x] = 2.0 * x[id.x]; }
+    /// }", &["y", "x"]);
+    /// use gradreel::backend::gpu::{Gpu, Work};
+    /// use gradreel::{DType, Device, Spec, Tensor};
+    /// if let Ok(gpu) = Gpu::open() {
+    ///     let x = Tensor::from_vec(vec![1.0f32, 2.0], [2]).to_device(&Device::Gpu(gpu.clone()))?;
+    ///     let y = gpu.empty(Spec::new([2], DType::F32))?;
+    ///     gpu.dispatch(&DOUBLE, &[&y, &x], &[], Work::Invocations(2))?;
+    ///     assert_eq!(y.to_vec()?, [2.0, 4.0]);
+    /// }
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::Input`] for a kernel that is not valid WGSL; [`ErrorKind::Unsupported`] when it binds more storage

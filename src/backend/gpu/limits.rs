@@ -2,6 +2,12 @@
 
 /// Limits of an opened GPU. Where a tensor is larger than one binding, pointwise ops, copies, reductions and extrema run
 /// part by part; other ops refuse it with an error.
+///
+/// ```
+/// use gradreel::backend::gpu::GpuLimits;
+/// let limits = GpuLimits { binding_bytes: 128 << 20, ..GpuLimits::NONE };
+/// # let _ = limits;
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct GpuLimits {
     /// Bytes of the largest tensor.

@@ -27,6 +27,16 @@ pub(super) static WEIGHTS: Kernel = Kernel::new("convolution", "weights", TEXT, 
 
 /// The settings of a convolution; [`Conv::new`] has stride 1, no padding, dilation 1 and one group. What takes a
 /// [`PerAxis`] takes one number for all axes, or an array with one for each.
+///
+/// ```
+/// use gradreel::{Tape, Tensor, ops::Conv};
+/// let tape = Tape::new();
+/// let image = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0, 4.0], [1, 1, 4]));
+/// let weight = tape.leaf(Tensor::from_vec(vec![1.0, 1.0], [1, 1, 2]));
+/// let y = image.conv(&weight, None, &Conv::new().stride(2));
+/// assert_eq!(y.value()?.slice::<f64>(), [3.0, 7.0]);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Conv {
     stride: PerAxis,
@@ -44,11 +54,31 @@ impl Default for Conv {
 
 impl Conv {
     /// Stride 1, no padding, dilation 1, one group.
+    ///
+    /// ```
+    /// use gradreel::{Tape, Tensor, ops::Conv};
+    /// let tape = Tape::new();
+    /// let image = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0, 4.0], [1, 1, 4]));
+    /// let weight = tape.leaf(Tensor::from_vec(vec![1.0, 1.0], [1, 1, 2]));
+    /// let y = image.conv(&weight, None, &Conv::new());
+    /// assert_eq!(y.value()?.slice::<f64>(), [3.0, 5.0, 7.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn new() -> Self {
         Self { stride: 1.into(), padding: 0.into(), dilation: 1.into(), output_padding: 0.into(), groups: 1 }
     }
 
     /// Distance in the image between neighbours of the result.
+    ///
+    /// ```
+    /// use gradreel::{Tape, Tensor, ops::Conv};
+    /// let tape = Tape::new();
+    /// let image = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0, 4.0], [1, 1, 4]));
+    /// let weight = tape.leaf(Tensor::from_vec(vec![1.0, 1.0], [1, 1, 2]));
+    /// let y = image.conv(&weight, None, &Conv::new().stride(2));
+    /// assert_eq!(y.value()?.slice::<f64>(), [3.0, 7.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[must_use]
     pub fn stride(mut self, stride: impl Into<PerAxis>) -> Self {
         self.stride = stride.into();
@@ -56,6 +86,16 @@ impl Conv {
     }
 
     /// Zeros around the image, so many on each side.
+    ///
+    /// ```
+    /// use gradreel::{Tape, Tensor, ops::Conv};
+    /// let tape = Tape::new();
+    /// let image = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0, 4.0], [1, 1, 4]));
+    /// let weight = tape.leaf(Tensor::from_vec(vec![1.0, 1.0], [1, 1, 2]));
+    /// let y = image.conv(&weight, None, &Conv::new().padding(1));
+    /// assert_eq!(y.value()?.slice::<f64>(), [1.0, 3.0, 5.0, 7.0, 4.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[must_use]
     pub fn padding(mut self, padding: impl Into<PerAxis>) -> Self {
         self.padding = padding.into();
@@ -63,6 +103,16 @@ impl Conv {
     }
 
     /// Distance in the image between neighbours of the kernel.
+    ///
+    /// ```
+    /// use gradreel::{Tape, Tensor, ops::Conv};
+    /// let tape = Tape::new();
+    /// let image = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0, 4.0], [1, 1, 4]));
+    /// let weight = tape.leaf(Tensor::from_vec(vec![1.0, 1.0], [1, 1, 2]));
+    /// let y = image.conv(&weight, None, &Conv::new().dilation(2));
+    /// assert_eq!(y.value()?.slice::<f64>(), [4.0, 6.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[must_use]
     pub fn dilation(mut self, dilation: impl Into<PerAxis>) -> Self {
         self.dilation = dilation.into();
@@ -71,6 +121,15 @@ impl Conv {
 
     /// For transposed convolutions: places added at the end of each axis of the result, less than the larger of stride and
     /// dilation. With a stride, images of several sizes give a result of the same size; this says which is meant.
+    ///
+    /// ```
+    /// use gradreel::{Tape, Tensor, ops::Conv};
+    /// let tape = Tape::new();
+    /// let image = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, 3.0, 4.0], [1, 1, 4]));
+    /// let weight = tape.leaf(Tensor::from_vec(vec![1.0, 1.0], [1, 1, 2]));
+    /// let settings = Conv::new().stride(2).output_padding(1);
+    /// assert_eq!(image.conv_transpose(&weight, None, &settings).dims(), [1, 1, 9]);
+    /// ```
     #[must_use]
     pub fn output_padding(mut self, padding: impl Into<PerAxis>) -> Self {
         self.output_padding = padding.into();
@@ -78,6 +137,17 @@ impl Conv {
     }
 
     /// Splits the channels into so many groups that do not see each other; as many as channels make it depth-wise.
+    ///
+    /// ```
+    /// use gradreel::{DType, Tape, Tensor, ops::Conv};
+    /// let tape = Tape::new();
+    /// // two channels, each with a kernel of its own
+    /// let image = tape.leaf(Tensor::full(1.0, [1, 2, 3], DType::F64));
+    /// let weight = tape.leaf(Tensor::full(1.0, [2, 1, 3], DType::F64));
+    /// let y = image.conv(&weight, None, &Conv::new().groups(2));
+    /// assert_eq!(y.value()?.slice::<f64>(), [3.0, 3.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     #[must_use]
     pub fn groups(mut self, groups: usize) -> Self {
         self.groups = groups;

@@ -3,6 +3,17 @@
 use crate::scalar::{Job, Lane, Real};
 
 /// A function applied to each element at the end.
+///
+/// ```
+/// use gradreel::{Tape, Tensor, ops::Activation};
+/// let tape = Tape::new();
+/// let x = tape.leaf(Tensor::from_vec(vec![1.0], [1, 1]));
+/// let w = tape.leaf(Tensor::from_vec(vec![-2.0], [1, 1]));
+/// let b = tape.leaf(Tensor::from_vec(vec![0.5], [1]));
+/// let y = x.mlp(&[(&w, &b), (&w, &b)], Activation::Relu);
+/// assert_eq!(y.item()?, 0.5); // the hidden layer is max(−1.5, 0)
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Activation {
     /// `x`
