@@ -6,6 +6,8 @@
 //! ablation: what the parts of it are worth
 //! ```
 
+#![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
+
 mod constant;
 mod fnv1a;
 mod nearest;

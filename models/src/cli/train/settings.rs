@@ -267,8 +267,7 @@ fn refused(at: &str, found: &dyn std::fmt::Display) -> Error {
 }
 
 fn read(path: &Path) -> Result<toml::Table> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|e| Error::io(path, "read the settings", &e).fix("give the path of a TOML file to --config"))?;
+    let text = crate::cli::text::read(path, "the settings")?;
     text.parse().map_err(|e: toml::de::Error| refused(&path.display().to_string(), &e))
 }
 
