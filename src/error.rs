@@ -175,7 +175,9 @@ impl Error {
 
     /// An operating-system fault at a path.
     ///
-    /// A missing or unreadable file is the user's input ([`ErrorKind::Input`]); anything else is [`ErrorKind::Io`].
+    /// What another path or another file would mend is the user's input ([`ErrorKind::Input`]): a file that is missing,
+    /// unreadable, no file, no folder or no UTF-8 text, a name that the system does not take, a place where nothing can be
+    /// written. Anything else, such as a full disk, is [`ErrorKind::Io`].
     ///
     /// ```
     /// use gradreel::{Error, ErrorKind};
@@ -183,8 +185,11 @@ impl Error {
     /// assert_eq!(Error::io("no-such-file", "read the film", &missing).kind(), ErrorKind::Input);
     /// ```
     pub fn io(path: impl AsRef<std::path::Path>, doing: &str, source: &std::io::Error) -> Self {
+        use std::io::ErrorKind as System;
         let kind = match source.kind() {
-            std::io::ErrorKind::NotFound | std::io::ErrorKind::PermissionDenied => ErrorKind::Input,
+            System::NotFound | System::PermissionDenied | System::ReadOnlyFilesystem => ErrorKind::Input,
+            System::IsADirectory | System::NotADirectory | System::AlreadyExists => ErrorKind::Input,
+            System::InvalidFilename | System::InvalidInput | System::InvalidData => ErrorKind::Input,
             _ => ErrorKind::Io,
         };
         Self::new(kind, format!("cannot {doing}")).at(path.as_ref().display()).found(source)

@@ -37,8 +37,8 @@ pub fn seconds(run: impl Fn()) -> f64 {
     best
 }
 
-/// Times every case that matches and prints one row each.
-pub fn run(threads: usize, filter: &str, groups: &[fn() -> Vec<Case>]) {
+/// Times every case that matches and prints one row each; returns the table as Markdown.
+pub fn run(threads: usize, filter: &str, groups: &[fn() -> Vec<Case>]) -> String {
     let (flops, bytes) = (peak_flops(threads), copy_bandwidth(threads));
     println!(
         "{} on {threads} threads: multiply-add {:.0} GFLOP/s, copy {:.1} GB/s",
@@ -51,6 +51,14 @@ pub fn run(threads: usize, filter: &str, groups: &[fn() -> Vec<Case>]) {
         "{:44} {:>10} {:>8} {:>9} {:>10} {:>9}",
         "case", "forward ms", "of limit", "/ PyTorch", "both ms", "/ PyTorch"
     );
+    let mut table = format!(
+        "{threads} threads: multiply-add {:.0} GFLOP/s, copy {:.1} GB/s. Times in f32, of the forward pass and with the backward \
+         pass; as a share of what arithmetic or memory allows, and as a multiple of PyTorch's on this machine where it was \
+         measured.\n\n| case | forward [ms] | of limit | / PyTorch | both [ms] | / PyTorch |\n\
+         | --- | ---: | ---: | ---: | ---: | ---: |\n",
+        flops * 1e-9,
+        bytes * 1e-9
+    );
     for case in groups.iter().flat_map(|cases| cases()).filter(|case| case.name.contains(filter)) {
         let forward = seconds(|| (case.run)(false));
         let both = seconds(|| (case.run)(true));
@@ -59,16 +67,16 @@ pub fn run(threads: usize, filter: &str, groups: &[fn() -> Vec<Case>]) {
             Some(theirs) => format!("{:.2}", mine * 1e3 / theirs),
             None => "-".to_owned(),
         };
-        println!(
-            "{:44} {:10.3} {:7.0}% {:>9} {:10.3} {:>9}",
+        let (share, vs, vs_both) = (limit / forward * 100.0, ratio("forward", forward), ratio("both", both));
+        println!("{:44} {:10.3} {share:7.0}% {vs:>9} {:10.3} {vs_both:>9}", case.name, forward * 1e3, both * 1e3);
+        table += &format!(
+            "| {} | {:.3} | {share:.0} % | {vs} | {:.3} | {vs_both} |\n",
             case.name,
             forward * 1e3,
-            limit / forward * 100.0,
-            ratio("forward", forward),
-            both * 1e3,
-            ratio("both", both)
+            both * 1e3
         );
     }
+    table
 }
 
 /// The peer's milliseconds, as `benches/pytorch.py` wrote them.

@@ -77,6 +77,8 @@
 //!
 //! A material of one's own implements [`physics::Material`]; [`physics::check_material`] tests it.
 
+#![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
+
 mod constant;
 mod fnv1a;
 mod mesh_files;

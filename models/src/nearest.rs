@@ -28,6 +28,11 @@ pub(crate) fn suggestion(message: &str) -> Option<String> {
     nearest(unknown, known.iter().copied()).map(|near| format!("did you mean `{near}`?"))
 }
 
+/// Names one after the other, for the messages that list what there is.
+pub(crate) fn listed<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
+    names.into_iter().collect::<Vec<_>>().join(", ")
+}
+
 /// Letters to add, drop or change (Levenshtein).
 fn distance(a: &str, b: &str) -> usize {
     let b: Vec<char> = b.chars().collect();

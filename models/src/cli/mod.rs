@@ -6,17 +6,21 @@ mod film;
 mod gradcheck;
 mod imagine;
 mod output;
+mod place;
 mod reconstruct;
 mod resimulate;
 mod simulate;
 mod source;
 mod synthesize;
 mod train;
+mod unit;
 mod weights;
 
 use clap::{Parser, Subcommand};
 use gradreel::scalar::Path;
 use gradreel::{ErrorKind, Result};
+
+use self::output::tell;
 
 /// From a video of a collision to shape, motion and material.
 #[derive(Parser)]
@@ -77,18 +81,18 @@ fn run(command: Command) -> Result<()> {
     match command {
         Command::Reconstruct(arguments) => reconstruct::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
-        Command::Check(arguments) => check::run(&arguments),
-        Command::Gradcheck(arguments) => gradcheck::run(&arguments),
+        Command::Check(arguments) => check::run(&arguments).and_then(|()| output::arrived()),
+        Command::Gradcheck(arguments) => gradcheck::run(&arguments).and_then(|()| output::arrived()),
         Command::Synthesize(arguments) => synthesize::run(&arguments),
         Command::Train(arguments) => train::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
-        Command::Weights(arguments) => weights::run(&arguments),
+        Command::Weights(arguments) => weights::run(&arguments).and_then(|()| output::arrived()),
     }
 }
 
 fn exit_code(outcome: Result<()>) -> u8 {
     let Err(error) = outcome else { return 0 };
-    eprintln!("error: {error}");
+    tell!("error: {error}");
     match error.kind() {
         ErrorKind::Input => 2,
         ErrorKind::Interrupted => 130,

@@ -1,15 +1,18 @@
 //! `gradreel reconstruct`: the main job.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use gradreel::{Error, ErrorKind, Result};
 
 use crate::cli::film::FilmArguments;
 use crate::cli::imagine::{self, ImagineArguments};
-use crate::cli::output::say;
+use crate::cli::output::{say, tell};
+use crate::cli::unit::{self, Named, number_in};
 use crate::field::{bounding_sphere, hull};
 use crate::identify::{Candidate, Config, Reconstruction, Run, WorldConfig, compared, half_of_imagined, reconstruct};
 use crate::monocular;
+use crate::physics::Law;
 use crate::report::interrupt;
 use crate::report::progress::Progress;
 use crate::report::reconstruction::{publish, quantities};
@@ -47,17 +50,19 @@ pub(super) struct Arguments {
     /// or the name of a law [default: elastic]
     #[arg(long, value_name = "NAME", conflicts_with = "resume")]
     material: Option<String>,
-    /// Values to start from in SI units, for example young=1e4,yield_stress=500; the law's own for those not named
-    #[arg(long, value_delimiter = ',', value_name = "NAME=VALUE", value_parser = named_value, conflicts_with = "resume")]
-    start: Vec<(String, f64)>,
-    /// Young's modulus to start from [Pa]
-    #[arg(long, value_name = "PA", allow_negative_numbers = true, conflicts_with = "resume")]
+    /// Values to start from, for example young=10kPa,yield_stress=500, in SI units if without a unit; the law's own for those not named
+    #[arg(long, value_delimiter = ',', value_name = "NAME=VALUE", value_parser = Named::read, conflicts_with = "resume")]
+    start: Vec<Named>,
+    /// Young's modulus to start from [Pa, or with a unit: 100kPa]
+    #[arg(long, value_name = "PA", value_parser = |text: &str| number_in(text, "Pa"))]
+    #[arg(allow_negative_numbers = true, conflicts_with = "resume")]
     young: Option<f64>,
     /// Poisson ratio to start from
     #[arg(long, value_name = "RATIO", allow_negative_numbers = true, conflicts_with = "resume")]
     poisson: Option<f64>,
     /// Density of the object [kg/m³]; a wrong one scales Young's modulus alike
-    #[arg(long, value_name = "KG/M3", allow_negative_numbers = true, conflicts_with = "resume")]
+    #[arg(long, value_name = "KG/M3", value_parser = |text: &str| number_in(text, "kg/m³"))]
+    #[arg(allow_negative_numbers = true, conflicts_with = "resume")]
     density: Option<f64>,
     /// The object spins as it flies: find its initial angular velocity as well
     #[arg(long, conflicts_with = "resume")]
@@ -66,7 +71,8 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "M|auto", value_parser = height, allow_negative_numbers = true, conflicts_with = "resume")]
     ground: Option<Height>,
     /// Grid spacing of the simulation [m] [default: 0.02, or one that gives about ten thousand particles]
-    #[arg(long, value_name = "M", allow_negative_numbers = true, conflicts_with = "resume")]
+    #[arg(long, value_name = "M", value_parser = |text: &str| number_in(text, "m"))]
+    #[arg(allow_negative_numbers = true, conflicts_with = "resume")]
     dx: Option<f64>,
     /// No progress on stderr
     #[arg(long, short)]
@@ -116,14 +122,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             0 => String::new(),
             count => format!(" ({count} imagined)"),
         };
-        eprintln!(
+        tell!(
             "{}: {} cameras{imagined}, {} frames → {}",
             clip.name,
             clip.cameras.len(),
             clip.frame_count(),
             run.folder.root().display()
         );
-        clip.assumptions.iter().for_each(|line| eprintln!("  assumed: {line}"));
+        clip.assumptions.iter().for_each(|line| tell!("  assumed: {line}"));
     }
     let found = reconstruct(&clip, &mut run, &progress).map_err(|error| go_on(error, &run))?;
     publish(&found, &run, &clip, &progress)?;
@@ -131,21 +137,58 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
+impl Arguments {
+    /// The first option that tells where a material's parameters start.
+    fn told_of_material(&self) -> Option<&'static str> {
+        let told = [("--start", !self.start.is_empty()), ("--young", self.young.is_some())];
+        let told = told.into_iter().chain([("--poisson", self.poisson.is_some())]);
+        told.filter(|(_, given)| *given).map(|(option, _)| option).next()
+    }
+
+    /// Where the parameters of a law start by the command line.
+    fn starts(&self, law: &Law) -> Result<BTreeMap<String, f64>> {
+        let mut values = unit::of_law(&self.start, law, "--start")?;
+        for (name, option, value) in [("young", "--young", self.young), ("poisson", "--poisson", self.poisson)] {
+            let Some(value) = value else { continue };
+            if values.insert(name.to_owned(), value).is_some() {
+                return Err(Error::new(ErrorKind::Input, "two values of a parameter to start from")
+                    .at(format!("{option} and --start {name}"))
+                    .fix("give one of them"));
+            }
+        }
+        Ok(values)
+    }
+}
+
 fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
+    if let Some(folder) = &arguments.out {
+        super::place::check(folder, Some(&arguments.clip))?;
+    }
     let mut config = match &arguments.config {
         None => Config::default(),
         Some(path) => read_config(path)?,
     };
+    if arguments.frames == Some(0) {
+        return Err(Error::new(ErrorKind::Input, "a clip needs at least two frames to show motion")
+            .at("--frames")
+            .found(0)
+            .wanted("2 or more")
+            .fix("leave it out for all frames"));
+    }
     if let Some(cameras) = &arguments.cameras {
         config.clip.cameras.clone_from(cameras);
     }
     if let Some(material) = &arguments.material {
         config.material.name.clone_from(material);
     }
-    let start = &mut config.material.start;
-    start.extend(arguments.start.iter().cloned());
-    arguments.young.map(|value| start.insert("young".into(), value));
-    arguments.poisson.map(|value| start.insert("poisson".into(), value));
+    if let (true, Some(option)) = (config.chooses_family(), arguments.told_of_material()) {
+        return Err(Error::new(ErrorKind::Input, "values of a material whose family is still to be chosen")
+            .at(option)
+            .found("the material `auto`")
+            .fix("leave it out, or name the family with --material"));
+    }
+    let law = config.law()?;
+    config.material.start.extend(arguments.starts(&law)?);
     config.clip.first_frame = arguments.first_frame.or(config.clip.first_frame);
     arguments.film.apply(&mut config.clip.film);
     arguments.imagine.apply(&mut config);
@@ -159,7 +202,6 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     config.estimate.spin |= arguments.spin;
     config.geometry.dx = arguments.dx.unwrap_or(config.geometry.dx);
     config.check()?;
-    let law = config.law()?;
     config.material.held =
         (!config.chooses_family()).then_some(config.held(&law)?.into_iter().map(str::to_owned).collect());
     // the clip first: one that cannot be used leaves no trace
@@ -294,7 +336,7 @@ fn summarise(found: &Reconstruction, run: &Run) {
             (Some(interval), _) => format!("90 % {interval}"),
             (None, _) => quantity.source.clone(),
         };
-        say!("  {:<22} {:>12}   {known}", quantity.label, quantity.readable());
+        say!("  {:<22} {:>12}   {known}", quantity.label, quantity.shown());
     }
     say!("\n  open {}", run.folder.path("index.html").display());
 }
@@ -312,13 +354,8 @@ enum Height {
 fn height(text: &str) -> std::result::Result<Height, String> {
     match text {
         "auto" => Ok(Height::Found),
-        number => number.parse().map(Height::Given).map_err(|e| format!("neither `auto` nor a height in metres: {e}")),
+        number => {
+            number_in(number, "m").map(Height::Given).map_err(|e| format!("neither `auto` nor a height in metres: {e}"))
+        }
     }
-}
-
-/// A number with its name, as in `young=1e4`.
-pub(super) fn named_value(text: &str) -> std::result::Result<(String, f64), String> {
-    let (name, value) = text.split_once('=').ok_or("a name, `=` and a number are wanted, such as young=1e4")?;
-    let value = value.trim().parse().map_err(|e| format!("{value:?} is not a number: {e}"))?;
-    Ok((name.trim().to_owned(), value))
 }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use gradreel::{Error, ErrorKind, Result};
 
 use crate::cli::output::say;
+use crate::cli::unit::{self, Named, number_in};
 use crate::identify::{Changes, Reconstruction, Run};
 use crate::report::interrupt;
 use crate::report::progress::Progress;
@@ -18,9 +19,9 @@ pub(super) struct Arguments {
     /// Simulate what the run in this folder has found, instead of a scene; filmed beside its clip
     #[arg(long, value_name = "RUN", conflicts_with_all = ["scene", "resume", "plan", "duration", "precision", "film", "no_gif"])]
     pub from: Option<PathBuf>,
-    /// Other parameters of the material, in SI units, for example young=1e6,poisson=0.4
-    #[arg(long, value_delimiter = ',', value_name = "NAME=VALUE", value_parser = super::reconstruct::named_value, requires = "from")]
-    set: Vec<(String, f64)>,
+    /// Other parameters of the material, for example young=1MPa,poisson=0.4, in SI units if without a unit
+    #[arg(long, value_delimiter = ',', value_name = "NAME=VALUE", value_parser = Named::read, requires = "from")]
+    set: Vec<Named>,
     /// Another initial velocity [m/s]
     #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, requires = "from")]
     velocity: Option<[f64; 3]>,
@@ -31,7 +32,8 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true, requires = "from")]
     gravity: Option<[f64; 3]>,
     /// Another height of the ground [m]
-    #[arg(long, value_name = "M", allow_negative_numbers = true, requires = "from")]
+    #[arg(long, value_name = "M", value_parser = |text: &str| number_in(text, "m"))]
+    #[arg(allow_negative_numbers = true, requires = "from")]
     ground: Option<f64>,
     /// Where the run's clip is now, if it was moved
     #[arg(long, value_name = "FOLDER", requires = "from")]
@@ -41,6 +43,9 @@ pub(super) struct Arguments {
 /// Simulates and films it into a new folder, which is a run itself.
 pub(super) fn run(arguments: &Arguments, from: &Path, out: Option<&Path>, quiet: bool) -> Result<()> {
     interrupt::install()?;
+    if let Some(folder) = out {
+        super::place::check(folder, None)?;
+    }
     let progress = Progress::new(quiet);
     let before = Run::open(RunFolder::open(from)?)?;
     let path = arguments.clip.clone().or_else(|| before.state.clip_path.clone()).ok_or_else(|| {
@@ -53,7 +58,7 @@ pub(super) fn run(arguments: &Arguments, from: &Path, out: Option<&Path>, quiet:
     before.belongs_to(&clip)?;
     let mut found = Reconstruction::of(&before, &clip)?;
     let changes = Changes {
-        parameters: arguments.set.iter().cloned().collect(),
+        parameters: unit::of_law(&arguments.set, &found.law, "--set")?,
         velocity: arguments.velocity,
         spin: arguments.spin,
         gravity: arguments.gravity,

@@ -6,7 +6,7 @@ use std::time::Instant;
 use gradreel::{Error, ErrorKind, Result};
 
 use super::resimulate;
-use crate::cli::output::say;
+use crate::cli::output::{self, say, tell};
 use crate::physics::Number;
 use crate::report::interrupt;
 use crate::report::progress::Progress;
@@ -128,7 +128,7 @@ fn simulate_scene(arguments: &Arguments, scene: &Path, mut file: SceneFile) -> R
         print_plan(&stem(scene), &file, &setup);
     }
     if arguments.plan {
-        return Ok(());
+        return output::arrived();
     }
     match setup.precision {
         Precision::F32 => simulate::<f32>(arguments, scene, &file, &setup, film),
@@ -210,7 +210,7 @@ fn simulate<T: Number>(
         let before = frame.substeps;
         frame = runner.frame();
         if frame.substeps != before && !arguments.quiet {
-            eprintln!("  frame {}: {} substeps per frame from here on, not {before}", frame.index, frame.substeps);
+            tell!("  frame {}: {} substeps per frame from here on, not {before}", frame.index, frame.substeps);
         }
         record.add(&frame)?;
         record.save_now_and_then(|| runner.snapshot())?;

@@ -48,11 +48,13 @@ impl FitSettings {
         Adam::new(self.colour_rate).with_rate("field.density", self.density_rate)
     }
 
-    /// The same once the motion is known; `material` is the path of what of the material is fitted with the voxels.
-    pub(crate) fn adam_in_motion(&self, material: &str) -> Adam {
-        Adam::new(self.colour_rate)
-            .with_rate("field.density", self.density_rate_in_motion)
-            .with_rate(material, self.material_rate)
+    /// The same once the motion is known; `material` is the path of what of the material is fitted with the voxels, if any is.
+    pub(crate) fn adam_in_motion(&self, material: Option<&str>) -> Adam {
+        let adam = Adam::new(self.colour_rate).with_rate("field.density", self.density_rate_in_motion);
+        match material {
+            Some(path) => adam.with_rate(path, self.material_rate),
+            None => adam,
+        }
     }
 }
 

@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 
 use gradreel::{Error, ErrorKind, Result};
 
+use crate::identify::config::no_such_parameter;
 use crate::identify::{Reconstruction, Run, SPIN, VELOCITY};
-use crate::nearest::nearest;
+use crate::report::quantity::compact;
 
 /// What is to be different from what a run has found; what is left out stays.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -35,22 +36,13 @@ impl Changes {
         let mut words = Vec::new();
         for (name, &value) in &self.parameters {
             let Some(at) = parameters.iter().position(|p| p.name == name) else {
-                let known: Vec<&str> = parameters.iter().map(|p| p.name).collect();
-                let error =
-                    Error::new(ErrorKind::Input, format!("the material {} has no such parameter", found.law.name()))
-                        .at("--set")
-                        .found(name)
-                        .wanted(format!("one of {known:?}"));
-                return Err(match nearest(name, known.iter().copied()) {
-                    Some(near) => error.fix(format!("did you mean `{near}`?")),
-                    None => error,
-                });
+                return Err(no_such_parameter(&found.law, name, "--set"));
             };
             let p = &parameters[at];
             if !p.map.raw(value).is_finite() {
                 return Err(Error::new(ErrorKind::Input, format!("the parameter {name} cannot have this value"))
                     .at("--set")
-                    .found(format!("{value} {}", p.unit))
+                    .found(format!("{} {}", compact(value), p.unit))
                     .fix(format!("give for example {} {}", p.start, p.unit)));
             }
             words.push(format!("{} {:.4e} {} instead of {:.4e}", p.symbol, value, p.unit, unknowns.parameters[at]));

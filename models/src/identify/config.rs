@@ -7,8 +7,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::field::FitSettings;
 use crate::identify::{FlowingConfig, LossConfig, TemporalConfig};
+use crate::nearest::{listed, nearest};
 use crate::physics::{Law, Map, materials};
 use crate::render::{Surface, Weights};
+use crate::report::quantity::compact;
 use crate::video::FilmSettings;
 
 /// Everything a reconstruction can be told. A run stores the resolved values as `config.toml`.
@@ -176,6 +178,45 @@ pub const FAMILIES: [(&str, &str); 5] = [
 pub fn law_of(name: &str) -> Option<Law> {
     let family = FAMILIES.iter().find(|(family, _)| *family == name);
     materials::find(family.map_or(name, |(_, law)| law))
+}
+
+/// Things that people name in place of a family.
+const EVERYDAY: [(&str, &[&str]); 5] = [
+    ("elastic", &["rubber", "foam", "jelly", "gelatin", "gelatine", "silicone", "sponge", "solid", "soft"]),
+    ("plasticine", &["clay", "putty", "dough", "wax", "metal", "plastic", "plasticin"]),
+    ("newtonian", &["water", "honey", "oil", "milk", "syrup", "fluid", "liquid"]),
+    ("non_newtonian", &["toothpaste", "ketchup", "cream", "mayonnaise", "paste", "mud", "yoghurt", "yogurt"]),
+    ("sand", &["soil", "gravel", "grains", "granular", "sugar", "salt", "rice"]),
+];
+
+/// Says that a law has no parameter of this name, which ones it has, and which was probably meant.
+pub(crate) fn no_such_parameter(law: &Law, name: &str, at: &str) -> Error {
+    let known = || law.parameters().iter().map(|p| p.name);
+    let wanted = law.parameters().iter().map(|p| match p.unit {
+        "-" => p.name.to_owned(),
+        unit => format!("{} [{unit}]", p.name),
+    });
+    Error::new(ErrorKind::Input, format!("the material {} has no parameter of this name", law.name()))
+        .at(at)
+        .found(format!("`{name}`"))
+        .wanted(format!("one of {}", wanted.collect::<Vec<_>>().join(", ")))
+        .fix(match nearest(name, known()) {
+            Some(near) => format!("did you mean `{near}`?"),
+            None => "choose one of these, or another material".to_owned(),
+        })
+}
+
+/// The first number of some settings that is not finite, by its path.
+fn not_finite(path: &str, value: &toml::Value) -> Option<(String, f64)> {
+    let below = |name: &str| if path.is_empty() { name.to_owned() } else { format!("{path}.{name}") };
+    match value {
+        toml::Value::Float(number) => (!number.is_finite()).then(|| (path.to_owned(), *number)),
+        toml::Value::Table(table) => table.iter().find_map(|(name, value)| not_finite(&below(name), value)),
+        toml::Value::Array(list) => {
+            list.iter().enumerate().find_map(|(k, value)| not_finite(&below(&k.to_string()), value))
+        }
+        _ => None,
+    }
 }
 
 /// What of sand is held unless told otherwise, and at which value, as published: grains hardly deform, and how far sand can be
@@ -362,9 +403,26 @@ impl Config {
         self.clip.film.check()?;
         self.loss.check()?;
         self.temporal.check()?;
+        let twice = |(index, camera): (usize, &i64)| self.clip.cameras[..index].contains(camera);
+        if let Some((_, camera)) = self.clip.cameras.iter().enumerate().find(|camera| twice(*camera)) {
+            return Err(outside_range("clip.cameras", "each camera once").found(format!("camera {camera} twice")));
+        }
         let law = self.law()?;
         self.held(&law)?;
-        self.starting_values(&law).map(|_| ())
+        self.starting_values(&law)?;
+        if let (true, false) = (self.chooses_family(), self.material.start.is_empty() && self.material.held.is_none()) {
+            return Err(Error::new(ErrorKind::Input, "parameters of a material whose family is still to be chosen")
+                .at("material.start and material.held")
+                .found("the material `auto`")
+                .fix("leave them out, or name the family"));
+        }
+        // whatever a rule above does not speak of
+        let settings =
+            toml::Value::try_from(self).map_err(|e| outside_range("settings", "what TOML can hold").found(e))?;
+        match not_finite("", &settings) {
+            Some((name, found)) => Err(outside_range(&name, "a finite number").found(found)),
+            None => Ok(()),
+        }
     }
 
     /// The names of the parameters that stay where they start.
@@ -376,13 +434,8 @@ impl Config {
             let grains = SAND.iter().map(|(name, _)| *name).filter(|_| law.name() == "drucker_prager");
             return Ok(grains.collect());
         };
-        let known: Vec<_> = law.parameters().iter().map(|p| p.name).collect();
-        if let Some(unknown) = held.iter().find(|name| !known.contains(&name.as_str())) {
-            return Err(Error::new(ErrorKind::Input, "the material has no parameter of this name")
-                .at("material.held")
-                .found(unknown)
-                .wanted(format!("some of {known:?}"))
-                .fix("correct the name in the file of --config"));
+        if let Some(unknown) = held.iter().find(|name| law.parameters().iter().all(|p| p.name != name.as_str())) {
+            return Err(no_such_parameter(law, unknown, "material.held"));
         }
         Ok(held.iter().map(String::as_str).collect())
     }
@@ -401,13 +454,19 @@ impl Config {
         // until a family is chosen nothing depends on it: free flight
         let name = if self.chooses_family() { FAMILIES[0].0 } else { name };
         law_of(name).ok_or_else(|| {
-            let families = FAMILIES.iter().map(|(family, _)| (*family).to_owned());
-            let known: Vec<_> = families.chain(materials::all().iter().map(|law| law.name().to_owned())).collect();
+            let laws = materials::all();
+            let families = || FAMILIES.iter().map(|(family, _)| *family).chain(["auto"]);
+            let names = || laws.iter().map(|law| law.name()).filter(|name| families().all(|family| family != *name));
+            let everyday = EVERYDAY.iter().find(|(_, things)| things.contains(&name.to_lowercase().as_str()));
+            let near = everyday.map(|(family, _)| *family).or_else(|| nearest(name, families().chain(names())));
             Error::new(ErrorKind::Input, "there is no material of this name")
                 .at("material.name")
                 .found(name)
-                .wanted(format!("one of {known:?}"))
-                .fix("choose one of these with --material, or in the file of --config")
+                .wanted(format!("a family ({}), or a law ({})", listed(families()), listed(names())))
+                .fix(match near {
+                    Some(near) => format!("did you mean `{near}`? Give it with --material, or in the file of --config"),
+                    None => "choose one of these with --material, or in the file of --config".to_owned(),
+                })
         })
     }
 
@@ -420,12 +479,7 @@ impl Config {
         let start = &self.material.start;
         let parameters = law.parameters();
         if let Some(unknown) = start.keys().find(|name| parameters.iter().all(|p| p.name != name.as_str())) {
-            let known: Vec<_> = parameters.iter().map(|p| p.name).collect();
-            return Err(Error::new(ErrorKind::Input, "the material has no parameter of this name")
-                .at("material.start")
-                .found(unknown)
-                .wanted(format!("one of {known:?}"))
-                .fix("correct the name in the file of --config"));
+            return Err(no_such_parameter(law, unknown, "material.start"));
         }
         let value = |p: &crate::physics::Parameter| {
             let value = start.get(p.name).copied().or_else(|| published(law, p)).unwrap_or(p.start);
@@ -439,9 +493,12 @@ impl Config {
             }
             Err(Error::new(ErrorKind::Input, format!("the parameter {} cannot start there", p.name))
                 .at(format!("material.start.{}", p.name))
-                .found(format!("{value} {}", p.unit))
-                .wanted(format!("between {low} and {high} {}", p.unit))
-                .fix(format!("start for example from {} {} (--{} or --config)", p.start, p.unit, p.name)))
+                .found(format!("{} {}", compact(value), p.unit))
+                .wanted(format!("between {} and {} {}", compact(low), compact(high), p.unit))
+                .fix(format!(
+                    "start for example from {0} {1} (`--start {2}={0}`, or in the file of --config)",
+                    p.start, p.unit, p.name
+                )))
         };
         parameters.iter().map(value).collect()
     }

@@ -75,6 +75,11 @@ pub(super) fn search_most_probable(
     (oracle.plausible, oracle.first) = (Some(plausible), first);
     let mut here = start.clone();
     let mut x = start.coordinates(law, free);
+    if x.is_empty() {
+        // everything is held: there is nothing to search
+        oracle.loss(start)?;
+        return Ok(oracle.best.expect("the start was evaluated"));
+    }
     let (mut damping, mut growth) = (DAMPING, 2.0);
     let mut before: Option<Vec<f64>> = None;
     for taken in 1..=steps.always + steps.falling {

@@ -10,7 +10,7 @@ use crate::identify::plausible::Plausible;
 use crate::identify::profile::Valley;
 use crate::identify::unknowns::{LEAN, Unknown};
 use crate::identify::{Free, Linearised, SPIN, Unknowns, VELOCITY};
-use crate::physics::{Law, NINETY};
+use crate::physics::{Law, Map, NINETY};
 use crate::video::Flight;
 
 /// What is known of one unknown.
@@ -35,7 +35,7 @@ pub struct Interval {
 /// farther it does along each parameter, and scales its deviation. Each vector of `bias`, a column of `B`, is a further deviation that is the same in all pictures, such as that of the
 /// grid, in which the coordinates go together: `K = C⁻¹ M C⁻¹ + B Bᵀ`. What is plausible beforehand, and what the flight of an object that a single camera saw says of its velocity, is
 /// added as a prior of covariance `P`, `Σ = (K⁻¹ + P⁻¹)⁻¹`, so that a direction that no picture shows keeps
-/// the width of what is plausible. Student's t for as many degrees of freedom as there are clusters of the rarer kind, less one.
+/// the width of what is plausible; of a parameter with bounds no interval leaves its prior range. Student's t for as many degrees of freedom as there are clusters of the rarer kind, less one.
 ///
 /// # Errors
 /// [`ErrorKind::NonFinite`] when the derivatives, or the flight's covariance, are not finite.
@@ -68,6 +68,14 @@ pub fn intervals(
             Unknown::Lean(axis) => moved.lean[axis],
         }
     };
+    // what bounds a parameter bounds what is known of it, unless the estimate itself lies beyond
+    let within = |k: usize, [low, high]: [f64; 2]| match list[k] {
+        Unknown::Parameter(p) if law.parameters()[p].map != Map::Log10 => {
+            let ([least, most], value) = (law.parameters()[p].prior, at.parameters[p]);
+            [low.max(least.min(value)), high.min(most.max(value))]
+        }
+        _ => [low, high],
+    };
     let interval = |k: usize| Interval {
         name: match list[k] {
             Unknown::Velocity(axis) => VELOCITY[axis].to_owned(),
@@ -76,7 +84,7 @@ pub fn intervals(
             Unknown::Contact => "contact".to_owned(),
             Unknown::Lean(axis) => LEAN[axis].to_owned(),
         },
-        interval_90: [end(k, -1.0), end(k, 1.0)],
+        interval_90: within(k, [end(k, -1.0), end(k, 1.0)]),
         determined: student * deviations[k] <= NINETY * prior[k] / 3.0,
     };
     Ok((0..n).map(interval).collect())

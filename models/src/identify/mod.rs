@@ -50,6 +50,7 @@ mod recent;
 mod reconstruct;
 mod run;
 mod second_look;
+mod settings_file;
 mod sharpness;
 mod spin;
 mod stages;
@@ -59,6 +60,7 @@ mod unknowns;
 mod with_voxels;
 
 pub use again::Changes;
+pub(crate) use config::no_such_parameter;
 pub use config::{
     ClipConfig, Config, EstimateConfig, FAMILIES, GeometryConfig, ImagineConfig, MaterialConfig, Method, WorldConfig,
     law_of,

@@ -241,7 +241,8 @@ impl Stages<'_> {
         }
         let since = Instant::now();
         let settings = &run.config.geometry.fit;
-        let mut adam = if simulated { settings.adam_in_motion(UNKNOWNS) } else { settings.adam() };
+        let mut adam =
+            if simulated { settings.adam_in_motion((!with.is_held()).then_some(UNKNOWNS)) } else { settings.adam() };
         let (mut field, mut params) = match (run.state.finished.is_empty(), reached.iterations) {
             (true, 0) => self.hull(run)?,
             _ => run.load_field(&mut adam)?,

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::field::temporal::Flight;
 use crate::identify::field_file::FIELD;
+use crate::identify::settings_file;
 use crate::identify::{Answer, Candidate, Config, Evaluation, Interval, MaterialConfig, Unknowns};
 use crate::report::run_folder::RunFolder;
 use crate::video::Clip;
@@ -54,6 +55,17 @@ pub struct State {
     /// How sure the estimates are, once known.
     #[serde(default)]
     pub intervals: Vec<Interval>,
+    /// The settings that all this was reached with, as the file says; those of a run are [`Run::config`].
+    #[serde(default, skip_serializing)]
+    settings: Option<settings_file::Settings>,
+}
+
+/// The state as its file has it: with the settings that it was reached with.
+#[derive(Serialize)]
+struct Saved<'a> {
+    #[serde(flatten)]
+    state: &'a State,
+    settings: &'a Config,
 }
 
 impl State {
@@ -132,6 +144,8 @@ pub struct Run {
     pub state: State,
     /// What its file goes on to say of the material while another is tried.
     pub(super) open: Option<MaterialConfig>,
+    /// Whether somebody has edited the file of its settings.
+    edited: bool,
 }
 
 const STATE: &str = "state.json";
@@ -143,8 +157,8 @@ impl Run {
     /// # Errors
     /// [`ErrorKind::Input`] when the folder holds something.
     pub fn create(folder: RunFolder, config: Config, clip: &Clip) -> Result<Self> {
-        folder.write(CONFIG, config.to_toml()?.as_bytes())?;
-        let run = Self { folder, config, state: State::of(clip), open: None };
+        folder.write(CONFIG, settings_file::text(&config)?.as_bytes())?;
+        let run = Self { folder, config, state: State::of(clip), open: None, edited: false };
         run.save()?;
         Ok(run)
     }
@@ -177,20 +191,41 @@ impl Run {
         if state.seconds.len() != state.finished.len() {
             return Err(damaged(&folder, STATE, &"stages without their times"));
         }
-        Ok(Self { folder, config, state, open: None })
+        let edited = settings_file::is_edited(&written, &config)?;
+        Ok(Self { folder, config, state, open: None, edited })
+    }
+
+    /// The settings as its file has them.
+    fn settings(&self) -> Config {
+        let material = self.open.as_ref().unwrap_or(&self.config.material).clone();
+        Config { material, ..self.config.clone() }
+    }
+
+    /// Takes over settings that were edited since the run stopped, if nothing that is done hangs on them, and notes them.
+    fn take_over_edits(&mut self) -> Result<()> {
+        let (true, Some(before)) = (std::mem::take(&mut self.edited), &self.state.settings) else { return Ok(()) };
+        let [other, effort] = settings_file::changes(before, &settings_file::of(&self.config)?);
+        let begun = !self.state.finished.is_empty() || self.state.search.is_some() || self.folder.has(FIELD);
+        if begun && !other.is_empty() {
+            return Err(settings_file::refused(&self.folder.path(CONFIG).display(), &other));
+        }
+        for change in other.iter().chain(&effort) {
+            self.note(format!("changed before the run went on: {change}"));
+        }
+        self.save_config()?;
+        self.save()
     }
 
     /// Writes the configuration as it is now.
     pub(super) fn save_config(&self) -> Result<()> {
-        let material = self.open.as_ref().unwrap_or(&self.config.material).clone();
-        let config = Config { material, ..self.config.clone() };
-        self.folder.write(CONFIG, config.to_toml()?.as_bytes())
+        self.folder.write(CONFIG, settings_file::text(&self.settings())?.as_bytes())
     }
 
     /// The same run, to be changed and written to another folder.
     #[must_use]
     pub fn copied(&self) -> Self {
-        Self { folder: self.folder.clone(), config: self.config.clone(), state: self.state.clone(), open: None }
+        let (folder, config, state) = (self.folder.clone(), self.config.clone(), self.state.clone());
+        Self { folder, config, state, open: None, edited: false }
     }
 
     /// Writes a changed copy of a run, with that run's voxels, to its own empty folder.
@@ -207,7 +242,8 @@ impl Run {
     /// run was begun with.
     ///
     /// # Errors
-    /// As [`Run::belongs_to`]; what writing returns.
+    /// As [`Run::belongs_to`]; [`ErrorKind::Input`] when settings were edited that finished stages have used; what writing
+    /// returns.
     pub fn go_on(&mut self, clip: &Clip) -> Result<()> {
         if self.state.clip == ClipIdentity::default() {
             self.state = State::of(clip);
@@ -215,7 +251,7 @@ impl Run {
         }
         self.belongs_to(clip)?;
         self.folder.sweep();
-        Ok(())
+        self.take_over_edits()
     }
 
     /// Whether a clip is the one that the run was begun with.
@@ -239,7 +275,8 @@ impl Run {
     /// # Errors
     /// What writing returns.
     pub fn save(&self) -> Result<()> {
-        let json = serde_json::to_vec_pretty(&self.state)
+        let saved = Saved { state: &self.state, settings: &self.settings() };
+        let json = serde_json::to_vec_pretty(&saved)
             .map_err(|e| Error::new(ErrorKind::Io, "cannot write the state of the run").found(e))?;
         self.folder.write(STATE, &json)
     }

@@ -304,7 +304,7 @@ impl Stages<'_> {
         let mut plausible = self.plausible(run, effort.holds_bulk, unknowns, fall.as_ref())?;
         let free = plausible.free;
         let mut first = None;
-        if !run.has_finished(effort.stage) {
+        if !run.has_finished(effort.stage) && !free.list(self.law).is_empty() {
             let start = run.search(effort.stage, unknowns).start.clone();
             let problem = self.problem(run, effort, particles);
             let (mut notes, mut substeps) = (Vec::new(), 0);
@@ -395,6 +395,9 @@ impl Stages<'_> {
         let fall = self.fall(run)?;
         let plausible = self.plausible(run, false, unknowns, fall.as_ref())?;
         let free = plausible.free;
+        if free.list(self.law).is_empty() {
+            return Ok(());
+        }
         let bias = if many { Vec::new() } else { self.bias(run, free, unknowns)? };
         let effort = if many { Effort::of_points(USUAL, 2) } else { effort };
         let impact = self.impact(run, unknowns);

@@ -29,7 +29,7 @@ impl<'a> WithVoxels<'a> {
     }
 
     /// Whether nothing of the material is fitted.
-    fn is_held(&self) -> bool {
+    pub fn is_held(&self) -> bool {
         self.free.list(self.law).is_empty()
     }
 

@@ -12,6 +12,8 @@ pub mod png_file;
 pub mod progress;
 pub mod quantity;
 pub mod reconstruction;
+pub mod results_file;
 pub mod run_folder;
 pub mod simulation;
 pub mod synthesis;
+pub mod terminal;

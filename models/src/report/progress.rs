@@ -6,6 +6,8 @@ use std::time::{Duration, Instant};
 
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressFinish, ProgressStyle};
 
+use super::terminal::tell;
+
 /// Shortest time between two lines of one stage in a log file.
 const BETWEEN_LINES: Duration = Duration::from_secs(5);
 
@@ -79,7 +81,7 @@ impl Stage {
             }
             Sink::Lines(lines) => {
                 if let Some(line) = locked(lines).set(Instant::now(), done, message) {
-                    eprintln!("{line}");
+                    tell(format_args!("{line}"));
                 }
             }
         }
@@ -90,7 +92,7 @@ impl Stage {
         match &self.0 {
             Sink::Quiet => {}
             Sink::Bar(bar) => bar.finish_with_message(message.to_string()),
-            Sink::Lines(lines) => eprintln!("{}", locked(lines).end(Instant::now(), message)),
+            Sink::Lines(lines) => tell(format_args!("{}", locked(lines).end(Instant::now(), message))),
         }
     }
 }

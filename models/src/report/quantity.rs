@@ -63,6 +63,12 @@ impl Quantity {
         self.readable_value(self.value)
     }
 
+    /// The value as a result: as [`Quantity::readable`], or `–` for one that the clip does not determine, of which only the
+    /// interval tells something.
+    pub fn shown(&self) -> String {
+        if self.determined == Some(false) { "–".to_owned() } else { self.readable() }
+    }
+
     /// The interval in the same form, `295 kPa to 308 kPa`; nothing where none is known.
     pub fn readable_interval(&self) -> Option<String> {
         let [low, high] = self.interval_90?.map(|end| self.readable_value(end));
@@ -81,6 +87,20 @@ impl Quantity {
             (plain(value), "")
         };
         format!("{number} {prefix}{unit}").trim_end().to_string()
+    }
+}
+
+/// A number for messages: all its digits, with an exponent where there would be many zeros.
+///
+/// ```
+/// use gradreel_models::report::quantity::compact;
+///
+/// assert_eq!([0.45, -1e5, 1e300, 2.5e-7, 0.0].map(compact), ["0.45", "-100000", "1e300", "2.5e-7", "0"]);
+/// ```
+pub fn compact(value: f64) -> String {
+    match value.abs() {
+        size if size == 0.0 || !size.is_finite() || (1e-4..1e7).contains(&size) => format!("{value}"),
+        _ => format!("{value:e}"),
     }
 }
 
@@ -112,6 +132,7 @@ fn plain(value: f64) -> String {
 ///  "quality": {"psnr": 31.2, …}}
 /// ```
 ///
+/// `readable` is `–` for what the clip does not determine (`determined` is `false`); `value` is then no estimate, but where the search ended.
 /// `start` is `null` where nothing was fitted; `interval_90` and `determined` are where no interval is known. Values are written such that they read back to the same `f64`.
 ///
 /// # Errors
@@ -154,7 +175,7 @@ fn section(section: &str, quantities: &[Quantity]) -> Result<Map<String, Value>>
                 .found(format!("`{source}`"))
                 .wanted("`fitted`, `assumed` or `given`"));
         }
-        let readable = quantity.readable();
+        let readable = quantity.shown();
         let entry = json!({
             "label": label, "symbol": symbol, "value": value, "unit": unit,
             "readable": readable, "start": start, "source": source,

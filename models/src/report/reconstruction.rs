@@ -12,7 +12,7 @@ use crate::report::plot::{Plot, Series};
 use crate::report::ply::ply;
 use crate::report::png_file::png;
 use crate::report::progress::Progress;
-use crate::report::quantity::{Quantity, parameters_json};
+use crate::report::quantity::{Quantity, compact, parameters_json};
 use crate::report::synthesis::PAGE;
 use crate::video::{Camera, Clip};
 
@@ -79,7 +79,7 @@ pub fn publish(found: &Reconstruction, run: &Run, clip: &Clip, progress: &Progre
             found.particles.len(),
             found.law.name().replace('_', "-")
         ),
-        headlines: quantities.iter().map(headline).collect(),
+        headlines: quantities.iter().filter(|q| q.determined != Some(false)).map(headline).collect(),
         animation: Some(&animation),
         animation_caption: match &found.changes[..] {
             [] => "Left: the clip, background removed. Right: the reconstruction. Slowed to a third.".into(),
@@ -96,7 +96,7 @@ pub fn publish(found: &Reconstruction, run: &Run, clip: &Clip, progress: &Progre
             cameras: clip.cameras.iter().map(|camera| camera.c2w).collect(),
         }),
         plots,
-        notes: notes(found, run, &assumed, &quality),
+        notes: notes(found, run, &quantities, &assumed, &quality),
         timings: run.state.finished.iter().cloned().zip(run.state.seconds.iter().copied()).collect(),
         config_toml: run.config.to_toml()?,
         files: files(run),
@@ -256,11 +256,10 @@ fn headline(quantity: &Quantity) -> Headline {
         label: quantity.label.clone(),
         readable: quantity.readable(),
         exact: format!("{:.5e} {unit}", quantity.value).trim_end().to_owned(),
-        note: match (quantity.readable_interval(), quantity.determined, quantity.start) {
-            (Some(interval), Some(false), _) => format!("not determined by this clip; 90 %: {interval}"),
-            (Some(interval), ..) => format!("90 %: {interval}"),
-            (None, _, Some(start)) => format!("{}; started at {start} {unit}", quantity.source),
-            _ => String::new(),
+        note: match (quantity.readable_interval(), quantity.start) {
+            (Some(interval), _) => format!("90 %: {interval}"),
+            (None, Some(start)) => format!("{}; started at {} {unit}", quantity.source, compact(start)),
+            (None, None) => String::new(),
         },
     }
 }
@@ -268,11 +267,16 @@ fn headline(quantity: &Quantity) -> Headline {
 fn notes(
     found: &Reconstruction,
     run: &Run,
+    quantities: &[Quantity],
     assumed: &[Quantity],
     quality: &BTreeMap<String, f64>,
 ) -> Vec<(String, String)> {
-    let mut notes: Vec<(String, String)> =
-        assumed.iter().map(|q| (q.label.clone(), format!("{} (assumed)", q.readable()))).collect();
+    let undetermined = quantities.iter().filter(|q| q.determined == Some(false)).map(|q| {
+        let interval = q.readable_interval().map_or(String::new(), |interval| format!("; 90 %: {interval}"));
+        (q.label.clone(), format!("{}: not determined by this clip{interval}", q.shown()))
+    });
+    let assumptions = assumed.iter().map(|q| (q.label.clone(), format!("{} (assumed)", q.readable())));
+    let mut notes: Vec<(String, String)> = undetermined.chain(assumptions).collect();
     notes.push((
         "Young's modulus and density".into(),
         "motion shows their ratio only: a body of twice the density with twice the modulus moves alike".into(),

@@ -6,7 +6,7 @@ use gradreel::{Error, ErrorKind, Result};
 
 use super::file::{Barrier, Ground, Obstacle, Precision, SceneFile, Substance, Touch};
 use super::fill::fill;
-use crate::nearest::nearest;
+use crate::nearest::{listed, nearest};
 use crate::physics::{Collider, Contact, Law, Map, Region, Schedule, Values, World, materials};
 use crate::vector::{bounds, cross, minus, plus, rotation, times};
 
@@ -229,7 +229,7 @@ fn unknown(what: &str, found: &str, known: &[&str], whence: &str) -> Error {
     let error = error.wanted(if known.is_empty() {
         format!("one defined under {whence}")
     } else {
-        format!("one of {known:?}")
+        format!("one of {}", listed(known.iter().copied()))
     });
     match nearest(found, known.iter().copied()) {
         Some(near) => error.fix(format!("did you mean `{near}`?")),

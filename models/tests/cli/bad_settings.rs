@@ -29,6 +29,15 @@ fn files_of_settings() {
         ("[clip]\nimagined = [0, 3]", ["no view of the clip is real", "--cameras"]),
         ("[clip]\nshrink = 5000", ["clip.shrink", "at most 24"]),
         ("[material]\nname = 'cheese'", ["cheese", "neo_hookean"]),
+        ("[clip]\ncameras = [3, 0, 3]", ["clip.cameras", "camera 3 twice"]),
+        ("[temporal]\nenabled = false\n[loss.views]\nalpha = inf", ["loss.views.alpha", "100"]),
+        ("[surface]\nlow = nan", ["surface.low", "within 0 to 1"]),
+        ("[world]\nground = nan", ["world.ground", "metres"]),
+        ("[imagine]\nguidance = inf", ["imagine.guidance", "number"]),
+        ("[weights]\ncolour = inf", ["weights.colour", "finite"]),
+        ("[weights]\nimagined_colour = inf", ["weights.imagined_colour", "finite"]),
+        ("[material]\nname = 'auto'\nheld = ['young']", ["auto", "material.held"]),
+        ("[material]\nname = 'auto'\n[material.start]\nyoung = 1e4", ["auto", "material.start"]),
         ("[material]\nheld = ['hardness']", ["hardness", "young"]),
         ("[material.start]\nhardness = 3.0", ["hardness", "young"]),
     ] {
@@ -71,6 +80,11 @@ fn cameras_and_frames() {
     let scene = Scene::with_clip(&[0, 3], 2);
     scene.refuses("reconstruct clip --out out --cameras 0,9", &["camera 9", "0 and 3"]);
     scene.refuses("reconstruct clip --out out --frames 1", &["two frames", "--frames"]);
+    scene.refuses("reconstruct clip --out out --frames 0", &["two frames", "--frames"]);
+    scene.refuses("reconstruct clip --out out --cameras 0,3,0", &["camera 0 twice", "each camera once"]);
+    for first in ["100", "-5", "1"] {
+        scene.refuses(&format!("reconstruct clip --out out --first-frame={first}"), &["frame"]);
+    }
     for arguments in ["reconstruct clip --young soft", "reconstruct clip --cameras left", "reconstruct", "cook clip"] {
         let output = scene.run(arguments);
         assert_eq!(output.status.code(), Some(2), "{arguments}");
@@ -94,4 +108,51 @@ fn the_instruction_set() {
     }
     let output = scene.command("check clip").env("GRADREEL_ISA", "scalar").output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+}
+
+#[test]
+fn files_that_are_no_settings() {
+    let scene = Scene::with_clip(&[0, 3], 2);
+    scene.write("latin.toml", b"[clip]\n# caf\xe9\nshrink = 5\n");
+    scene.refuses("reconstruct clip --out out --config latin.toml", &["latin.toml", "UTF-8", "line 2"]);
+    scene.refuses("reconstruct clip --out out --config clip", &["clip", "--config"]);
+    scene.refuses("train novel-view --out out --config latin.toml", &["latin.toml", "UTF-8"]);
+    // without end, or longer than settings are
+    #[cfg(unix)]
+    scene.refuses("reconstruct clip --out out --config /dev/zero", &["/dev/zero", "16777216 bytes"]);
+    // a byte order mark is no setting
+    scene.write("bom.toml", "\u{feff}[geometry]\ndx = -1.0");
+    scene.refuses("reconstruct clip --out out --config bom.toml", &["geometry.dx"]);
+}
+
+#[test]
+fn units_and_names_of_what_to_start_from() {
+    let scene = Scene::with_clip(&[0, 3], 2);
+    // what is refused in the end is the number of frames: all before was understood
+    for start in ["young=100kPa", "young=0.1MPa,poisson=0.3", "young=1e5", "young=1bar"] {
+        scene.refuses(&format!("reconstruct clip --out out --frames 1 --start {start}"), &["two frames"]);
+    }
+    for options in
+        ["--young 100kPa", "--density 0.95g/cm3", "--dx 2cm", "--material sand --start friction_angle=0.5rad"]
+    {
+        scene.refuses(&format!("reconstruct clip --out out --frames 1 {options}"), &["two frames"]);
+    }
+    for (options, parts) in [
+        ("--start young=100m", ["--start young", "wanted: Pa"]),
+        ("--start poisson=30Pa", ["--start poisson", "without a unit"]),
+        ("--start young=1e3,young=1e4", ["--start young", "two values"]),
+        ("--start young=1e3 --young 1e4", ["--start young", "two values"]),
+        ("--poisson 0.2 --start poisson=0.3", ["--poisson", "two values"]),
+        ("--start yung=1e4", ["young [Pa], poisson", "did you mean `young`?"]),
+        ("--material rubber", ["did you mean `elastic`?", "plasticine"]),
+        ("--material honey", ["did you mean `newtonian`?", "neo_hookean"]),
+        ("--material Sand", ["did you mean `sand`?", "newtonian"]),
+        ("--material auto --young 1e4", ["--young", "auto"]),
+        ("--young 1e300", ["1e300 Pa", "--start young="]),
+        ("--material sand --start friction_angle=200", ["friction_angle", "--start friction_angle="]),
+    ] {
+        scene.refuses(&format!("reconstruct clip --out out {options}"), &parts);
+        let message = text(&scene.run(&format!("reconstruct clip --out out {options}")).stderr);
+        assert!(!message.contains("[\"") && !message.contains("0000000000"), "{message}");
+    }
 }

@@ -76,9 +76,26 @@ fn the_tables_of_the_paper() {
 #[test]
 fn clips_searched_from_afar() {
     let scene = Scene::with_clip(&[0, 2, 5], 6);
-    scene.refuses("bench families clip --quick --out out", &["clip", "truth.json"]);
+    scene.refuses("bench families clip --config quick.toml --out out", &["clip", "truth.json"]);
     fs::copy(crate::scene::bundled().join("truth.json"), scene.path("clip/truth.json")).unwrap();
-    let printed = scene.succeeds("bench families clip --quick --off 100 --out out");
+    scene.write("results.md", "# Figures\n\nby hand\n");
+    let printed = scene.succeeds("bench families clip --config quick.toml --off 100 --out out --markdown results.md");
+    let file = fs::read_to_string(scene.path("results.md")).unwrap();
+    for part in [
+        "# Figures\n\nby hand\n",
+        "<!-- begin: families -->",
+        "<!-- end: families -->",
+        "| split | clips that were given",
+        "real views",
+    ] {
+        assert!(file.contains(part), "no {part:?} in\n{file}");
+    }
+    assert!(
+        file.contains(
+            "| command | `gradreel bench families clip --config quick.toml --off 100 --out out --markdown results.md` |"
+        ),
+        "{file}"
+    );
     for part in ["real views", "numbers hold the truth", "of 1 clips"] {
         assert!(printed.contains(part), "no {part:?} in\n{printed}");
     }
@@ -98,6 +115,7 @@ fn what_cannot_be_compared() {
     let scene = Scene::with_clip(&[0, 3], 2);
     scene.refuses("bench ablation clip --out out --quick", &["three cameras", "cameras 0, 3"]);
     scene.copy_clip("more", &[0, 3, 5], 2);
+    scene.refuses("bench ablation more --out out --quick --markdown results.md", &["--markdown", "--quick"]);
     scene.refuses("bench ablation more --out out --primary 4", &["camera 4 of 0, 3, 5", "--primary"]);
     scene.refuses("bench ablation more --out out --shift=-1", &["--shift", "0 to 1000"]);
     scene.refuses("bench ablation more --out out --tint 2", &["--tint", "0 to 1"]);

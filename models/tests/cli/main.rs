@@ -6,6 +6,7 @@ mod bad_settings;
 mod bench;
 mod checks;
 mod film;
+mod fixes;
 #[cfg(unix)]
 mod interrupted;
 #[cfg(unix)]
@@ -15,6 +16,7 @@ mod killed;
 mod mesh_files;
 mod meshes;
 mod model;
+mod places;
 #[path = "../video/onnx_file.rs"]
 mod onnx_file;
 mod resumed;
@@ -22,4 +24,5 @@ mod results;
 mod scene;
 mod synthesized;
 mod trained;
+mod unread;
 mod weights;

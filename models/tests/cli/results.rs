@@ -170,3 +170,45 @@ fn a_body_that_may_spin_above_ground_of_unknown_height() {
     assert!(printed.contains("ω [0.0, 6.0, 0.0] rad/s"), "{printed}");
     assert_eq!(scene.state("again")["unknowns"]["spin"], serde_json::json!([0.0, 6.0, 0.0]));
 }
+
+#[test]
+fn a_material_that_is_held_altogether() {
+    let scene = Scene::with_clip(&[0, 3], 7);
+    for (name, method) in [("held", "gauss_newton"), ("descent", "descent")] {
+        let settings = crate::scene::QUICK.replace("[estimate]\n", &format!("[estimate]\nmethod = '{method}'\n"));
+        let material = "[material]\nheld = ['young', 'poisson']\n[material.start]\nyoung = 2e4\npoisson = 0.35\n";
+        scene.write("held.toml", format!("{settings}{material}"));
+        let printed = scene.succeeds(&format!("reconstruct clip --out {name} --config held.toml"));
+        assert!(printed.contains("assumed") && printed.contains("Initial velocity"), "{printed}");
+        let parameters = scene.parameters(name);
+        assert_eq!((&parameters["young"]["value"], &parameters["poisson"]["value"]), (&2e4.into(), &0.35.into()));
+        assert_eq!(parameters["young"]["source"], "assumed");
+        assert!(parameters["velocity_y"]["interval_90"][0].as_f64() < parameters["velocity_y"]["value"].as_f64());
+    }
+    // nothing of the material is fitted with the voxels
+    scene.write("rate.toml", crate::scene::QUICK.replace("in_motion = 2\n", "in_motion = 2\nmaterial_rate = 0.0\n"));
+    scene.succeeds("reconstruct clip --out rate --config rate.toml");
+}
+
+/// What the clip does not determine is no number to read: neither in the terminal nor on the page.
+#[test]
+fn what_is_not_determined_is_no_headline() {
+    let scene = Scene::with_clip(&[0, 3], 3);
+    let printed = scene.succeeds("reconstruct clip --out out --config quick.toml --young 12345");
+    let young = printed.lines().find(|line| line.contains("Young's modulus")).unwrap();
+    assert!(young.contains(" –  ") && young.contains("not determined by this clip: 90 %"), "{young}");
+    let entry = &scene.parameters("out")["young"];
+    assert_eq!((&entry["determined"], &entry["readable"]), (&false.into(), &"–".into()));
+    assert!(entry["value"].as_f64().is_some_and(|value| value > 0.0), "{entry}");
+    let page = fs::read_to_string(scene.path("out/index.html")).unwrap();
+    let headlines: Vec<&str> = page.split("<article class=\"number\">").skip(1).collect();
+    assert!(headlines.iter().all(|card| !card.starts_with("<h2>Young")), "a headline of what is not known");
+    assert!(headlines.iter().any(|card| card.starts_with("<h2>Initial velocity")));
+    assert!(
+        page.contains("<th>Young&#39;s modulus</th><td>–: not determined by this clip; 90 %: "),
+        "not in the notes"
+    );
+    let poisson = &scene.parameters("out")["poisson"];
+    let [low, high] = [0, 1].map(|end| poisson["interval_90"][end].as_f64().unwrap());
+    assert!(0.0 <= low && low < high && high <= 0.45, "{poisson}");
+}

@@ -70,3 +70,29 @@ fn damaged_files_and_another_clip() {
     scene.succeeds(RESUME);
     assert_eq!(fs::read(scene.path("out/state.json")).unwrap(), good, "a finished run has nothing left to do");
 }
+
+/// Settings that finished stages have used are those of the run; how much effort is still spent may be changed, and is noted.
+#[test]
+fn settings_that_were_edited_meanwhile() {
+    let scene = Scene::with_clip(&[0, 3], 3);
+    scene.succeeds("reconstruct clip --out out --config quick.toml");
+    let written = fs::read_to_string(scene.path("out/config.toml")).unwrap();
+    for (before, after, named) in [
+        ("dx = 0.05", "dx = 0.03", "geometry.dx: 0.05 → 0.03"),
+        ("density = 1000.0", "density = 900.0", "world.density: 1000.0 → 900.0"),
+        ("hull_coverage = 0.30000001192092896", "hull_coverage = 0.4", "geometry.hull_coverage: 0.3 → 0.4"),
+        ("spin = false", "spin = true", "estimate.spin: false → true"),
+    ] {
+        assert!(written.contains(before), "no {before} in {written}");
+        scene.write("out/config.toml", written.replace(before, after));
+        scene.refuses(RESUME, &["out/config.toml", named, "--config"]);
+    }
+    scene.write("out/config.toml", written.replace("velocity = 2", "velocity = 3"));
+    scene.succeeds(RESUME);
+    let notes = scene.state("out")["notes"].to_string();
+    assert!(notes.contains("estimate.velocity: 2 → 3"), "{notes}");
+    // a comment is no setting
+    let written = fs::read_to_string(scene.path("out/config.toml")).unwrap();
+    scene.write("out/config.toml", format!("# mine\n{written}"));
+    scene.succeeds(RESUME);
+}

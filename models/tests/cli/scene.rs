@@ -88,6 +88,12 @@ impl Scene {
         assert!(before == contents(self.0.path()), "{arguments}: a refused run leaves everything as it was");
     }
 
+    /// The estimates of a run.
+    pub fn parameters(&self, out: &str) -> Value {
+        let file = fs::read(self.path(out).join("parameters.json")).unwrap();
+        serde_json::from_slice::<Value>(&file).unwrap()["parameters"].take()
+    }
+
     /// The state of a run.
     pub fn state(&self, out: &str) -> Value {
         serde_json::from_slice(&fs::read(self.path(out).join("state.json")).unwrap()).unwrap()

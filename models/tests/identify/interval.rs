@@ -1,7 +1,8 @@
 //! Stated intervals against a scan of the likelihood, and against the truth.
 
 use gradreel::{DType, Tensor};
-use gradreel_models::identify::{Free, Observed, Unknowns, gauss_newton, intervals};
+use gradreel_models::identify::{Free, Linearised, Observed, Score, Unknowns, gauss_newton, intervals};
+use gradreel_models::physics::{Map, materials};
 
 use crate::scene::{block, film, problem, quick};
 
@@ -84,6 +85,40 @@ fn what_does_not_touch_the_ground_is_not_determined() {
         assert_eq!(interval.determined, interval.name.starts_with("velocity"), "{}", interval.name);
         if interval.name == "young" {
             assert!(high / low > 1e3, "as wide as what is plausible: {low} to {high}");
+        }
+    }
+}
+
+/// Whatever the pictures say and wherever the estimate is: an interval holds the estimate, and of a parameter with bounds it stays
+/// within what is plausible.
+#[test]
+fn intervals_stay_within_what_a_parameter_can_be() {
+    for law in materials::all() {
+        let count = law.parameters().len();
+        for known in [0.0, 1e-3, 1.0, 1e6] {
+            for place in [0.0, 0.02, 0.5, 0.97, 1.0] {
+                let value = |p: &gradreel_models::physics::Parameter| match p.map {
+                    Map::Log10 => p.prior[0] * (p.prior[1] / p.prior[0]).powf(place),
+                    // the very end of a bounded parameter has no finite coordinate
+                    _ => p.prior[0] + (p.prior[1] - p.prior[0]) * place.clamp(0.001, 0.999),
+                };
+                let at = Unknowns { parameters: law.parameters().iter().map(value).collect(), ..Unknowns::default() };
+                let score = |k: usize| Score { frame: k, camera: k % 3, gradient: vec![(k as f64).sin(); count] };
+                let curvature =
+                    (0..count).map(|i| (0..count).map(|j| f64::from(u8::from(i == j)) * known).collect()).collect();
+                let scores = (0..6).map(score).collect();
+                let linearised = Linearised { loss: 1.0, gradient: vec![0.0; count], curvature, scores };
+                let found = intervals(&at, &law, Free::Material, &linearised, &vec![1.0; count], &[], None).unwrap();
+                for ((interval, p), value) in found.iter().zip(law.parameters()).zip(&at.parameters) {
+                    let [low, high] = interval.interval_90;
+                    let place = format!("{} of {}, {value}: {low} to {high}", p.name, law.name());
+                    assert!(low <= *value && *value <= high && high.is_finite(), "{place}");
+                    match p.map {
+                        Map::Log10 => assert!(low > 0.0, "{place}"),
+                        _ => assert!(p.prior[0] <= low && high <= p.prior[1], "{place}"),
+                    }
+                }
+            }
         }
     }
 }

@@ -263,6 +263,20 @@ fn parameters_come_back_from_json() {
 }
 
 #[test]
+fn what_a_clip_does_not_determine_is_not_read_as_a_number() {
+    let interval_90 = Some([2e4, 3e6]);
+    let young = Quantity { determined: Some(false), interval_90, ..quantity("young", "Pa", 1e5) };
+    assert_eq!((young.shown(), young.readable_interval().unwrap()), ("–".into(), "20.0 kPa to 3.00 MPa".into()));
+    let bytes = parameters_json("neo_hookean", std::slice::from_ref(&young), &[], &BTreeMap::new()).unwrap();
+    let read: Value = serde_json::from_slice(&bytes).unwrap();
+    let entry = &read["parameters"]["young"];
+    assert_eq!((entry["value"].as_f64(), entry["readable"].as_str()), (Some(1e5), Some("–")));
+    assert_eq!((&entry["determined"], &entry["interval_90"][1]), (&false.into(), &3e6.into()));
+    let known = Quantity { determined: Some(true), ..young };
+    assert_eq!(known.shown(), "100 kPa");
+}
+
+#[test]
 fn numbers_that_are_none_are_refused_by_name() {
     let none = BTreeMap::new();
     let good = quantity("young", "Pa", 1.0);

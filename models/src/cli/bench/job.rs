@@ -13,6 +13,7 @@ use crate::cli::output::say;
 use crate::identify::Config;
 use crate::report::interrupt;
 use crate::report::progress::Progress;
+use crate::report::results_file::{self, Measured, Section};
 use crate::report::run_folder::RunFolder;
 use crate::video::Clip;
 
@@ -33,13 +34,16 @@ struct Plan {
     /// Which clips are made here, if they are.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     films: Option<Films>,
+    /// Whether it is the coarse form.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    coarse: bool,
     settings: AblationSettings,
 }
 
 const PLAN: &str = "ablation.toml";
 
-/// Does all that is not done yet.
-pub(super) fn run(arguments: &AblationArguments) -> Result<()> {
+/// Does all that is not done yet; the name and title are those of its section in a file of results.
+pub(super) fn run(arguments: &AblationArguments, (name, title): (&str, &str)) -> Result<()> {
     interrupt::install()?;
     let progress = Progress::new(arguments.common.quiet);
     let (plan, folder) = if arguments.common.resume { go_on(arguments)? } else { begin(arguments)? };
@@ -76,13 +80,39 @@ pub(super) fn run(arguments: &AblationArguments) -> Result<()> {
         folder.write("ablation.md", plan.table(&results).as_bytes())?;
     }
     bar.finish(&folder.path("ablation.md").display().to_string());
+    if let Some(file) = &arguments.common.markdown {
+        let split = match plan.films {
+            Some(_) => "development: films of examples/scenes/families",
+            None => "clips that were given on the command line",
+        };
+        let [name, title] = match plan.coarse {
+            true => [format!("{name}-quick"), format!("{title}, coarsely")],
+            false => [name.to_owned(), title.to_owned()],
+        };
+        let split = split.to_owned();
+        let section = Section { name, title, split, body: below(&plan.table(&results)) };
+        results_file::replace(file, &section, &Measured::here("gradreel"))?;
+    }
     say!("{}", plan.table(&results));
     say!("  {}", folder.path("ablation.md").display());
     Ok(())
 }
 
 fn begin(arguments: &AblationArguments) -> Result<(Plan, RunFolder)> {
-    let mut settings = if arguments.common.quick { quick() } else { AblationSettings::default() };
+    if let Some(folder) = &arguments.common.out {
+        crate::cli::place::check(folder, None)?;
+    }
+    if arguments.common.quick && arguments.common.markdown.is_some() {
+        return Err(Error::new(ErrorKind::Input, "numbers of so tiny a budget are no results")
+            .at("--markdown")
+            .found("--quick")
+            .fix("leave one of them out, or measure with `gradreel bench families --quick`"));
+    }
+    let mut settings = match (arguments.coarse, arguments.common.quick) {
+        (true, _) => coarse(),
+        (_, true) => quick(),
+        _ => AblationSettings::default(),
+    };
     if let Some(path) = &arguments.common.config {
         settings.config = crate::cli::reconstruct::read_config(path)?;
     }
@@ -114,7 +144,8 @@ fn begin(arguments: &AblationArguments) -> Result<(Plan, RunFolder)> {
     let material_of_truth = arguments.material.is_none() && settings.config.material == Config::default().material;
     let clips = arguments.clips.iter().map(|path| path.canonicalize().unwrap_or_else(|_| path.clone())).collect();
     let AblationArguments { published, off, .. } = *arguments;
-    let mut plan = Plan { clips, cells, material_of_truth, published, off, films, settings };
+    let coarse = arguments.coarse;
+    let mut plan = Plan { clips, cells, material_of_truth, published, off, films, coarse, settings };
     // clips that cannot be used leave no trace
     for path in &plan.clips {
         let truth = Truth::beside(path);
@@ -167,6 +198,19 @@ impl Plan {
         }
         settings
     }
+}
+
+/// A table without its title and with its headings one level down, for a section that has a heading of its own.
+fn below(table: &str) -> String {
+    let down = |line: &str| if line.starts_with('#') { format!("#{line}\n") } else { format!("{line}\n") };
+    table.lines().filter(|line| !line.starts_with("# ")).map(down).collect()
+}
+
+/// A coarse grid, and what else is usual.
+fn coarse() -> AblationSettings {
+    let mut settings = AblationSettings::default();
+    settings.config.geometry.dx = 0.03;
+    settings
 }
 
 /// The tiny budget.

@@ -67,11 +67,12 @@ Each clip is reconstructed from all its views with the settings that `gradreel r
 every number is off, and whether the truth is in the interval of 90 % that the run states. Parameters that are no magnitudes
 (Poisson's ratio, angles) start at the end of what is plausible that is farther from the truth.
 
-It takes about half an hour on two cores; with --only-auto a little over an hour, with --auto both. After Ctrl-C, go on with --out FOLDER --resume.
+It takes about half an hour on two cores, a quarter of one with --quick; with --only-auto a little over an hour, with --auto both. After Ctrl-C, go on with --out FOLDER --resume.
 
 Examples:
   gradreel bench families                                 ten films, families told, starts a factor of 30 off
   gradreel bench families --only-auto                     which family is found
+  gradreel bench families --quick --markdown results.md   five films, coarsely; the table becomes a section of the file
   gradreel bench families my/clip --off 100               a clip of one's own with truth.json in it";
 
 fn factor(text: &str) -> Result<f64, String> {
@@ -88,9 +89,13 @@ struct Common {
     /// Go on with the benchmark in --out; cells that are finished are not run again
     #[arg(long, requires = "out")]
     resume: bool,
-    /// A tiny budget, to see that everything runs; the numbers mean nothing
+    /// A small budget. Of `families`, a coarse form of the table in a quarter of an hour: a film of each family, on a coarser grid. Of
+    /// the others a tiny one, to see that everything runs; the numbers then mean nothing
     #[arg(long, conflicts_with = "resume")]
     quick: bool,
+    /// Write the table with the machine, the commit and the date into its section of this Markdown file
+    #[arg(long, value_name = "FILE")]
+    markdown: Option<PathBuf>,
     /// Settings of the reconstructions as TOML, as for `gradreel reconstruct`
     #[arg(long, value_name = "FILE", conflicts_with = "resume")]
     config: Option<PathBuf>,
@@ -142,6 +147,9 @@ struct AblationArguments {
     off: Option<f64>,
     #[arg(skip)]
     films: Option<Films>,
+    /// A coarse form whose numbers mean something.
+    #[arg(skip)]
+    coarse: bool,
 }
 
 const LONG_HELP: &str = "\
@@ -172,24 +180,29 @@ Examples:
 /// Runs a benchmark.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     match &arguments.what {
-        What::Ablation(arguments) => job::run(arguments),
-        What::Families(families) => job::run(&families.all_views()),
-        What::Table1(table) => job::run(&table.beside(Published::Table1)),
-        What::Table2(table) => job::run(&table.beside(Published::Table2)),
+        What::Ablation(arguments) => job::run(arguments, ("ablation", "What parts of the method are worth")),
+        What::Families(families) => job::run(&families.all_views(), ("families", "The five families")),
+        What::Table1(table) => job::run(&table.beside(Published::Table1), ("table1", "One view against all views")),
+        What::Table2(table) => job::run(&table.beside(Published::Table2), ("table2", "Imagined views")),
     }
 }
 
 impl FamilyArguments {
     /// The benchmark as an ablation from which nothing is taken away.
     fn all_views(&self) -> AblationArguments {
-        let Self { clips, common, .. } = self.clone();
+        let Self { clips, mut common, .. } = self.clone();
+        let coarse = std::mem::take(&mut common.quick);
         let cells = match (self.auto, self.only_auto) {
             (true, _) => vec![Cell::Real, Cell::Auto],
             (_, true) => vec![Cell::Auto],
             _ => vec![Cell::Real],
         };
-        let films = Some(if self.fine { Films::TWO_EACH.fine() } else { Films::TWO_EACH });
-        AblationArguments { clips, common, cells, off: Some(self.off), films, ..AblationArguments::default() }
+        let films = Some(match (coarse, self.fine) {
+            (true, _) => Films::ONE_EACH,
+            (_, true) => Films::TWO_EACH.fine(),
+            _ => Films::TWO_EACH,
+        });
+        AblationArguments { clips, common, cells, off: Some(self.off), films, coarse, ..AblationArguments::default() }
     }
 }
 

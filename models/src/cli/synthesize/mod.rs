@@ -10,7 +10,7 @@ use gradreel::{ErrorKind, Result};
 use self::job::Job;
 use self::size::Size;
 use super::source::{LARGEST_SEED, Place};
-use crate::cli::output::say;
+use crate::cli::output::{say, tell};
 use crate::identify::ImagineConfig;
 use crate::report::interrupt;
 use crate::report::progress::Progress;
@@ -102,7 +102,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let weights = arguments.weights.as_deref().unwrap_or(Path::new(FileWeights::BUILT_IN));
     let job = if arguments.resume { Job::resume(arguments, weights)? } else { Job::begin(arguments, weights)? };
     if !arguments.quiet {
-        eprintln!("{job}");
+        tell!("{job}");
     }
     job.finish(&progress).map_err(|error| match error.kind() {
         ErrorKind::Interrupted => error.fix(format!(

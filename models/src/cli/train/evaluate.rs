@@ -9,7 +9,7 @@ use super::feed::unseen;
 use super::meshes::Objects;
 use super::sampled::{rows, sampled, score};
 use super::settings::{Settings, Stage};
-use crate::cli::output::say;
+use crate::cli::output::{say, tell};
 use crate::report::animation::Picture;
 use crate::report::progress::Progress;
 use crate::report::run_folder::RunFolder;
@@ -46,7 +46,7 @@ pub(super) fn run(arguments: &NovelView, count: usize, progress: &Progress) -> R
     folder.write("settings.toml", settings.to_toml().as_bytes())?;
     objects.list(&folder)?;
     if let Some(told) = objects.described().filter(|_| !arguments.quiet) {
-        eprintln!("{told}");
+        tell!("{told}");
     }
     let ensemble = |sizes: &ModelSizes| Ensemble::new(&weights, &sizes.denoiser, weights.device(), at_once);
     let whole = ensemble(sizes)?;

@@ -16,7 +16,7 @@ use gradreel::{ErrorKind, Result};
 use self::job::Job;
 use self::settings::{Settings, Stage};
 use super::source::{LARGEST_SEED, Place};
-use crate::cli::output::{self, say};
+use crate::cli::output::{self, say, tell};
 use crate::report::interrupt;
 use crate::report::progress::Progress;
 
@@ -122,7 +122,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     if arguments.print_config {
         let (settings, _) = Settings::resolve(arguments)?;
         output::print(format_args!("{}", settings.to_toml()));
-        return Ok(());
+        return output::arrived();
     }
     let progress = Progress::new(arguments.quiet);
     if let Some(count) = arguments.evaluate {
@@ -133,7 +133,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         false => Job::begin(arguments, &progress)?,
     };
     if !arguments.quiet {
-        eprintln!("{job}");
+        tell!("{job}");
     }
     let root = job.folder().root().display().to_string();
     job.finish(&progress, !arguments.quiet).map_err(|error| match error.kind() {
