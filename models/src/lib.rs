@@ -82,6 +82,7 @@
 mod constant;
 mod fnv1a;
 mod mesh_files;
+mod folder;
 mod nearest;
 mod text;
 mod vector;

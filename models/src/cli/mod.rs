@@ -9,6 +9,7 @@ mod output;
 mod place;
 mod reconstruct;
 mod resimulate;
+mod seen;
 mod simulate;
 mod source;
 mod synthesize;
