@@ -102,6 +102,13 @@ impl Error {
         self
     }
 
+    /// The same error as another kind of fault, such as physics that cannot work because of what the user gave.
+    #[must_use]
+    pub fn with_kind(mut self, kind: ErrorKind) -> Self {
+        self.0.kind = kind;
+        self
+    }
+
     /// The kind of fault.
     pub fn kind(&self) -> ErrorKind {
         self.0.kind
@@ -123,10 +130,15 @@ impl Error {
 
     /// An operating-system fault at a path.
     ///
-    /// A missing or unreadable file is the user's input ([`ErrorKind::Input`]); anything else is [`ErrorKind::Io`].
+    /// What another path or another file would mend is the user's input ([`ErrorKind::Input`]): a file that is missing,
+    /// unreadable, no file, no folder or no UTF-8 text, a name that the system does not take, a place where nothing can be
+    /// written. Anything else, such as a full disk, is [`ErrorKind::Io`].
     pub fn io(path: impl AsRef<std::path::Path>, doing: &str, source: &std::io::Error) -> Self {
+        use std::io::ErrorKind as System;
         let kind = match source.kind() {
-            std::io::ErrorKind::NotFound | std::io::ErrorKind::PermissionDenied => ErrorKind::Input,
+            System::NotFound | System::PermissionDenied | System::ReadOnlyFilesystem => ErrorKind::Input,
+            System::IsADirectory | System::NotADirectory | System::AlreadyExists => ErrorKind::Input,
+            System::InvalidFilename | System::InvalidInput | System::InvalidData => ErrorKind::Input,
             _ => ErrorKind::Io,
         };
         Self::new(kind, format!("cannot {doing}")).at(path.as_ref().display()).found(source)

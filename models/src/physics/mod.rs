@@ -39,6 +39,7 @@ mod remat;
 mod rollout;
 mod row;
 mod scene;
+mod sound;
 mod state;
 mod stencil;
 mod substep;

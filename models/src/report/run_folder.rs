@@ -4,7 +4,7 @@
 //! leaves either the old file or the new one.
 
 use std::fs::{self, File, TryLockError};
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -46,24 +46,58 @@ impl RunFolder {
     ///
     /// # Errors
     ///
-    /// The path is a file or a folder with something in it (nothing there is changed), or the folder cannot be made.
+    /// As [`RunFolder::can_be_created`] (nothing there is changed), or the folder cannot be made.
     pub fn create(path: &Path) -> Result<Self> {
+        Self::can_be_created(path)?;
         fs::create_dir_all(path).map_err(|e| match e.kind() {
-            std::io::ErrorKind::AlreadyExists | std::io::ErrorKind::NotADirectory => not_a_folder(path),
-            _ => Error::io(path, "make the folder of the run", &e),
+            io::ErrorKind::AlreadyExists | io::ErrorKind::NotADirectory => not_a_folder(path),
+            _ => Error::io(path, "make the folder of the run", &e).fix("name another folder with `--out`"),
         })?;
-        let run = Self { root: path.to_path_buf(), writes_left: None, _lock: None };
+        let run = Self { root: path.to_path_buf(), writes_left: None, _lock: None }.claimed()?;
+        // now nobody else writes here
         run.sweep();
-        let entries = fs::read_dir(path).map_err(|e| Error::io(path, "look into the folder of the run", &e))?;
-        let entries = entries.filter(|entry| !entry.as_ref().is_ok_and(|entry| entry.file_name() == LOCK)).count();
-        if entries > 0 {
-            return Err(Error::new(ErrorKind::Input, "the folder of the run is not empty")
-                .at(path.display())
-                .found(format!("{entries} {}", if entries == 1 { "entry" } else { "entries" }))
-                .wanted("a new or empty folder, so that no earlier result is written over")
-                .fix("continue the run in it with `--resume`, or name another folder with `--out`"));
+        Ok(run)
+    }
+
+    /// Whether [`RunFolder::create`] would take this path, as far as that can be told without touching anything: to be asked
+    /// before work whose result goes there.
+    ///
+    /// ```
+    /// use gradreel_models::report::run_folder::RunFolder;
+    ///
+    /// let folder = std::env::temp_dir().join("gradreel-doc-there-is-no-such-folder");
+    /// assert!(RunFolder::can_be_created(&folder).is_ok());
+    /// assert!(RunFolder::can_be_created(&std::env::current_exe().unwrap()).is_err(), "it is a file");
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`ErrorKind::Input`] for a file, here or above, a folder with something in it, one that another run writes to, and a
+    /// name that the system does not take.
+    pub fn can_be_created(path: &Path) -> Result<()> {
+        match fs::metadata(path) {
+            Ok(found) if !found.is_dir() => return Err(not_a_folder(path)),
+            Ok(_) => {}
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(()),
+            Err(e) if e.kind() == io::ErrorKind::NotADirectory => return Err(not_a_folder(path)),
+            Err(e) => {
+                return Err(Error::io(path, "make the folder of the run", &e).fix("name another folder with `--out`"));
+            }
         }
-        run.claimed()
+        let entries = fs::read_dir(path).map_err(|e| Error::io(path, "look into the folder of the run", &e))?;
+        let names = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
+        let (marks, found): (Vec<String>, Vec<String>) = names.partition(|name| name == LOCK || is_partial(name));
+        if marks.iter().any(|name| name == LOCK) && is_locked(&path.join(LOCK)) {
+            return Err(at_work(path));
+        }
+        if found.is_empty() {
+            return Ok(());
+        }
+        Err(Error::new(ErrorKind::Input, "the folder of the run is not empty")
+            .at(path.display())
+            .found(format!("{} {}", found.len(), if found.len() == 1 { "entry" } else { "entries" }))
+            .wanted("a new or empty folder, so that no earlier result is written over")
+            .fix("continue the run in it with `--resume`, or name another folder with `--out`"))
     }
 
     /// Makes a folder of its own below `base`, named as [`next_free`] says. Of two runs that begin at once, each gets
@@ -73,16 +107,16 @@ impl RunFolder {
     ///
     /// `base` is a file, or a folder cannot be made in it.
     pub fn create_free(base: &Path, name: &str) -> Result<Self> {
-        let failed = |path: &Path, e: &std::io::Error| Error::io(path, "make the folder of the run", e);
+        let failed = |path: &Path, e: &io::Error| Error::io(path, "make the folder of the run", e);
         fs::create_dir_all(base).map_err(|e| match e.kind() {
-            std::io::ErrorKind::AlreadyExists | std::io::ErrorKind::NotADirectory => not_a_folder(base),
+            io::ErrorKind::AlreadyExists | io::ErrorKind::NotADirectory => not_a_folder(base),
             _ => failed(base, &e),
         })?;
         loop {
             let root = next_free(base, name);
             match fs::create_dir(&root) {
                 Ok(()) => return Self { root, writes_left: None, _lock: None }.claimed(),
-                Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {}
+                Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {}
                 Err(e) => return Err(failed(&root, &e)),
             }
         }
@@ -118,11 +152,7 @@ impl RunFolder {
         let path = self.path(LOCK);
         let file = File::create(&path).map_err(|e| Error::io(&path, "write to the folder of the run", &e))?;
         match file.try_lock() {
-            Err(TryLockError::WouldBlock) => {
-                Err(Error::new(ErrorKind::Input, "another process is at work on the run in this folder")
-                    .at(self.root.display())
-                    .fix("wait until it ends, or stop it; or name another folder with `--out`"))
-            }
+            Err(TryLockError::WouldBlock) => Err(at_work(&self.root)),
             // file systems without locks leave it to the user
             Err(TryLockError::Error(_)) => Ok(self),
             Ok(()) => Ok(Self { _lock: Some(Arc::new(file)), ..self }),
@@ -155,7 +185,7 @@ impl RunFolder {
             let below = if path.is_dir() { folders(&path).collect() } else { Vec::new() };
             for file in below.iter().chain([&path]) {
                 let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-                if name.starts_with('.') && name.ends_with(".partial") {
+                if is_partial(&name) {
                     // what cannot be removed is hidden and never read
                     let _ = fs::remove_file(file);
                 }
@@ -187,7 +217,7 @@ impl RunFolder {
             .as_ref()
             .is_some_and(|left| left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, take).is_err())
         {
-            return Err(Error::io(&target, "write a file of the run", &std::io::ErrorKind::StorageFull.into()));
+            return Err(Error::io(&target, "write a file of the run", &io::ErrorKind::StorageFull.into()));
         }
         let parent = target.parent().expect("a name inside a folder has a parent");
         fs::create_dir_all(parent).map_err(|e| Error::io(parent, "make a folder of the run", &e))?;
@@ -261,10 +291,26 @@ fn partial_name(target: &Path) -> PathBuf {
     target.with_file_name(format!(".{name}.{}-{number}.partial", std::process::id()))
 }
 
-fn write_through(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+fn write_through(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let mut file = File::create(path)?;
     file.write_all(bytes)?;
     file.sync_all()
+}
+
+/// Whether a name is that of a write which is going on or was cut off; see [`partial_name`].
+fn is_partial(name: &str) -> bool {
+    name.starts_with('.') && name.ends_with(".partial")
+}
+
+/// Whether another process, or another run of this one, holds the mark.
+fn is_locked(mark: &Path) -> bool {
+    File::open(mark).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
+}
+
+fn at_work(folder: &Path) -> Error {
+    Error::new(ErrorKind::Input, "another process is at work on the run in this folder")
+        .at(folder.display())
+        .fix("wait until it ends, or stop it; or name another folder with `--out`")
 }
 
 fn not_a_folder(path: &Path) -> Error {

@@ -68,8 +68,7 @@ impl Setup {
     /// Fills the shapes and checks everything; files are looked for in `folder`.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] and [`ErrorKind::NonFinite`] naming the key that is wrong; [`ErrorKind::Physics`] for substeps
-    /// that are too long.
+    /// [`ErrorKind::Input`] naming the key that is wrong, or for substeps that are too long or too many.
     pub fn of(file: &SceneFile, folder: &Path) -> Result<Self> {
         check_numbers(file)?;
         check_ranges(file)?;
@@ -182,7 +181,10 @@ impl Setup {
         let frame_dt = 1.0 / time.frames_per_s;
         self.schedule = match time.substeps_per_frame {
             Some(substeps) => Schedule { frames, frame_dt, substeps },
-            None => Schedule::stable(&self.world, frames, frame_dt, sound, speed, time.cfl),
+            None => {
+                Schedule::check_speeds(&self.world, frame_dt, self.speeds, time.cfl)?;
+                Schedule::stable(&self.world, frames, frame_dt, sound, speed, time.cfl)
+            }
         };
         self.schedule.check()?;
         for (index, stuff) in self.materials.iter().enumerate().filter(|(index, _)| used(*index)) {
@@ -192,7 +194,7 @@ impl Setup {
                 .check_waves(&self.world, &stuff.law, &Values::Same(stuff.density), &parameters, first + 1, |p| {
                     p == first
                 })
-                .map_err(|e| e.within(format!("materials.{}", stuff.name)))?;
+                .map_err(|e| e.within(format!("materials.{}", stuff.name)).with_kind(ErrorKind::Input))?;
         }
         Ok(())
     }
@@ -365,7 +367,7 @@ fn check_numbers(file: &SceneFile) -> Result<()> {
         .map_err(|e| Error::new(ErrorKind::Input, "the scene cannot be looked through").found(e))?;
     match walk(&value, "") {
         None => Ok(()),
-        Some((key, found)) => Err(Error::new(ErrorKind::NonFinite, "a number of the scene is not finite")
+        Some((key, found)) => Err(Error::new(ErrorKind::Input, "a number of the scene is not finite")
             .at(key)
             .found(found)
             .wanted("a finite number")),
