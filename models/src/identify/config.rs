@@ -441,7 +441,10 @@ impl Config {
                 .at(format!("material.start.{}", p.name))
                 .found(format!("{value} {}", p.unit))
                 .wanted(format!("between {low} and {high} {}", p.unit))
-                .fix(format!("start for example from {} {} (--{} or --config)", p.start, p.unit, p.name)))
+                .fix(format!(
+                    "start for example from {} {} (--start {}=… or material.start in --config)",
+                    p.start, p.unit, p.name
+                )))
         };
         parameters.iter().map(value).collect()
     }
