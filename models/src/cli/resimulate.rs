@@ -42,6 +42,7 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments, from: &Path, out: Option<&Path>, quiet: bool) -> Result<()> {
     interrupt::install()?;
     let progress = Progress::new(quiet);
+    out.map_or(Ok(()), RunFolder::can_be_created)?;
     let before = Run::open(RunFolder::open(from)?)?;
     let path = arguments.clip.clone().or_else(|| before.state.clip_path.clone()).ok_or_else(|| {
         Error::new(ErrorKind::Input, "the run does not say where its clip is")

@@ -5,3 +5,4 @@ mod command;
 mod filling;
 mod gallery;
 mod meshes;
+mod thin;
