@@ -3,6 +3,7 @@
 //! A wrong shape in a program is the programmer's mistake and panics at the caller's line. Everything that can go wrong
 //! *because of the world* (data, files, devices, shaders, physics, non-finite numbers) is an [`Error`].
 
+use std::borrow::Cow;
 use std::fmt;
 
 /// The result of anything that can fail because of data, devices or physics.
@@ -149,6 +150,13 @@ impl Error {
         self
     }
 
+    /// The same error as another kind of fault, such as physics that cannot work because of what the user gave.
+    #[must_use]
+    pub fn with_kind(mut self, kind: ErrorKind) -> Self {
+        self.0.kind = kind;
+        self
+    }
+
     /// The kind of fault.
     ///
     /// ```
@@ -170,7 +178,7 @@ impl Error {
     pub fn in_short(&self) -> String {
         let Detail { what, at, found, .. } = &*self.0;
         let told = [("at", at), ("found", found)].into_iter().filter_map(|(label, text)| Some((label, text.as_ref()?)));
-        told.fold(what.clone(), |line, (label, text)| line + "; " + label + ": " + text)
+        told.fold(what.clone(), |line, (label, text)| line + "; " + label + ": " + &with_short_numbers(text))
     }
 
     /// An operating-system fault at a path.
@@ -196,13 +204,41 @@ impl Error {
     }
 }
 
+/// The same text with a power of ten in every number that has more digits than anybody reads: of 30 digits before the point,
+/// or with 20 zeros in a row. Names, which touch letters or slashes, stay as they are.
+fn with_short_numbers(text: &str) -> Cow<'_, str> {
+    let digits = |text: &str| text.len() - text.trim_start_matches(|c: char| c.is_ascii_digit()).len();
+    let touches = |c: char| c.is_alphanumeric() || "_/\\`\"'".contains(c);
+    if text.len() < 20 {
+        return text.into();
+    }
+    let (mut short, mut rest) = (String::new(), text);
+    while let Some(start) = rest.find(|c: char| c.is_ascii_digit()) {
+        let before = short.chars().next_back().filter(|_| start == 0).or(rest[..start].chars().next_back());
+        short += &rest[..start];
+        rest = &rest[start..];
+        let whole = digits(rest);
+        let fraction = rest[whole..].strip_prefix('.').map_or(0, digits);
+        let (number, after) = rest.split_at(if fraction > 0 { whole + 1 + fraction } else { whole });
+        let long = whole >= 30 || number.contains("00000000000000000000");
+        let named = before.is_some_and(touches)
+            || after.trim_start_matches('.').chars().next().is_some_and(|c| touches(c) && !after.starts_with(".."));
+        match number.parse::<f64>() {
+            Ok(value) if long && !named => short += &format!("{value:e}"),
+            _ => short += number,
+        }
+        rest = after;
+    }
+    (short + rest).into()
+}
+
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Detail { what, at, found, wanted, fix, .. } = &*self.0;
         write!(f, "{what}")?;
         for (label, text) in [("at", at), ("found", found), ("wanted", wanted), ("fix", fix)] {
             if let Some(text) = text {
-                write!(f, "\n  {label:>6}: {text}")?;
+                write!(f, "\n  {label:>6}: {}", with_short_numbers(text))?;
             }
         }
         Ok(())
@@ -216,3 +252,35 @@ impl fmt::Debug for Error {
 }
 
 impl std::error::Error for Error {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_with_more_digits_than_anybody_reads_get_a_power_of_ten() {
+        for (text, wanted) in [
+            (format!("{} m and {} s.", 1e300, -2.5e-30), "1e300 m and -2.5e-30 s."),
+            (format!("[{:.3}, 3.25..{}]", 1e40, 1e22), "[1e40, 3.25..1e22]"),
+            (format!("{} of 10000000000 ... 0.1.", 1e15), "1000000000000000 of 10000000000 ... 0.1."),
+            ("clip/000000000000000000000001.png".into(), "clip/000000000000000000000001.png"),
+            ("000000000000000000000001.png".into(), "000000000000000000000001.png"),
+            ("é 5 µ".repeat(5), "é 5 µé 5 µé 5 µé 5 µé 5 µ"),
+        ] {
+            assert_eq!(with_short_numbers(&text), wanted);
+        }
+        let error = Error::new(ErrorKind::Input, "too large").found(format!("{} Pa", 1e300));
+        assert_eq!(error.to_string(), "too large\n   found: 1e300 Pa");
+        assert_eq!(error.in_short(), "too large; found: 1e300 Pa");
+    }
+
+    #[test]
+    fn what_another_path_would_mend_is_input() {
+        let of = |kind: std::io::ErrorKind| Error::io("file", "read it", &kind.into()).kind();
+        use std::io::ErrorKind as System;
+        for kind in [System::InvalidFilename, System::IsADirectory, System::NotADirectory, System::InvalidData] {
+            assert_eq!(of(kind), ErrorKind::Input, "{kind}");
+        }
+        assert_eq!(of(System::StorageFull), ErrorKind::Io);
+    }
+}

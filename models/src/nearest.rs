@@ -12,7 +12,7 @@
 /// ```
 pub fn nearest<'a>(wanted: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let folded = wanted.to_lowercase();
-    let scored = known.into_iter().map(|name| (distance(&folded, &name.to_lowercase()), name));
+    let scored = known.into_iter().map(|name| (strsim::levenshtein(&folded, &name.to_lowercase()), name));
     let (steps, name) = scored.min_by_key(|&(steps, _)| steps)?;
     let few = steps <= 1 + wanted.chars().count() / 3;
     let stem = wanted.chars().take(4).collect::<String>();
@@ -31,20 +31,4 @@ pub(crate) fn suggestion(message: &str) -> Option<String> {
 /// Names one after the other, for the messages that list what there is.
 pub(crate) fn listed<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
     names.into_iter().collect::<Vec<_>>().join(", ")
-}
-
-/// Letters to add, drop or change (Levenshtein).
-fn distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, &y) in b.iter().enumerate() {
-            let changed = diagonal + usize::from(x != y);
-            diagonal = row[j + 1];
-            row[j + 1] = changed.min(row[j] + 1).min(diagonal + 1);
-        }
-    }
-    row[b.len()]
 }

@@ -47,6 +47,7 @@ pub(super) fn run(arguments: &Arguments, from: &Path, out: Option<&Path>, quiet:
         super::place::check(folder, None)?;
     }
     let progress = Progress::new(quiet);
+    out.map_or(Ok(()), RunFolder::can_be_created)?;
     let before = Run::open(RunFolder::open(from)?)?;
     let path = arguments.clip.clone().or_else(|| before.state.clip_path.clone()).ok_or_else(|| {
         Error::new(ErrorKind::Input, "the run does not say where its clip is")

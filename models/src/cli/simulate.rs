@@ -10,6 +10,7 @@ use crate::cli::output::{self, say, tell};
 use crate::physics::Number;
 use crate::report::interrupt;
 use crate::report::progress::Progress;
+use crate::report::quantity::readable;
 use crate::report::run_folder::RunFolder;
 use crate::report::simulation::{Format, Record};
 use crate::scenes::{Film, Precision, Runner, SceneFile, Setup};
@@ -107,6 +108,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         (None, scene) => scene.as_deref().unwrap_or(Path::new("")),
     };
     interrupt::install()?;
+    if let Some(out) = arguments.out.as_deref().filter(|_| !arguments.resume && !arguments.plan) {
+        RunFolder::can_be_created(out)?;
+    }
     simulate_scene(arguments, scene, SceneFile::read(scene)?)
 }
 
@@ -242,7 +246,9 @@ fn print_plan(name: &str, file: &SceneFile, setup: &Setup) {
         let count = setup.object_of.iter().filter(|&&of| of as usize == index).count();
         let stuff =
             &setup.materials[setup.material_of[setup.object_of.partition_point(|&of| (of as usize) < index)] as usize];
-        line(&format!("object {index}"), format!("{} ({}), {count} particles", object.material, stuff.law.name()));
+        let mass = count as f64 * setup.volumes[index] * stuff.density;
+        let text = format!("{} ({}), {count} particles, {}", object.material, stuff.law.name(), readable(mass, "kg"));
+        line(&format!("object {index}"), text);
     }
     let [particles, grid] = setup.memory().map(|bytes| bytes as f64 / f64::from(1 << 20));
     let precision = if setup.precision == Precision::F64 { "f64" } else { "f32" };
@@ -264,5 +270,6 @@ fn print_plan(name: &str, file: &SceneFile, setup: &Setup) {
         let [width, height] = film.pixels;
         line("film", format!("{} cameras of {width} × {height} pixels", film.cameras));
     }
+    setup.notes.iter().for_each(|note| line("note", note.clone()));
     line("work", format!("{:.3e} particle substeps", setup.len() as f64 * schedule.steps() as f64));
 }

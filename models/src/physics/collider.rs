@@ -67,6 +67,10 @@ pub struct RigidMotion {
 
 /// An obstacle: a region, what happens there, and how it moves.
 ///
+/// A [`Simulation`](super::Simulation) lets obstacles act on grid nodes: a solid should be at least two grid cells thick, for
+/// one that is thinner may lie between the nodes, and has nodes of both its sides next to each other. A scene that
+/// [`Runner`](crate::scenes::Runner) runs lets the surfaces of solids act on particles, too: nothing passes there.
+///
 /// ```
 /// use gradreel_models::physics::{Collider, Contact};
 ///
@@ -165,6 +169,21 @@ impl Collider {
     #[must_use]
     pub fn turned(self, turn: [f64; 3], pivot: [f64; 3]) -> Self {
         Self { turn: product(rotation(turn), self.turn), motion: RigidMotion { pivot, ..self.motion }, ..self }
+    }
+
+    /// The smallest extent of a solid \[m\]; without end for a plane, and for a container, whose walls are all that is
+    /// outside.
+    pub(crate) fn thickness(&self) -> f64 {
+        match self.region {
+            _ if self.container => f64::INFINITY,
+            Region::Plane { .. } => f64::INFINITY,
+            Region::Sphere { radius, .. } => 2.0 * radius,
+            Region::Cuboid { half, .. } => 2.0 * half.into_iter().fold(f64::INFINITY, f64::min),
+            Region::Cylinder { start, end, radius } => {
+                let axis = minus(end, start);
+                dot(axis, axis).sqrt().min(2.0 * radius)
+            }
+        }
     }
 
     /// Where a point of the region is at time `t` \[s\].

@@ -51,16 +51,35 @@ impl Placed {
         self.pose.map_or(([0.0; 3], EYE), |(turn, shift)| (plus(pivot, shift), turn))
     }
 
+    /// Where a point would be if the obstacle were where its region says.
+    #[inline]
+    pub fn back(&self, x: [f64; 3]) -> [f64; 3] {
+        let Some((turn, shift)) = &self.pose else { return x };
+        let pivot = self.collider.motion.pivot;
+        let from_pivot = minus(minus(x, pivot), *shift);
+        std::array::from_fn(|j| (0..3).map(|i| turn[i][j] * from_pivot[i]).sum::<f64>() + pivot[j])
+    }
+
+    /// The inverse of [`Placed::back`].
+    pub fn forth(&self, x: [f64; 3]) -> [f64; 3] {
+        let Some((turn, shift)) = &self.pose else { return x };
+        let pivot = self.collider.motion.pivot;
+        plus(plus(pivot, *shift), times(turn, minus(x, pivot)))
+    }
+
+    /// The velocity after contact with a face of this normal, which is that of the region where its numbers say, at a point.
+    pub fn touch(&self, normal: [f64; 3], x: [f64; 3], v: [f64; 3]) -> [f64; 3] {
+        let normal = self.pose.as_ref().map_or(normal, |(turn, _)| times(turn, normal));
+        touch(self.collider.contact, normal, self.velocity(x), v)
+    }
+
     /// The faces that act at a point.
     #[inline]
     pub fn normals(&self, x: [f64; 3]) -> Normals {
-        let Some((turn, shift)) = &self.pose else { return faces(&self.collider, x) };
-        let pivot = self.collider.motion.pivot;
-        let from_pivot = minus(minus(x, pivot), *shift);
-        let back: [f64; 3] =
-            std::array::from_fn(|j| (0..3).map(|i| turn[i][j] * from_pivot[i]).sum::<f64>() + pivot[j]);
-        let mut found = faces(&self.collider, back);
-        found.all = found.all.map(|normal| times(turn, normal));
+        let mut found = faces(&self.collider, self.back(x));
+        if let Some((turn, _)) = &self.pose {
+            found.all = found.all.map(|normal| times(turn, normal));
+        }
         found
     }
 

@@ -14,7 +14,7 @@ use super::lattice::Lattice;
 use super::law::Run;
 use super::row::Number;
 use super::state::{BLOCK, C, F, HISTORY, State, V};
-use super::substep::{Constants, Simulation, block_len, with_scratch};
+use super::substep::{Constants, Simulation, block_len, masses, with_scratch};
 use super::transfer::{Record, position, record};
 use super::values::Values;
 
@@ -149,11 +149,7 @@ impl<T: Number> Simulation<'_, T> {
 
     /// The tangents of what particles scatter; those of `F` and history become those after the substep.
     fn scatter_material(&self, now: &State<T>, tangent: &mut Tangent<T>, own: &mut Buffers<T>) {
-        let volume = T::from_f64(self.world.particle_volume);
-        let mass = match &tangent.density {
-            Values::Same(density) => Values::Same(*density * volume),
-            Values::Each(densities) => Values::Each(densities.iter().map(|&density| density * volume).collect()),
-        };
+        let mass = masses(&tangent.density, &self.portions);
         let constants = Constants::of(self.world, self.dt, &self.mass);
         let (portions, particles, stride) = (&self.portions, self.particles, now.stride());
         own.records.resize(particles, [T::ZERO; 16]);

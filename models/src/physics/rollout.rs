@@ -332,7 +332,8 @@ impl Rollout {
                 Some(of) => order[start..].iter().take_while(|&&p| of[p as usize] as usize == index).count(),
             };
             let parameters = parameters.iter().map(sorted).collect();
-            portions.push(Portion { law, particles: start..start + count, parameters });
+            let volume = world.particle_volume;
+            portions.push(Portion { law, particles: start..start + count, volume, parameters });
         }
         let mut simulation = Simulation::of_portions(world, self.schedule.dt(), &sorted(&values.density), portions)?;
         simulation.label(order.to_vec());

@@ -7,7 +7,7 @@
 use std::cell::RefCell;
 use std::ops::Range;
 
-use gradreel::{Error, ErrorKind, Result};
+use gradreel::{Element, Error, ErrorKind, Result};
 use rayon::prelude::*;
 
 use super::contact::Placed;
@@ -33,6 +33,8 @@ pub struct Portion<'a, T> {
     pub law: &'a Law,
     /// Which they are.
     pub particles: Range<usize>,
+    /// Rest volume of each of them \[m³\].
+    pub volume: f64,
     /// Parameters in the order of [`Law::parameters`]; a list has one entry per particle of the whole simulation, of which
     /// those of the portion count.
     pub parameters: Vec<Values<T>>,
@@ -47,6 +49,8 @@ pub struct Simulation<'a, T: Number> {
     /// History variables per particle, of the material with the most.
     pub(super) history: usize,
     pub(super) mass: Values<T>,
+    /// Whether all particles have one density, though perhaps not one mass.
+    one_density: bool,
     pub(super) portions: Vec<Portion<'a, T>>,
     pub(super) labels: Vec<u32>,
     pub(super) level: Level,
@@ -89,7 +93,12 @@ impl<'a, T: Number> Simulation<'a, T> {
         parameters: Vec<Values<T>>,
     ) -> Result<Self> {
         check_values(law, density, &parameters, particles)?;
-        Self::of_portions(world, dt, density, vec![Portion { law, particles: 0..particles, parameters }])
+        Self::of_portions(
+            world,
+            dt,
+            density,
+            vec![Portion { law, particles: 0..particles, volume: world.particle_volume, parameters }],
+        )
     }
 
     /// Prepares a simulation of several materials: the portions hold all particles, one after the other.
@@ -115,11 +124,12 @@ impl<'a, T: Number> Simulation<'a, T> {
         for Portion { law, parameters, .. } in &portions {
             check_values(law, density, parameters, particles)?;
         }
-        let volume = T::from_f64(world.particle_volume);
-        let mass = match density {
-            Values::Same(density) => Values::Same(*density * volume),
-            Values::Each(densities) => Values::Each(densities.iter().map(|&density| density * volume).collect()),
-        };
+        if let Some(Portion { volume, .. }) = portions.iter().find(|p| !(p.volume.is_finite() && p.volume > 0.0)) {
+            let error = Error::new(ErrorKind::Input, "a particle has no volume").found(format!("{volume:?} m³"));
+            return Err(error.wanted("a positive number"));
+        }
+        let mass = masses(density, &portions);
+        let one_density = matches!(density, Values::Same(_));
         let blocks = particles.div_ceil(BLOCK);
         let totals = Totals::new(std::iter::once(&mass).chain(portions.iter().flat_map(|p| &p.parameters)), blocks);
         Ok(Self {
@@ -128,6 +138,7 @@ impl<'a, T: Number> Simulation<'a, T> {
             particles,
             history: portions.iter().map(|portion| portion.law.history().len()).max().unwrap_or(0),
             mass,
+            one_density,
             portions,
             labels: Vec::new(),
             level: Level::detect(),
@@ -337,12 +348,25 @@ impl<'a, T: Number> Simulation<'a, T> {
     /// The cotangents of density, parameters, gravity and friction that the backward substeps have added up.
     pub fn value_gradients(&self) -> ValueGradients<T> {
         let mut found = self.totals.places.iter().map(|&place| self.totals.of(place, self.particles));
-        let volume = T::from_f64(self.world.particle_volume);
-        let density = found.next().unwrap_or_default().into_iter().map(|g| g * volume).collect();
+        let on_mass = found.next().unwrap_or_default().into_iter().map(Element::to_f64).collect();
+        let density = self.on_density(on_mass).into_iter().map(T::from_f64).collect();
         let parameters = found.collect();
         let mut friction = self.totals.world.friction.clone();
         friction.resize(self.world.colliders.len(), 0.0);
         ValueGradients { density, parameters, gravity: self.totals.world.gravity, friction }
+    }
+
+    /// The cotangents of the density, given those of the masses.
+    pub(super) fn on_density(&self, mut on_mass: Vec<f64>) -> Vec<f64> {
+        match (&self.mass, self.portions.first()) {
+            (Values::Same(_), Some(portion)) => on_mass.iter_mut().for_each(|g| *g *= portion.volume),
+            _ => {
+                for Portion { particles, volume, .. } in &self.portions {
+                    on_mass[particles.clone()].iter_mut().for_each(|g| *g *= volume);
+                }
+            }
+        }
+        if self.one_density { vec![on_mass.iter().sum()] } else { on_mass }
     }
 
     /// Momentum \[kg m/s\] and mass \[kg\] on the grid after the last forward substep.
@@ -422,17 +446,34 @@ impl<'a, T: Number> Simulation<'a, T> {
     }
 }
 
+/// Masses \[kg\] of particles of these densities \[kg/m³\], or the tangents of both.
+pub(super) fn masses<T: Number>(density: &Values<T>, portions: &[Portion<'_, T>]) -> Values<T> {
+    let volume = |portion: &Portion<'_, T>| T::from_f64(portion.volume);
+    match (density, portions.first()) {
+        (Values::Same(density), Some(first)) if portions.iter().all(|portion| portion.volume == first.volume) => {
+            Values::Same(*density * volume(first))
+        }
+        _ => {
+            let own = |portion: &Portion<'_, T>| {
+                let volume = volume(portion);
+                portion.particles.clone().map(move |p| density.get(p) * volume)
+            };
+            Values::Each(portions.iter().flat_map(own).collect())
+        }
+    }
+}
+
 /// What the materials need besides the state.
 pub(super) struct Constants<'a, T> {
-    dt: T,
-    stress_scale: T,
+    dt: f64,
+    /// `4/dx²`
+    per_volume: f64,
     pub(super) mass: &'a Values<T>,
 }
 
 impl<'a, T: Number> Constants<'a, T> {
     pub(super) fn of(world: &World, dt: f64, mass: &'a Values<T>) -> Self {
-        let stress_scale = T::from_f64(dt * world.particle_volume * 4.0 / (world.dx * world.dx));
-        Self { dt: T::from_f64(dt), stress_scale, mass }
+        Self { dt, per_volume: 4.0 / (world.dx * world.dx), mass }
     }
 
     /// The particles of a portion that lie in a block, if any do.
@@ -444,8 +485,8 @@ impl<'a, T: Number> Constants<'a, T> {
             first: particle - start,
             particle,
             len: end - particle,
-            dt: self.dt,
-            stress_scale: self.stress_scale,
+            dt: T::from_f64(self.dt),
+            stress_scale: T::from_f64(self.dt * portion.volume * self.per_volume),
             mass: self.mass.run(particle, end - particle),
             parameters: &portion.parameters,
         })

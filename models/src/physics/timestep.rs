@@ -16,6 +16,9 @@ pub const CFL: f64 = 0.35;
 /// The share of a cell beyond which a rollout refuses to start.
 pub const CFL_LIMIT: f64 = 1.0;
 
+/// Most substeps between two frames, and most in a whole rollout: what needs more is no simulation that ends.
+const MOST_SUBSTEPS: [usize; 2] = [1 << 20, 1 << 30];
+
 /// The times of a rollout: frames at equal intervals, each of equal substeps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Schedule {
@@ -32,7 +35,8 @@ impl Schedule {
     /// `dt ≤ cfl · dx/(c + v)`, with the speed of sound `c` and the largest particle speed `v` in m/s.
     ///
     /// The number of substeps is one of 1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, … (about four per doubling), so that a
-    /// small change of a parameter rarely changes it.
+    /// small change of a parameter rarely changes it. It is at most 2²⁰: what would need more is refused when the
+    /// rollout starts.
     ///
     /// ```
     /// use gradreel_models::physics::{CFL, Schedule, World};
@@ -42,7 +46,8 @@ impl Schedule {
     /// assert_eq!(schedule, Schedule::stable(&World::new(0.02), 14, 1.0 / 24.0, 37.5, 3.0, CFL));
     /// ```
     pub fn stable(world: &World, frames: usize, frame_dt: f64, sound: f64, speed: f64, cfl: f64) -> Self {
-        let least = (frame_dt * (sound + speed) / (cfl * world.dx)).ceil().clamp(1.0, f64::from(1 << 24));
+        let wanted = (frame_dt * (sound + speed) / (cfl * world.dx)).ceil();
+        let least = wanted.clamp(1.0, MOST_SUBSTEPS[0] as f64);
         let steps = (0..).map(|k| 2_f64.powf(f64::from(k) / 4.0).ceil()).find(|&n| n >= least);
         Self { frames, frame_dt, substeps: steps.map_or(1, |n| n as usize) }
     }
@@ -67,15 +72,54 @@ impl Schedule {
     ///
     /// # Errors
     ///
-    /// [`ErrorKind::Input`] without frames or substeps, or with a frame time that is not positive.
+    /// [`ErrorKind::Input`] without frames or substeps, with a frame time that is not positive, or with more substeps than any
+    /// run could end.
     pub(crate) fn check(&self) -> Result<()> {
-        if self.frames > 0 && self.substeps > 0 && self.frame_dt.is_finite() && self.frame_dt > 0.0 {
+        let Self { frames, frame_dt, substeps } = *self;
+        if !(frames > 0 && substeps > 0 && frame_dt.is_finite() && frame_dt > 0.0) {
+            return Err(Error::new(ErrorKind::Input, "the schedule has no time in it")
+                .at("Schedule")
+                .found(format!("{frames} frames {frame_dt:?} s apart, {substeps} substeps between them"))
+                .wanted("at least one frame, one substep per frame, and a positive frame time"));
+        }
+        let [per_frame, whole] = MOST_SUBSTEPS;
+        let steps = substeps as f64 * (frames - 1) as f64;
+        if substeps > per_frame || steps > whole as f64 {
+            return Err(Error::new(ErrorKind::Input, "the simulation would take too many substeps")
+                .found(format!("{substeps} per frame, {steps:.3e} in all"))
+                .wanted(format!("at most {per_frame} per frame and {whole} in all"))
+                .fix("use fewer substeps per frame or fewer frames; a coarser grid and a softer material need fewer"));
+        }
+        Ok(())
+    }
+
+    /// Whether what travels so fast \[m/s\] leaves any number of substeps that could be taken; see [`Schedule::stable`].
+    ///
+    /// # Errors
+    ///
+    /// [`ErrorKind::Input`] with the number that it would take, and the speed that would do.
+    pub(crate) fn check_speeds(world: &World, frame_dt: f64, [sound, speed]: [f64; 2], cfl: f64) -> Result<()> {
+        let substeps = frame_dt * (sound + speed) / (cfl * world.dx);
+        let most = MOST_SUBSTEPS[0] as f64;
+        if substeps <= most {
             return Ok(());
         }
-        Err(Error::new(ErrorKind::Input, "the schedule has no time in it")
-            .at("Schedule")
-            .found(format!("{self:?}"))
-            .wanted("at least one frame, one substep per frame, and a positive frame time"))
+        let slow = most * cfl * world.dx / frame_dt;
+        let coarse = frame_dt * (sound + speed) / (cfl * most);
+        let (what, fix) = match sound >= speed {
+            true => ("the material is too stiff for this grid", "a softer or denser material"),
+            false => ("something moves too fast for this grid", "lower velocities, a lower gravity or a smaller drop"),
+        };
+        Err(Error::new(ErrorKind::Input, what)
+            .found(format!(
+                "{substeps:.3e} substeps per frame of {frame_dt:.4e} s: sound of {sound:.4e} m/s and particles of \
+                 {speed:.4e} m/s on a grid of {:?} m",
+                world.dx
+            ))
+            .wanted(format!("at most {most} substeps per frame"))
+            .fix(format!(
+                "use {fix} (together at most {slow:.3e} m/s), a grid spacing of {coarse:.3e} m, or shorter frames"
+            )))
     }
 
     /// Whether sound crosses less than a cell per substep, for every one of `n` particles that is a `member`.
@@ -107,11 +151,12 @@ impl Schedule {
                     .at(place)
                     .found(sound));
             }
+            Self::check_speeds(world, self.frame_dt, [sound, 0.0], CFL).map_err(|e| e.within(&place))?;
             let substeps = Self::stable(world, self.frames, self.frame_dt, sound, 0.0, CFL).substeps;
             return Err(Error::new(ErrorKind::Physics, "the substep is too long for this material")
                 .at(place)
                 .found(format!("a speed of sound of {sound:.4e} m/s, {:.4e} m per substep of {dt:.4e} s", sound * dt))
-                .wanted(format!("at most {} m, the grid spacing", CFL_LIMIT * world.dx))
+                .wanted(format!("at most {:?} m, the grid spacing", CFL_LIMIT * world.dx))
                 .fix(format!("use at least {substeps} substeps per frame instead of {}", self.substeps)));
         }
         Ok(())

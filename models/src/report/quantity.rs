@@ -76,17 +76,7 @@ impl Quantity {
     }
 
     fn readable_value(&self, value: f64) -> String {
-        let unit = if self.unit == "-" { "" } else { self.unit.as_str() };
-        let (number, prefix) = if UNITS_WITH_PREFIX.contains(&unit) {
-            let (digits, exponent) = three_digits(value);
-            // A quantity of nothing has no size to choose a prefix by.
-            let thousands = if value == 0.0 { 0 } else { exponent.div_euclid(3).clamp(-3, 3) };
-            let scaled = digits * 10f64.powi(exponent - 3 * thousands);
-            (plain(scaled), PREFIXES[(thousands + 3) as usize])
-        } else {
-            (plain(value), "")
-        };
-        format!("{number} {prefix}{unit}").trim_end().to_string()
+        readable(value, &self.unit)
     }
 }
 
@@ -102,6 +92,28 @@ pub fn compact(value: f64) -> String {
         size if size == 0.0 || !size.is_finite() || (1e-4..1e7).contains(&size) => format!("{value}"),
         _ => format!("{value:e}"),
     }
+}
+
+/// A number with three significant digits and its SI unit (`-` for none), with a prefix where one is usual.
+///
+/// ```
+/// use gradreel_models::report::quantity::readable;
+///
+/// assert_eq!(readable(301_234.0, "Pa"), "301 kPa");
+/// assert_eq!(readable(5.236e-4, "kg"), "5.24e-4 kg");
+/// ```
+pub fn readable(value: f64, unit: &str) -> String {
+    let unit = if unit == "-" { "" } else { unit };
+    let (number, prefix) = if UNITS_WITH_PREFIX.contains(&unit) {
+        let (digits, exponent) = three_digits(value);
+        // A quantity of nothing has no size to choose a prefix by.
+        let thousands = if value == 0.0 { 0 } else { exponent.div_euclid(3).clamp(-3, 3) };
+        let scaled = digits * 10f64.powi(exponent - 3 * thousands);
+        (plain(scaled), PREFIXES[(thousands + 3) as usize])
+    } else {
+        (plain(value), "")
+    };
+    format!("{number} {prefix}{unit}").trim_end().to_string()
 }
 
 /// `value = digits · 10^exponent` with `1 ≤ |digits| < 10`, rounded to three digits; zero, NaN and ∞ as they are.

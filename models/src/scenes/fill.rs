@@ -1,5 +1,7 @@
 //! Particles that fill a shape: one in each cell of a lattice, a little off its centre.
 
+use std::collections::HashSet;
+use std::f64::consts::PI;
 use std::path::Path;
 
 use gradreel::io::npy;
@@ -15,6 +17,25 @@ const MOST_CELLS: f64 = 2e8;
 /// How far particles lie off the centres of their cells, at most, in cells; keeps neighbours apart.
 const JITTER: f64 = 0.25;
 
+/// Cells of a finer lattice that are looked at for one shape; see [`sample`].
+const MOST_FINE_CELLS: usize = 20_000_000;
+/// Times that the lattice is made twice as fine where it misses the volume of a shape by more than [`MISSED`] of it.
+const MOST_HALVINGS: usize = 3;
+const MISSED: f64 = 0.25;
+/// Cells along each axis at least, where a volume is counted because there is no formula.
+const COUNTED: usize = 48;
+
+/// A shape made of particles.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Body {
+    /// Where the particles are \[m\].
+    pub positions: Vec<[f64; 3]>,
+    /// The volume of each \[m³\]: all of them together have that of the shape.
+    pub volume: f64,
+    /// Into how many parts the spacing was divided along each axis, so that a small or thin shape has particles enough.
+    pub finer: usize,
+}
+
 /// The particles of a shape \[m\], `spacing` \[m\] apart; files are looked for beside the scene, in `folder`.
 ///
 /// ```
@@ -28,40 +49,120 @@ const JITTER: f64 = 0.25;
 /// ```
 ///
 /// # Errors
+/// As [`body`].
+pub fn fill(shape: &Shape, spacing: f64, seed: u64, folder: &Path) -> Result<Vec<[f64; 3]>> {
+    body(shape, spacing, seed, folder).map(|body| body.positions)
+}
+
+/// The particles of a shape as [`fill`] makes them, with their volume: that of the shape, shared alike, however coarse the
+/// lattice. Where a lattice of this spacing would miss the shape, a finer one is taken.
+///
+/// The particles of a file count as `spacing³` each; where several share a cube of that size, they share its volume.
+///
+/// ```
+/// use gradreel_models::scenes::{Shape, body};
+///
+/// // much smaller than the spacing
+/// let ball = Shape::Sphere { centre_m: [0.0, 1.0, 0.0], radius_m: 0.005 };
+/// let body = body(&ball, 0.02, 7, std::path::Path::new("."))?;
+/// let volume = body.positions.len() as f64 * body.volume;
+/// assert!((volume / (4.0 / 3.0 * std::f64::consts::PI * 0.005_f64.powi(3)) - 1.0).abs() < 1e-12);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
+///
+/// # Errors
 /// [`ErrorKind::Input`] for a shape without size, one too small to hold a particle or too large for the lattice, and for
 /// files that cannot be used.
-pub fn fill(shape: &Shape, spacing: f64, seed: u64, folder: &Path) -> Result<Vec<[f64; 3]>> {
-    let particles = match shape {
+pub fn body(shape: &Shape, spacing: f64, seed: u64, folder: &Path) -> Result<Body> {
+    let body = match shape {
         Shape::Particles { file, scale, translate_m } => {
             check_sizes(&[*scale], "scale")?;
-            read_particles(&folder.join(file), *scale, *translate_m)?
+            let positions = read_particles(&folder.join(file), *scale, *translate_m)?;
+            let volume = crowded(&positions, spacing) * spacing.powi(3);
+            Body { positions, volume, finer: 1 }
         }
         Shape::Mesh { file, scale, translate_m } => {
             check_sizes(&[*scale], "scale")?;
             let mesh = Mesh::read(&folder.join(file))?.placed(*scale, *translate_m);
-            fill_mesh(&mesh, spacing, seed)?
+            let simple = std::cell::Cell::new(true);
+            let cells = Cells::covering(mesh.bounds(), spacing)?;
+            let inside = |cells: &Cells| {
+                let (particles, plain) = fill_mesh(&mesh, cells, seed);
+                simple.set(simple.get() && plain);
+                particles
+            };
+            // parts that overlap would count twice
+            let whole = || simple.get().then(|| mesh.volume().abs());
+            sample(cells, &whole, &inside)?
         }
-        primitive => fill_primitive(primitive, spacing, seed)?,
+        primitive => {
+            let (centre, half) = extent(primitive)?;
+            let bounds = [-1.0, 1.0].map(|side| std::array::from_fn(|axis| centre[axis] + side * half[axis]));
+            let cells = Cells::covering(bounds, spacing)?;
+            sample(cells, &|| volume(primitive), &|cells| fill_primitive(primitive, centre, cells, seed))?
+        }
     };
-    if particles.is_empty() {
+    if body.positions.is_empty() {
         return Err(Error::new(ErrorKind::Input, "the shape holds no particle")
             .found(format!("particles {spacing:.4e} m apart"))
             .wanted("a shape at least as large as that in every direction")
             .fix("make the shape larger, or grid.spacing_m smaller; a mesh may be in other units: see its scale"));
     }
-    Ok(particles)
+    Ok(body)
+}
+
+/// The share of its own cube that a particle of a file has: less than one where cubes hold more than two on average.
+fn crowded(positions: &[[f64; 3]], spacing: f64) -> f64 {
+    let cubes: HashSet<[i64; 3]> = positions.iter().map(|x| x.map(|x| (x / spacing).floor() as i64)).collect();
+    let share = cubes.len() as f64 / positions.len().max(1) as f64;
+    if share < 0.5 { share } else { 1.0 }
+}
+
+/// Particles inside a shape of this volume, which is counted if it is not known: one in each cell of a lattice, finer where
+/// that is too coarse for the shape.
+fn sample(
+    mut cells: Cells,
+    volume: &dyn Fn() -> Option<f64>,
+    inside: &dyn Fn(&Cells) -> Vec<[f64; 3]>,
+) -> Result<Body> {
+    let mut positions = inside(&cells);
+    let whole = volume().unwrap_or_else(|| {
+        let counted = Cells { counts: cells.counts.map(|n| n * COUNTED.div_ceil(n)), ..cells };
+        inside(&counted).len() as f64 * counted.volume()
+    });
+    if !(whole > 0.0 && whole.is_finite()) {
+        return Err(Error::new(ErrorKind::Input, "the shape has no volume")
+            .found(format!("{whole:?} m³"))
+            .wanted("a positive number")
+            .fix(
+                "make the shape larger, or put it nearer to the origin; a mesh may be in other units: see its scale",
+            ));
+    }
+    let mut finer = 1;
+    for _ in 0..MOST_HALVINGS {
+        let found = positions.len() as f64 * cells.volume();
+        if (found / whole - 1.0).abs() <= MISSED || 8 * cells.len() > MOST_FINE_CELLS {
+            break;
+        }
+        cells.counts = cells.counts.map(|n| 2 * n);
+        finer *= 2;
+        positions = inside(&cells);
+    }
+    let volume = whole / positions.len() as f64;
+    Ok(Body { positions, volume, finer })
 }
 
 /// A box of cells.
+#[derive(Clone, Copy)]
 struct Cells {
-    low: [f64; 3],
+    bounds: [[f64; 3]; 2],
     counts: [usize; 3],
-    spacing: f64,
 }
 
 impl Cells {
-    /// The cells that cover `bounds`, as many as fit best.
-    fn covering([low, high]: [[f64; 3]; 2], spacing: f64) -> Result<Self> {
+    /// The cells that cover `bounds`, as many as fit best: each axis is divided into equal parts.
+    fn covering(bounds: [[f64; 3]; 2], spacing: f64) -> Result<Self> {
+        let [low, high] = bounds;
         let counts: [f64; 3] = std::array::from_fn(|axis| ((high[axis] - low[axis]) / spacing).round().max(1.0));
         let cells: f64 = counts.iter().product();
         if cells > MOST_CELLS {
@@ -70,13 +171,22 @@ impl Cells {
                 .wanted(format!("at most {MOST_CELLS:.0e}"))
                 .fix("raise grid.spacing_m, or make the shape smaller; a mesh may be in other units: see its scale"));
         }
-        // Centred, where the size is no multiple of the spacing.
-        let low = std::array::from_fn(|axis| 0.5 * (low[axis] + high[axis] - counts[axis] * spacing));
-        Ok(Self { low, counts: counts.map(|n| n as usize), spacing })
+        Ok(Self { bounds, counts: counts.map(|n| n as usize) })
+    }
+
+    /// The length of a cell along an axis \[m\].
+    fn edge(&self, axis: usize) -> f64 {
+        let [low, high] = self.bounds;
+        (high[axis] - low[axis]) / self.counts[axis] as f64
+    }
+
+    /// The volume of a cell \[m³\].
+    fn volume(&self) -> f64 {
+        (0..3).map(|axis| self.edge(axis)).product()
     }
 
     fn at(&self, axis: usize, index: usize, jitter: f64) -> f64 {
-        self.low[axis] + (index as f64 + 0.5 + jitter) * self.spacing
+        self.bounds[0][axis] + (index as f64 + 0.5 + jitter) * self.edge(axis)
     }
 
     fn len(&self) -> usize {
@@ -90,16 +200,27 @@ fn offsets(seed: u64, cells: usize) -> impl Iterator<Item = [f64; 3]> {
     std::iter::from_fn(move || Some([numbers.next()?, numbers.next()?, numbers.next()?]))
 }
 
-fn fill_primitive(shape: &Shape, spacing: f64, seed: u64) -> Result<Vec<[f64; 3]>> {
-    let (centre, half) = extent(shape)?;
-    let bounds = [-1.0, 1.0].map(|side| std::array::from_fn(|axis| centre[axis] + side * half[axis]));
-    let cells = Cells::covering(bounds, spacing)?;
+fn fill_primitive(shape: &Shape, centre: [f64; 3], cells: &Cells, seed: u64) -> Vec<[f64; 3]> {
     let [_, ny, nz] = cells.counts;
     let places = offsets(seed, cells.len()).enumerate().map(|(cell, jitter)| {
         let index = [cell / (ny * nz), cell / nz % ny, cell % nz];
         std::array::from_fn(|axis| cells.at(axis, index[axis], jitter[axis]))
     });
-    Ok(places.filter(|&x: &[f64; 3]| holds(shape, std::array::from_fn(|axis| x[axis] - centre[axis]))).collect())
+    places.filter(|&x: &[f64; 3]| holds(shape, std::array::from_fn(|axis| x[axis] - centre[axis]))).collect()
+}
+
+/// The volume of a primitive \[m³\]; none for a torus that passes through itself.
+fn volume(shape: &Shape) -> Option<f64> {
+    match *shape {
+        Shape::Box { size_m: [x, y, z], .. } => Some(x * y * z),
+        Shape::Sphere { radius_m, .. } => Some(4.0 / 3.0 * PI * radius_m.powi(3)),
+        Shape::Cylinder { radius_m, height_m, .. } => Some(PI * radius_m * radius_m * height_m),
+        Shape::Cone { radius_m, height_m, .. } => Some(PI * radius_m * radius_m * height_m / 3.0),
+        Shape::Torus { ring_radius_m, tube_radius_m, .. } => {
+            (tube_radius_m <= ring_radius_m).then(|| 2.0 * PI * PI * ring_radius_m * tube_radius_m * tube_radius_m)
+        }
+        Shape::Mesh { .. } | Shape::Particles { .. } => None,
+    }
 }
 
 /// Centre and half of the edge lengths of the box around a primitive.
@@ -142,13 +263,14 @@ fn holds(shape: &Shape, x: [f64; 3]) -> bool {
     }
 }
 
-/// Cells whose centres have a winding number other than 0; counted along upright lines.
-fn fill_mesh(mesh: &Mesh, spacing: f64, seed: u64) -> Result<Vec<[f64; 3]>> {
-    let cells = Cells::covering(mesh.bounds(), spacing)?;
+/// Cells whose centres have a winding number other than 0, counted along upright lines; and whether no line was inside more than
+/// once or the other way round.
+fn fill_mesh(mesh: &Mesh, cells: &Cells, seed: u64) -> (Vec<[f64; 3]>, bool) {
     let [nx, ny, nz] = cells.counts;
-    let columns = mesh.columns([cells.at(0, 0, 0.0), cells.at(2, 0, 0.0)], spacing, [nx, nz]);
+    let first = [cells.at(0, 0, 0.0), cells.at(2, 0, 0.0)];
+    let columns = mesh.columns(first, [cells.edge(0), cells.edge(2)], [nx, nz]);
     let mut jitter = offsets(seed, cells.len());
-    let mut particles = Vec::new();
+    let (mut particles, mut lowest, mut highest) = (Vec::new(), 0, 0);
     for (column, triangles) in columns.iter().enumerate() {
         let (i, k) = (column / nz, column % nz);
         let crossings = mesh.crossings(cells.at(0, i, 0.0), cells.at(2, k, 0.0), triangles);
@@ -162,9 +284,10 @@ fn fill_mesh(mesh: &Mesh, spacing: f64, seed: u64) -> Result<Vec<[f64; 3]>> {
             if winding != 0 {
                 particles.push([(0, i), (1, j), (2, k)].map(|(axis, n)| cells.at(axis, n, offset[axis])));
             }
+            (lowest, highest) = (lowest.min(winding), highest.max(winding));
         }
     }
-    Ok(particles)
+    (particles, highest - lowest <= 1)
 }
 
 fn read_particles(path: &Path, scale: f64, translate: [f64; 3]) -> Result<Vec<[f64; 3]>> {

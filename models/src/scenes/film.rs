@@ -74,7 +74,8 @@ pub struct Shot {
 pub struct Film {
     cameras: Vec<Camera>,
     colours: Vec<[f32; 3]>,
-    spacing: f64,
+    /// Of each particle, from its neighbours at rest \[m\].
+    spacings: Vec<f64>,
     frames: usize,
     frame_dt: f64,
 }
@@ -135,7 +136,7 @@ impl Film {
         Ok(Self {
             cameras: (0..settings.cameras).map(camera).collect(),
             colours: colours(setup, settings.pattern),
-            spacing: setup.world.particle_volume.cbrt(),
+            spacings: setup.object_of.iter().map(|&object| setup.volumes[object as usize].cbrt()).collect(),
             frames: setup.schedule.frames,
             frame_dt: setup.schedule.frame_dt,
         })
@@ -170,7 +171,7 @@ impl Film {
     /// # Errors
     /// [`ErrorKind::Physics`] when they are spread too far.
     pub fn shots(&self, positions: &[[f32; 3]]) -> Result<Vec<Shot>> {
-        let surface = Surface::of(positions, &self.colours, self.spacing)?;
+        let surface = Surface::of(positions, &self.colours, &self.spacings)?;
         Ok(self.cameras.iter().map(|camera| shot(&surface, camera)).collect())
     }
 }

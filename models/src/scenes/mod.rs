@@ -17,7 +17,7 @@ mod totals;
 pub use crate::nearest::nearest;
 pub use file::{Barrier, Camera, Grid, Ground, Object, Obstacle, Precision, SceneFile, Shape, Substance, Surroundings};
 pub use file::{Time, Touch};
-pub use fill::{fill, positions_of};
+pub use fill::{Body, body, fill, positions_of};
 pub use film::{Film, FilmSettings, Shot};
 pub use mesh::Mesh;
 pub use picture::View;

@@ -72,8 +72,8 @@ impl View {
                 canvas.ball(self, collider.place(x, t), radius, OBSTACLE);
             }
         }
-        let radius = 0.62 * setup.world.particle_volume.cbrt();
         for (x, &object) in positions.iter().zip(&setup.object_of) {
+            let radius = 0.62 * setup.volumes[object as usize].cbrt();
             canvas.ball(self, x.map(f64::from), radius, setup.colours[object as usize].map(f64::from));
         }
         canvas.picture()

@@ -4,7 +4,7 @@ use gradreel::{ErrorKind, Result};
 
 use super::setup::Setup;
 use super::totals::Totals;
-use crate::physics::{Number, Portion, Simulation, State, Values, neighbours};
+use crate::physics::{Guard, Number, Portion, Simulation, State, Values, World, neighbours};
 
 /// Most times the substeps of a scene are halved.
 const MOST_HALVINGS: usize = 4;
@@ -37,9 +37,16 @@ pub struct Snapshot {
 #[derive(Debug)]
 pub struct Runner<'a, T> {
     setup: &'a Setup,
+    /// The surroundings, without the obstacles that only `guard` knows.
+    world: World,
+    guard: Guard,
+    /// Material and volume of particles that are alike, and which of them each particle is in the order of the setup.
+    kinds: Vec<(u32, f64)>,
+    kind_of: Vec<u32>,
     /// The setup's number of each particle in grid order.
     order: Vec<u32>,
-    masses: Values<T>,
+    /// In grid order \[kg/m³\].
+    densities: Values<T>,
     now: State<T>,
     frame: usize,
     substeps: usize,
@@ -52,9 +59,20 @@ impl<'a, T: Number> Runner<'a, T> {
     /// # Errors
     /// As [`Simulation::of_portions`].
     pub fn new(setup: &'a Setup) -> Result<Self> {
-        let order = neighbours(setup.world.dx, &setup.positions, |p| setup.material_of[p]);
+        let mut kinds: Vec<(u32, f64)> = Vec::new();
+        let kind = |p: usize| {
+            let kind = (setup.material_of[p], setup.volumes[setup.object_of[p] as usize]);
+            let known = kinds.iter().position(|known| *known == kind);
+            known.unwrap_or_else(|| {
+                kinds.push(kind);
+                kinds.len() - 1
+            }) as u32
+        };
+        let kind_of: Vec<u32> = (0..setup.len()).map(kind).collect();
+        let order = neighbours(setup.world.dx, &setup.positions, |p| kind_of[p]);
+        let (guard, on_grid) = Guard::of(&setup.world);
         let density = |p: u32| T::from_f64(setup.materials[setup.material_of[p as usize] as usize].density);
-        let masses = match &setup.materials[..] {
+        let densities = match &setup.materials[..] {
             [one] => Values::Same(T::from_f64(one.density)),
             _ => Values::Each(order.iter().map(|&p| density(p)).collect()),
         };
@@ -63,7 +81,11 @@ impl<'a, T: Number> Runner<'a, T> {
         let (x, v) = (list(&setup.positions), list(&setup.velocities));
         let mut runner = Self {
             setup,
-            masses,
+            world: World { colliders: on_grid, ..setup.world.clone() },
+            guard,
+            kinds,
+            kind_of,
+            densities,
             now: State::zeros(0),
             frame: 0,
             substeps: setup.schedule.substeps,
@@ -102,7 +124,8 @@ impl<'a, T: Number> Runner<'a, T> {
             positions[label as usize] = x.map(|x| x.to_f64() as f32);
         }
         let world = &self.setup.world;
-        let mass = |p: usize| self.masses.get(p).to_f64() * world.particle_volume;
+        let volume = |p: usize| self.kinds[self.kind_of[self.order[p] as usize] as usize].1;
+        let mass = |p: usize| self.densities.get(p).to_f64() * volume(p);
         let time = self.frame as f64 * self.setup.schedule.frame_dt;
         let totals = Totals::of(&self.now, mass, world.gravity, world.dx, time);
         Frame { index: self.frame, positions, totals, substeps: self.substeps }
@@ -138,30 +161,34 @@ impl<'a, T: Number> Runner<'a, T> {
 
     fn try_frame(&self, go_on: &mut impl FnMut() -> bool) -> Result<Option<State<T>>> {
         let mut simulation = self.simulation()?;
-        simulation.rewind(self.frame * self.substeps);
+        let first = self.frame * self.substeps;
+        simulation.rewind(first);
+        let dt = self.setup.schedule.frame_dt / self.substeps as f64;
         let mut now = self.now.clone();
         let mut next = now.zeros_like();
-        for _ in 0..self.substeps {
+        for step in first..first + self.substeps {
             if !go_on() {
                 return Ok(None);
             }
             simulation.substep(&now, &mut next)?;
+            self.guard.hold(&now, &mut next, [step, step + 1].map(|step| step as f64 * dt));
             std::mem::swap(&mut now, &mut next);
         }
         Ok(Some(now))
     }
 
-    fn simulation(&self) -> Result<Simulation<'a, T>> {
+    fn simulation(&self) -> Result<Simulation<'_, T>> {
         let setup = self.setup;
-        let mut portions: Vec<Portion<'a, T>> = Vec::with_capacity(setup.materials.len());
-        for (index, stuff) in setup.materials.iter().enumerate() {
+        let mut portions: Vec<Portion<'_, T>> = Vec::with_capacity(self.kinds.len());
+        for (index, &(material, volume)) in self.kinds.iter().enumerate() {
+            let stuff = &setup.materials[material as usize];
             let start = portions.last().map_or(0, |portion| portion.particles.end);
-            let own = self.order[start..].iter().take_while(|&&p| setup.material_of[p as usize] as usize == index);
+            let own = self.order[start..].iter().take_while(|&&p| self.kind_of[p as usize] as usize == index);
             let parameters = stuff.parameters.iter().map(|&value| Values::Same(T::from_f64(value))).collect();
-            portions.push(Portion { law: &stuff.law, particles: start..start + own.count(), parameters });
+            portions.push(Portion { law: &stuff.law, particles: start..start + own.count(), volume, parameters });
         }
         let dt = setup.schedule.frame_dt / self.substeps as f64;
-        let mut simulation = Simulation::of_portions(&setup.world, dt, &self.masses, portions)?;
+        let mut simulation = Simulation::of_portions(&self.world, dt, &self.densities, portions)?;
         simulation.label(self.order.clone());
         Ok(simulation)
     }

@@ -5,10 +5,15 @@ use std::path::Path;
 use gradreel::{Error, ErrorKind, Result};
 
 use super::file::{Barrier, Ground, Obstacle, Precision, SceneFile, Substance, Touch};
-use super::fill::fill;
+use super::fill::body;
 use crate::nearest::{listed, nearest};
-use crate::physics::{Collider, Contact, Law, Map, Region, Schedule, Values, World, materials};
+use crate::physics::{Collider, Contact, Lattice, Law, Map, Region, Schedule, Values, World, is_thin, materials};
 use crate::vector::{bounds, cross, minus, plus, rotation, times};
+
+/// The heaviest particle \[kg\]: sums of more in `f32` would not be finite.
+const HEAVIEST: f64 = 1e20;
+/// The rounding of places, in cells, from which on it is said.
+const ROUNDING: f64 = 1e-3;
 
 /// Colours of objects that name none.
 const COLOURS: [[u8; 3]; 6] =
@@ -44,6 +49,10 @@ pub struct Setup {
     pub material_of: Vec<u32>,
     /// Index of each particle's object.
     pub object_of: Vec<u32>,
+    /// Rest volume of each particle of an object \[m³\].
+    pub volumes: Vec<f64>,
+    /// What the grid is too coarse for, and what follows from that; a line each.
+    pub notes: Vec<String>,
     /// Colour of each object.
     pub colours: Vec<[u8; 3]>,
     /// Frames and substeps.
@@ -68,8 +77,7 @@ impl Setup {
     /// Fills the shapes and checks everything; files are looked for in `folder`.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] and [`ErrorKind::NonFinite`] naming the key that is wrong; [`ErrorKind::Physics`] for substeps
-    /// that are too long.
+    /// [`ErrorKind::Input`] naming the key that is wrong, or for substeps that are too long or too many.
     pub fn of(file: &SceneFile, folder: &Path) -> Result<Self> {
         check_numbers(file)?;
         check_ranges(file)?;
@@ -101,6 +109,8 @@ impl Setup {
             spins: Vec::new(),
             material_of: Vec::new(),
             object_of: Vec::new(),
+            volumes: Vec::new(),
+            notes: Vec::new(),
             colours: Vec::new(),
             schedule: Schedule { frames: 1, frame_dt: 1.0, substeps: 1 },
             automatic: file.time.substeps_per_frame.is_none(),
@@ -113,8 +123,18 @@ impl Setup {
                 return Err(unknown("there is no material of this name", &object.material, &names, "[materials.…]")
                     .at(format!("{place}.material")));
             };
-            let mut particles = fill(&object.shape, spacing, file.grid.seed + index as u64, folder)
-                .map_err(|e| e.within(format!("{place}.shape")))?;
+            let seed = file.grid.seed.wrapping_add(index as u64);
+            let body = body(&object.shape, spacing, seed, folder).map_err(|e| e.within(format!("{place}.shape")))?;
+            let mut particles = body.positions;
+            setup.check_volume(body.volume, material).map_err(|e| e.within(&place))?;
+            setup.volumes.push(body.volume);
+            if body.finer > 1 {
+                setup.notes.push(format!(
+                    "{place} is small or thin for this grid: its particles are {} times as dense as usual, and it touches \
+                     others as if it were about a cell ({:?} m) thick",
+                    body.finer.pow(3), file.grid.spacing_m
+                ));
+            }
             turn(&mut particles, object.turn_deg);
             setup.check_places(&particles, &colliders).map_err(|e| e.within(&place))?;
             let centre = mean(&particles);
@@ -130,6 +150,9 @@ impl Setup {
                 setup.object_of.push(index as u32);
             }
         }
+        setup.check_box()?;
+        setup.note_rounding();
+        setup.note_thin_obstacles(&colliders);
         setup.plan(file)?;
         Ok(setup)
     }
@@ -182,7 +205,10 @@ impl Setup {
         let frame_dt = 1.0 / time.frames_per_s;
         self.schedule = match time.substeps_per_frame {
             Some(substeps) => Schedule { frames, frame_dt, substeps },
-            None => Schedule::stable(&self.world, frames, frame_dt, sound, speed, time.cfl),
+            None => {
+                Schedule::check_speeds(&self.world, frame_dt, self.speeds, time.cfl)?;
+                Schedule::stable(&self.world, frames, frame_dt, sound, speed, time.cfl)
+            }
         };
         self.schedule.check()?;
         for (index, stuff) in self.materials.iter().enumerate().filter(|(index, _)| used(*index)) {
@@ -192,9 +218,60 @@ impl Setup {
                 .check_waves(&self.world, &stuff.law, &Values::Same(stuff.density), &parameters, first + 1, |p| {
                     p == first
                 })
-                .map_err(|e| e.within(format!("materials.{}", stuff.name)))?;
+                .map_err(|e| e.within(format!("materials.{}", stuff.name)).with_kind(ErrorKind::Input))?;
         }
         Ok(())
+    }
+
+    /// Refuses particles so light that the nodes around them would count as empty.
+    fn check_volume(&self, volume: f64, material: usize) -> Result<()> {
+        let (mass, least) = (volume * self.materials[material].density, 1e5 * self.world.least_mass());
+        if mass >= least && mass <= HEAVIEST {
+            return Ok(());
+        }
+        Err(Error::new(ErrorKind::Input, "the particles of the object have a mass that this grid cannot carry")
+            .found(format!("{mass:.3e} kg: {volume:.3e} m³ of {:?} kg/m³", self.materials[material].density))
+            .wanted(format!("{least:.3e} to {HEAVIEST:.0e} kg"))
+            .fix("correct the object's size or its density, or make grid.spacing_m smaller"))
+    }
+
+    /// Refuses a box around the particles that has more nodes than the grid may have.
+    fn check_box(&self) -> Result<()> {
+        let corners = bounds(self.positions.iter().copied());
+        let (dx, limit) = (self.world.dx, self.world.node_limit);
+        let covered = match self.precision {
+            Precision::F32 => Lattice::<f32>::covering(corners.map(|x| x.map(|x| x as f32)), dx, limit).map(|_| ()),
+            Precision::F64 => Lattice::<f64>::covering(corners, dx, limit).map(|_| ()),
+        };
+        covered.map_err(|e| {
+            e.with_kind(ErrorKind::Input).fix(
+                "put the objects nearer to each other and to the origin, make grid.spacing_m larger, or raise \
+                 grid.node_limit",
+            )
+        })
+    }
+
+    /// Says where `f32` rounds places coarsely.
+    fn note_rounding(&mut self) {
+        let far = self.positions.as_flattened().iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+        if self.precision == Precision::F32 && far * f64::from(f32::EPSILON) > ROUNDING * self.world.dx {
+            self.notes.push(format!(
+                "particles are {far:.4e} m from the origin, where f32 rounds places to {:.1e} m: put them nearer, or compute \
+                 with precision f64",
+                far * f64::from(f32::EPSILON)
+            ));
+        }
+    }
+
+    fn note_thin_obstacles(&mut self, colliders: &[(String, Collider)]) {
+        for (name, collider) in colliders.iter().filter(|(_, collider)| is_thin(collider, self.world.dx)) {
+            self.notes.push(format!(
+                "{name} is {:.4} m thick, less than two cells ({:?} m): it stops particles at its surface and lets them lift \
+                 off, but bodies on both sides of it feel each other",
+                collider.thickness(),
+                2.0 * self.world.dx
+            ));
+        }
     }
 
     /// Refuses particles that start out of bounds or inside an obstacle.
@@ -365,7 +442,7 @@ fn check_numbers(file: &SceneFile) -> Result<()> {
         .map_err(|e| Error::new(ErrorKind::Input, "the scene cannot be looked through").found(e))?;
     match walk(&value, "") {
         None => Ok(()),
-        Some((key, found)) => Err(Error::new(ErrorKind::NonFinite, "a number of the scene is not finite")
+        Some((key, found)) => Err(Error::new(ErrorKind::Input, "a number of the scene is not finite")
             .at(key)
             .found(found)
             .wanted("a finite number")),
@@ -378,7 +455,7 @@ fn check_ranges(file: &SceneFile) -> Result<()> {
     let pixels = file.camera.pixels.unwrap_or([1, 1]);
     let rules = [
         (time.duration_s > 0.0, "time.duration_s", "a positive time in seconds"),
-        (time.frames_per_s > 0.0, "time.frames_per_s", "a positive rate"),
+        (time.frames_per_s > 0.0 && time.frames_per_s.recip().is_finite(), "time.frames_per_s", "a positive rate"),
         (frames <= 1e5, "time", "at most 100000 frames"),
         (time.substeps_per_frame != Some(0), "time.substeps_per_frame", "at least 1"),
         (time.cfl > 0.0 && time.cfl <= 1.0, "time.cfl", "above 0, at most 1"),

@@ -9,7 +9,7 @@ use crate::vector::{bounds, dot};
 
 /// Radius of a particle's ball, in spacings.
 const RADIUS: f64 = 2.0;
-/// Distance between nodes, in spacings.
+/// Distance between nodes, in spacings of the densest particles.
 const NODES: f64 = 0.8;
 /// Share of the sum inside at which the surface lies.
 const LEVEL: f32 = 0.5;
@@ -33,13 +33,16 @@ pub(super) struct Surface {
 }
 
 impl Surface {
-    /// Spreads particles, `spacing` \[m\] apart at rest.
+    /// Spreads particles that are so far apart at rest \[m\].
     ///
     /// # Errors
     /// [`ErrorKind::Physics`] when they are spread over more than 2²⁶ nodes.
-    pub fn of(positions: &[[f32; 3]], colours: &[[f32; 3]], spacing: f64) -> Result<Self> {
+    pub fn of(positions: &[[f32; 3]], colours: &[[f32; 3]], spacings: &[f64]) -> Result<Self> {
         let [low, high] = bounds(positions.iter().map(|x| x.map(f64::from)));
-        let (radius, step) = (RADIUS * spacing, NODES * spacing);
+        let [dense, sparse] = spacings.iter().fold([f64::INFINITY, 0.0], |[a, b], &s| [a.min(s), f64::max(b, s)]);
+        // much denser ones are spread over a node at least
+        let step = NODES * dense.max(0.25 * sparse);
+        let radius = RADIUS * sparse;
         let origin = low.map(|x| x - radius - step);
         let dims: [usize; 3] =
             std::array::from_fn(|axis| ((high[axis] - low[axis] + 2.0 * (radius + step)) / step).ceil() as usize + 1);
@@ -49,9 +52,9 @@ impl Surface {
                 .fix("film fewer frames, or keep what flies away inside walls"));
         }
         let mut nodes = vec![[0.0f32; 4]; dims.iter().product()];
-        for (x, colour) in positions.iter().zip(colours) {
+        for ((x, colour), spacing) in positions.iter().zip(colours).zip(spacings) {
             let at: [f64; 3] = std::array::from_fn(|axis| (f64::from(x[axis]) - origin[axis]) / step);
-            let reach = RADIUS / NODES;
+            let reach = (RADIUS * spacing / step).max(1.0);
             let range = |axis: usize| (at[axis] - reach).ceil() as usize..=(at[axis] + reach).floor() as usize;
             for i in range(0) {
                 for j in range(1) {
@@ -170,7 +173,7 @@ mod tests {
             }
         }
         let colours = vec![[0.2, 0.4, 0.6]; positions.len()];
-        let surface = Surface::of(&positions, &colours, spacing).unwrap();
+        let surface = Surface::of(&positions, &colours, &vec![spacing; positions.len()]).unwrap();
         let mut mean = 0.0;
         for turn in 0..40 {
             let (up, around) = (-0.9 + 1.8 * f64::from(turn) / 39.0, 2.4 * f64::from(turn));

@@ -24,6 +24,15 @@ fn a_substep_above_the_wave_speed_bound_does_not_start() {
 }
 
 #[test]
+fn a_material_that_no_number_of_substeps_could_follow_is_refused_with_the_number() {
+    let mut drop = Drop::new(3);
+    drop.young = vec![1e30];
+    // never "at least so many instead of so many"
+    let error = refused(drop, ErrorKind::Input, &["too stiff for this grid", "substeps per frame", "at most 1048576"]);
+    assert!(!error.to_string().contains("instead of"), "{error}");
+}
+
+#[test]
 fn a_particle_that_crosses_a_cell_is_named() {
     let mut drop = Drop::new(3);
     drop.velocity = vec![0.0, 0.0, 200.0];

@@ -1,7 +1,7 @@
 //! Every shipped material through the battery of checks, and a spoilt one that must not get through.
 
-use gradreel::scalar::Mat3;
-use gradreel_models::physics::{Given, Law, Material, Parameter, Point, check_material, materials};
+use gradreel::scalar::{Mat3, Scalar};
+use gradreel_models::physics::{Given, History, Law, Material, Parameter, Point, check_material, materials};
 
 #[test]
 fn every_shipped_material_passes_the_battery() {
@@ -56,6 +56,74 @@ fn a_spoilt_material_is_caught() {
 fn the_default_wave_speed_is_that_of_pressure_waves() {
     let law = Law::of(Spoilt { prestressed: false, aligned: false, times: None });
     approx::assert_relative_eq!(law.wave_speed(&[4e5], 1000.0), 20.0, max_relative = 1e-12);
+}
+
+/// Fibres along y in a soft matrix, which stiffen with every compression that the body has gone through.
+#[derive(Debug)]
+struct Fibres {
+    /// How many times as stiff the fibres are after a logarithmic compression of one.
+    stiffening: f64,
+}
+
+impl Material for Fibres {
+    fn name(&self) -> &str {
+        "fibres"
+    }
+
+    fn parameters(&self) -> Vec<Parameter> {
+        vec![Parameter::log10("modulus", "E", "Pa", [1e3, 1e6])]
+    }
+
+    fn history(&self) -> Vec<History> {
+        vec![History { name: "pressed", unit: "-", start: 0.0 }]
+    }
+
+    fn evolve(&self, point: &Point, given: &Given) -> Vec<Scalar> {
+        vec![given["pressed"].max(1.0 - point.f.det())]
+    }
+
+    fn stress(&self, point: &Point, given: &Given) -> Mat3 {
+        let e = point.f.sym() - Mat3::eye();
+        let mut tau = e * given["modulus"];
+        tau.0[1][1] += given["modulus"] * 15.0 * (1.0 + given["pressed"] * self.stiffening) * e.0[1][1];
+        tau
+    }
+}
+
+#[test]
+fn the_default_wave_speed_bounds_every_direction() {
+    // Along the fibres sixteen times the modulus, across them once.
+    let speed = Law::of(Fibres { stiffening: 0.0 }).wave_speed(&[1e5], 1000.0);
+    let at_rest = (16.0_f64 * 1e5 / 1000.0).sqrt();
+    assert!(speed >= at_rest && speed < 1.4 * at_rest, "{speed} m/s, {at_rest} m/s at rest");
+    // Of a law that resists shear alone: the fastest wave runs along the diagonal of the axes, `a = n = (1, 1, 1)/√3`, where
+    // `a·τ(a⊗n) n = 2/3 G`; along an axis it is half of G.
+    #[derive(Debug)]
+    struct Stiff;
+    impl Material for Stiff {
+        fn name(&self) -> &str {
+            "stiff"
+        }
+        fn parameters(&self) -> Vec<Parameter> {
+            vec![Parameter::log10("shear", "G", "Pa", [1e3, 1e6])]
+        }
+        fn stress(&self, point: &Point, given: &Given) -> Mat3 {
+            let mut tau = (point.f.sym() - Mat3::eye()) * given["shear"];
+            (0..3).for_each(|i| tau.0[i][i] = 0.0.into());
+            tau
+        }
+    }
+    let found = Law::of(Stiff).wave_speed(&[4e5], 1000.0);
+    assert!(found >= 0.999 * (2.0 / 3.0 * 4e5_f64 / 1000.0).sqrt(), "{found} m/s");
+}
+
+#[test]
+fn the_default_wave_speed_bounds_what_the_history_stiffens() {
+    let of = |stiffening: f64| Law::of(Fibres { stiffening }).wave_speed(&[1e5], 1000.0);
+    // pressed to 80 % of its volume, the fibres are as stiff as 15 (1 + 0.2 · 20) and the matrix as 1
+    let stiffened = (1e5 * (15.0 * 5.0 + 1.0) * 0.93 / 1000.0_f64).sqrt();
+    assert!(of(20.0) > stiffened, "{} m/s, at least {stiffened} m/s", of(20.0));
+    assert!(of(20.0) < 2.0 * stiffened && of(0.0) < stiffened);
 }
 
 #[test]

@@ -130,3 +130,36 @@ fn names_of_clips_become_names_of_folders() {
         assert_eq!(next_free(base, name), base.join(wanted), "{name:?}");
     }
 }
+
+#[test]
+fn a_folder_at_work_is_refused_before_anything_in_it_is_touched() {
+    let scratch = TempDir::new().unwrap();
+    let path = scratch.path().join("run");
+    let first = RunFolder::create(&path).unwrap();
+    fs::write(path.join(".state.json.7-0.partial"), "half").unwrap();
+    for error in [RunFolder::create(&path).unwrap_err(), RunFolder::can_be_created(&path).unwrap_err()] {
+        assert_eq!(error.kind(), ErrorKind::Input);
+        assert!(error.to_string().contains("another process is at work"), "{error}");
+    }
+    assert_eq!(names(&path), [".state.json.7-0.partial"]);
+    // once nobody is at work there, what is left of a write is no reason to refuse, and goes
+    drop(first);
+    RunFolder::can_be_created(&path).unwrap();
+    assert_eq!(names(&path), [".state.json.7-0.partial"], "asking removes nothing");
+    let _second = RunFolder::create(&path).unwrap();
+    assert!(names(&path).is_empty());
+}
+
+#[test]
+fn whether_a_folder_can_be_made_is_told_without_making_it() {
+    let scratch = TempDir::new().unwrap();
+    let path = scratch.path().join("a/b");
+    RunFolder::can_be_created(&path).unwrap();
+    assert!(names(scratch.path()).is_empty());
+    fs::write(scratch.path().join("file"), "mine").unwrap();
+    for path in [scratch.path().join("file"), scratch.path().join("file/below"), scratch.path().join("x".repeat(400))] {
+        assert_eq!(RunFolder::can_be_created(&path).unwrap_err().kind(), ErrorKind::Input, "{}", path.display());
+    }
+    assert_eq!(RunFolder::create(&scratch.path().join("x".repeat(400))).unwrap_err().kind(), ErrorKind::Input);
+    assert_eq!(names(scratch.path()), ["file"]);
+}

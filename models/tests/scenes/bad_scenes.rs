@@ -29,7 +29,9 @@ fn setup(text: &str) -> gradreel::Result<Setup> {
 #[track_caller]
 fn refused(from: &str, to: &str, words: &[&str]) {
     assert!(GOOD.contains(from), "{from}");
-    let error = setup(&GOOD.replacen(from, to, 1)).expect_err(to).to_string();
+    let error = setup(&GOOD.replacen(from, to, 1)).expect_err(to);
+    assert_eq!(error.kind(), gradreel::ErrorKind::Input, "{error}");
+    let error = error.to_string();
     for word in words {
         assert!(error.contains(word), "`{word}` is not in: {error}");
     }
@@ -70,6 +72,61 @@ fn numbers_that_make_no_sense_are_named() {
     refused("[ground]", "[ground]\ncontact = \"friction\"", &["ground", "no coefficient", "friction = 0.4"]);
     refused("[ground]", "[ground]\nfriction = 0.3", &["the contact is another"]);
     refused("[[objects]]", "[[objects]]\ncolour = \"red\"", &["objects[0].colour", "#rrggbb"]);
+}
+
+#[test]
+fn what_no_run_could_end_is_refused_at_once_with_the_number() {
+    let begun = std::time::Instant::now();
+    let stiff = ["too stiff for this grid", "substeps per frame", "softer", "grid spacing"];
+    refused("young = 1e5", "young = 1e15", &stiff);
+    refused("young = 1e5", "young = 1e300", &stiff);
+    let fast = ["moves too fast for this grid", "substeps per frame", "gravity"];
+    refused("[ground]", "[world]\ngravity_m_s2 = [0, -1e300, 0]\n[ground]", &fast);
+    refused("[ground]", "[world]\ngravity_m_s2 = [0, -1e12, 0]\n[ground]", &fast);
+    refused("[[objects]]", "[[objects]]\nvelocity_m_s = [0, 1e300, 0]", &fast);
+    refused("[[objects]]", "[[objects]]\nspin_rad_s = [0, 1e12, 0]", &fast);
+    let spun = "[[colliders]]\nshape.sphere = { centre_m = [9, 0, 0], radius_m = 0.5 }\nvelocity_m_s = [1e9, 0, 0]";
+    refused("[[objects]]", &format!("{spun}\n[[objects]]"), &fast);
+    refused(
+        "duration_s = 0.1\nframes_per_s = 20",
+        "duration_s = 1e300\nframes_per_s = 1e-300",
+        &["substeps per frame"],
+    );
+    refused("frames_per_s = 20", "frames_per_s = 1e-320", &["time.frames_per_s"]);
+    refused("frames_per_s = 20", "frames_per_s = 1e300", &["100000 frames"]);
+    let many = ["too many substeps", "per frame"];
+    refused("frames_per_s = 20", "frames_per_s = 20\nsubsteps_per_frame = 4000000000000000000", &many);
+    refused(
+        "duration_s = 0.1\nframes_per_s = 20",
+        "duration_s = 100\nframes_per_s = 900\nsubsteps_per_frame = 1000000",
+        &many,
+    );
+    refused("[0, 0.1, 0]", "[0, 1e300, 0]", &["origin"]);
+    refused("[0, 0.1, 0]", "[0, 1e12, 0]", &["nodes", "origin"]);
+    refused("density_kg_m3 = 1000", "density_kg_m3 = 1e-12", &["objects[0]", "mass", "grid cannot carry"]);
+    refused("density_kg_m3 = 1000", "density_kg_m3 = 1e308", &["objects[0]"]);
+    refused(
+        "[[objects]]",
+        "[[objects]]\nmaterial = \"rubber\"\nshape.sphere = { centre_m = [1, 1, 0], radius_m = 1e-5 }\n[[objects]]",
+        &["objects[0]", "grid.spacing_m smaller"],
+    );
+    assert!(begun.elapsed().as_secs() < 20, "{:?}", begun.elapsed());
+}
+
+#[test]
+fn errors_do_not_print_hundreds_of_digits() {
+    for (from, to) in [
+        ("young = 1e5", "young = -1e300"),
+        ("poisson = 0.3", "poisson = 1e300"),
+        ("density_kg_m3 = 1000", "density_kg_m3 = -1e300"),
+        ("[0, 0.1, 0]", "[0, 1e300, 0]"),
+        ("[ground]", "[ground]\nfriction = 1e300"),
+        ("spacing_m = 0.04", "spacing_m = 1e-300"),
+    ] {
+        let error = setup(&GOOD.replacen(from, to, 1)).expect_err(to).to_string();
+        let longest = error.split(|c: char| !c.is_ascii_digit()).map(str::len).max().unwrap();
+        assert!(longest < 25, "{error}");
+    }
 }
 
 #[test]

@@ -179,3 +179,92 @@ fn a_filmed_scene_is_a_clip_that_can_be_reconstructed() {
     assert!(refused.status.code() == Some(2) && text.contains("film.cameras"), "{text}");
     assert!(!within.join("third").exists(), "a scene that is refused leaves nothing");
 }
+
+/// The code and the error of a command that is refused.
+fn refused(arguments: &[&str], within: &Path) -> String {
+    let output = simulate(arguments, within);
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {text}");
+    text
+}
+
+#[test]
+fn the_plan_tells_the_mass_of_a_ball_much_smaller_than_a_cell() {
+    let folder = TempDir::new().unwrap();
+    let scene = "[time]\nduration_s = 0.05\nframes_per_s = 20\n[grid]\nspacing_m = 0.04\n[ground]\n\
+                 [materials.a]\nlaw = \"neo_hookean\"\ndensity_kg_m3 = 1000\nyoung = 2e5\npoisson = 0.3\n\
+                 [[objects]]\nmaterial = \"a\"\nshape.sphere = { centre_m = [0, 0.5, 0], radius_m = 0.005 }\n\
+                 [[colliders]]\nshape.box = { centre_m = [0.02, 1, 0], size_m = [0.02, 1, 1] }\n";
+    std::fs::write(folder.path().join("tiny.toml"), scene).unwrap();
+    let plan = simulate(&["tiny.toml", "--plan"], folder.path());
+    let text = String::from_utf8(plan.stdout).unwrap();
+    for part in ["5.24e-4 kg", "objects[0] is small", "colliders[0] is 0.0200 m thick"] {
+        assert!(text.contains(part), "{part} is missing in: {text}");
+    }
+    let done = simulate(&["tiny.toml", "--no-gif", "--out", "run"], folder.path());
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let totals = std::fs::read(folder.path().join("run/totals.json")).unwrap();
+    let totals: serde_json::Value = serde_json::from_slice(&totals).unwrap();
+    let ball = 4.0 / 3.0 * std::f64::consts::PI * 0.005_f64.powi(3) * 1000.0;
+    for frame in totals["frames"].as_array().unwrap() {
+        approx::assert_relative_eq!(frame["mass_kg"].as_f64().unwrap(), ball, max_relative = 1e-6);
+    }
+    let [start, end] = [0, 1].map(|k| totals["frames"][k]["centre_m"][1].as_f64().unwrap());
+    approx::assert_relative_eq!(start - end, 0.5 * 9.8 * 0.05_f64.powi(2), max_relative = 0.02);
+}
+
+#[test]
+fn a_folder_that_another_run_writes_to_is_left_alone() {
+    use gradreel_models::report::run_folder::RunFolder;
+
+    let folder = TempDir::new().unwrap();
+    let within = folder.path();
+    std::fs::write(within.join("two.toml"), SCENE).unwrap();
+    let other = RunFolder::create(&within.join("run")).unwrap();
+    let partial = within.join("run/.frame.png.1-1.partial");
+    std::fs::write(&partial, "half a").unwrap();
+    let text = refused(&["two.toml", "--out", "run"], within);
+    assert!(text.contains("another process is at work") && text.contains("--out"), "{text}");
+    assert_eq!(std::fs::read(&partial).unwrap(), b"half a");
+    other.write("frame.png", b"the whole").unwrap();
+}
+
+#[test]
+fn a_folder_that_cannot_be_one_is_refused_before_the_scene_is_read() {
+    let folder = TempDir::new().unwrap();
+    let within = folder.path();
+    std::fs::write(within.join("README.md"), "text").unwrap();
+    std::fs::create_dir(within.join("full")).unwrap();
+    std::fs::write(within.join("full/mine.txt"), "text").unwrap();
+    for (out, words) in [
+        ("README.md", "is not a folder"),
+        ("README.md/below", "is not a folder"),
+        ("full", "is not empty"),
+        (&"long".repeat(100), "cannot make the folder"),
+        (&format!("full/{}", "long".repeat(100)), "cannot make the folder"),
+    ] {
+        let text = refused(&["there-is-no-such-scene.toml", "--out", out], within);
+        assert!(text.contains(words) && text.contains("--out"), "{out}: {text}");
+    }
+    assert_eq!(std::fs::read(within.join("README.md")).unwrap(), b"text");
+}
+
+#[test]
+fn input_that_cannot_be_used_exits_with_2() {
+    let folder = TempDir::new().unwrap();
+    let within = folder.path();
+    std::fs::write(within.join("two.toml"), SCENE).unwrap();
+    for duration in ["nan", "inf", "-1", "0"] {
+        let text = refused(&["two.toml", "--plan", &format!("--duration={duration}")], within);
+        assert!(text.contains("time.duration_s"), "{duration}: {text}");
+    }
+    for (from, to) in [("young = 3e4", "young = nan"), ("young = 3e4", "young = 1e15"), ("0.1, 0]", "inf, 0]")] {
+        std::fs::write(within.join("bad.toml"), SCENE.replacen(from, to, 1)).unwrap();
+        refused(&["bad.toml"], within);
+    }
+    std::fs::write(within.join("latin.toml"), b"title = \"Gel\xe9e\"\n").unwrap();
+    assert!(refused(&["latin.toml"], within).contains("latin.toml"));
+    std::fs::create_dir(within.join("folder.toml")).unwrap();
+    assert!(refused(&["folder.toml"], within).contains("folder.toml"));
+    assert!(!within.join("runs").exists());
+}

@@ -6,3 +6,4 @@ mod dialects;
 mod filling;
 mod gallery;
 mod meshes;
+mod thin;

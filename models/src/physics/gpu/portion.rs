@@ -5,7 +5,7 @@ use gradreel::{Result, Tensor};
 
 use super::buffers::{download, upload};
 use crate::physics::law::Law;
-use crate::physics::substep::Portion;
+use crate::physics::substep::{Portion, Simulation};
 use crate::physics::values::Values;
 
 /// A portion whose values are on the device.
@@ -14,12 +14,16 @@ pub(super) struct OnDevice<'a> {
     pub law: &'a Law,
     pub first: usize,
     pub count: usize,
+    /// `dt V₀ 4/dx²`
+    pub stress_scale: f32,
     /// Offset and step of each value, then the values: mass, parameters.
     pub values: Tensor,
 }
 
 impl<'a> OnDevice<'a> {
-    pub fn new(gpu: &Gpu, portion: &Portion<'a, f32>, mass: &Values<f32>) -> Result<Self> {
+    pub fn new(gpu: &Gpu, simulation: &Simulation<'a, f32>, portion: &Portion<'a, f32>) -> Result<Self> {
+        let Simulation { world, dt, mass, .. } = simulation;
+        let stress_scale = (dt * portion.volume * 4.0 / (world.dx * world.dx)) as f32;
         let range = portion.particles.clone();
         let all: Vec<&Values<f32>> = std::iter::once(mass).chain(&portion.parameters).collect();
         let mut words = vec![0_u32; 2 * all.len()];
@@ -33,7 +37,8 @@ impl<'a> OnDevice<'a> {
                 }
             }
         }
-        Ok(Self { law: portion.law, first: range.start, count: range.len(), values: upload(gpu, words)? })
+        let (law, values) = (portion.law, upload(gpu, words)?);
+        Ok(Self { law, first: range.start, count: range.len(), stress_scale, values })
     }
 
     /// Cotangents of mass and parameters, one for each particle, all zero.

@@ -68,7 +68,7 @@ impl<'a> GpuSimulation<'a> {
                 .wanted("0 (APIC)")
                 .fix("set World::flip to 0, or move the inputs to the CPU with to_device(&Device::Cpu)"));
         }
-        let portions = plan.portions.iter().map(|portion| OnDevice::new(gpu, portion, &plan.mass));
+        let portions = plan.portions.iter().map(|portion| OnDevice::new(gpu, &plan, portion));
         let portions = portions.collect::<Result<Vec<_>>>()?;
         let mut labels = plan.labels.clone();
         if labels.is_empty() {
@@ -208,7 +208,7 @@ impl<'a> GpuSimulation<'a> {
         self.each(&SETTLE, &[slots, cells, starts, bases, arrivals], &words)?;
         for portion in &self.portions {
             let tensors = [next, records, &course.marks, now, slots, &portion.values];
-            let words = words.portion(portion.first, portion.count);
+            let words = words.portion(portion);
             let work = Work::Invocations(portion.count);
             self.gpu.dispatch(&portion.law.kernels().forward, &tensors, words.as_slice(), work)?;
         }
@@ -252,7 +252,7 @@ impl<'a> GpuSimulation<'a> {
         self.each(&PULL, &[cotangent, on_record, &course.marks, now, slots, records, grid], &words)?;
         for (portion, on_values) in self.portions.iter().zip(on_values) {
             let tensors = [cotangent, on_values, now, &portion.values, on_record];
-            let words = words.portion(portion.first, portion.count);
+            let words = words.portion(portion);
             let work = Work::Invocations(portion.count);
             self.gpu.dispatch(&portion.law.kernels().reverse, &tensors, words.as_slice(), work)?;
         }
@@ -281,7 +281,7 @@ impl<'a> GpuSimulation<'a> {
         let sum = |k: usize| on_world.iter().skip(k).step_by(width).map(|&g| f64::from(g)).sum::<f64>();
         let narrow = |values: Vec<f64>| values.into_iter().map(|g| g as f32).collect::<Vec<_>>();
         Ok(ValueGradients {
-            density: narrow(on_mass.into_iter().map(|g| g * world.particle_volume).collect()),
+            density: narrow(self.plan.on_density(on_mass)),
             parameters: parameters.into_iter().map(narrow).collect(),
             gravity: std::array::from_fn(sum),
             friction: (3..width).map(sum).collect(),

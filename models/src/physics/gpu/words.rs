@@ -1,5 +1,6 @@
 //! The numbers that every kernel takes. Twin of `models/kernels/shared/substep.wgsl`.
 
+use super::portion::OnDevice;
 use crate::physics::world::World;
 
 /// Words of the struct.
@@ -17,8 +18,7 @@ impl Words {
         words[2] = word(capacity);
         words[3] = word(world.colliders.len());
         let dx = world.dx as f32;
-        let numbers = [dx, (1.0 / world.dx) as f32, dt as f32, stress_scale(world, dt)];
-        words[8..12].copy_from_slice(&numbers.map(f32::to_bits));
+        words[8..11].copy_from_slice(&[dx, (1.0 / world.dx) as f32, dt as f32].map(f32::to_bits));
         let [low, high] = world.bounds.unwrap_or([[f64::MIN; 3], [f64::MAX; 3]]);
         let most = |x: f64| (x as f32).clamp(f32::MIN, f32::MAX).to_bits();
         for axis in 0..3 {
@@ -40,9 +40,10 @@ impl Words {
     }
 
     /// Those for the particles of one material.
-    pub fn portion(mut self, first: usize, count: usize) -> Self {
-        self.0[5] = word(first);
-        self.0[6] = word(count);
+    pub fn portion(mut self, portion: &OnDevice<'_>) -> Self {
+        self.0[5] = word(portion.first);
+        self.0[6] = word(portion.count);
+        self.0[11] = portion.stress_scale.to_bits();
         self
     }
 
@@ -62,10 +63,6 @@ impl Words {
     pub fn as_slice(&self) -> &[u32] {
         &self.0
     }
-}
-
-fn stress_scale(world: &World, dt: f64) -> f32 {
-    (dt * world.particle_volume * 4.0 / (world.dx * world.dx)) as f32
 }
 
 /// Counts fit: buffers of more than 2³² entries are refused when they are made.

@@ -228,20 +228,21 @@ impl Mesh {
         found
     }
 
-    /// For each of a row of upright lines at `(first + k·step)` along x and along z, the triangles that may pass it.
-    pub(super) fn columns(&self, first: [f64; 2], step: f64, counts: [usize; 2]) -> Vec<Vec<u32>> {
+    /// For each of a row of upright lines at `first + k·step` along x and along z, the triangles that may pass it.
+    pub(super) fn columns(&self, first: [f64; 2], step: [f64; 2], counts: [usize; 2]) -> Vec<Vec<u32>> {
         let mut columns = vec![Vec::new(); counts[0] * counts[1]];
         for (index, triangle) in self.triangles.iter().enumerate() {
             let corners = triangle.map(|corner| self.vertices[corner as usize]);
-            let span = |axis: usize, first: f64, count: usize| {
+            let span = |axis: usize| {
+                let (first, step, count) = (first[axis / 2], step[axis / 2], counts[axis / 2]);
                 let low = corners.iter().map(|x| x[axis]).fold(f64::INFINITY, f64::min);
                 let high = corners.iter().map(|x| x[axis]).fold(f64::NEG_INFINITY, f64::max);
                 // A float to integer cast saturates.
                 let from = (((low - first) / step).floor().max(0.0) as usize).min(count);
                 from..(((high - first) / step).ceil().max(0.0) as usize + 1).min(count)
             };
-            for i in span(0, first[0], counts[0]) {
-                for k in span(2, first[1], counts[1]) {
+            for i in span(0) {
+                for k in span(2) {
                     columns[i * counts[1] + k].push(index as u32);
                 }
             }

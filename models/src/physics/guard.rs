@@ -1,0 +1,194 @@
+//! Solid obstacles as particles meet them: nothing passes through their surface, however thin they are and however fast it
+//! comes.
+//!
+//! On the grid an obstacle acts where it has nodes. What is thinner than two cells may have none, and nodes of both its sides
+//! are neighbours; here the way of each particle during a substep is followed instead.
+
+use rayon::prelude::*;
+
+use super::collider::{Collider, Contact, Region};
+use super::contact::Placed;
+use super::row::Number;
+use super::state::{BLOCK, State, V, widen};
+use super::world::World;
+use crate::vector::{dot, minus, plus};
+
+/// How far from a surface particles are set down, in cells: beyond the rounding of their places.
+const SKIN: f64 = 1e-4;
+/// Times that all obstacles are gone through: what one pushes out may end up in another.
+const ROUNDS: usize = 3;
+
+/// Whether an obstacle is too thin to act on a grid of this spacing \[m\]: thinner than two cells.
+pub(crate) fn is_thin(collider: &Collider, dx: f64) -> bool {
+    collider.thickness() < 2.0 * dx
+}
+
+/// The solids of a world.
+#[derive(Debug)]
+pub(crate) struct Guard {
+    solids: Vec<Collider>,
+    skin: f64,
+}
+
+impl Guard {
+    /// The solids of a world, and the obstacles that act on the grid, too.
+    pub fn of(world: &World) -> (Self, Vec<Collider>) {
+        let solids = world.colliders.iter().filter(|collider| collider.thickness().is_finite()).copied().collect();
+        let on_grid = world.colliders.iter().filter(|collider| !is_thin(collider, world.dx)).copied().collect();
+        (Self { solids, skin: SKIN * world.dx }, on_grid)
+    }
+
+    /// Stops the particles of `next` whose way from `now` enters a solid, at its surface: their velocity becomes that after
+    /// contact. The substep lasts from the one time \[s\] to the other.
+    ///
+    /// A particle slides along the surface, or stays where it arrived if the contact is sticky. It is free again in the next
+    /// substep.
+    pub fn hold<T: Number>(&self, now: &State<T>, next: &mut State<T>, times: [f64; 2]) {
+        if self.solids.is_empty() {
+            return;
+        }
+        let placed: Vec<(&Collider, [Placed; 2])> =
+            self.solids.iter().map(|solid| (solid, times.map(|t| Placed::new(solid, t)))).collect();
+        let (len, stride) = (now.len(), now.stride());
+        let blocks = now.values.par_chunks_exact(stride).zip(next.values.par_chunks_exact_mut(stride)).enumerate();
+        let extents: Vec<[[T; 3]; 2]> = blocks
+            .filter_map(|(block, (now, next))| {
+                let mut extent: Option<[[T; 3]; 2]> = None;
+                for lane in 0..(len - block * BLOCK).min(BLOCK) {
+                    let read = |values: &[T], component: usize| -> [f64; 3] {
+                        std::array::from_fn(|axis| values[(component + axis) * BLOCK + lane].to_f64())
+                    };
+                    let moved = (read(next, 0), read(next, V));
+                    let Some((x, v)) = self.held(&placed, read(now, 0), moved) else { continue };
+                    let mut write = |component: usize, value: [f64; 3]| {
+                        let value = value.map(T::from_f64);
+                        (0..3).for_each(|axis| next[(component + axis) * BLOCK + lane] = value[axis]);
+                        value
+                    };
+                    write(V, v);
+                    let x = write(0, x);
+                    extent = Some(widen(extent.unwrap_or([x, x]), x));
+                }
+                extent
+            })
+            .collect();
+        // the box must hold the particles that were set back
+        for [low, high] in extents {
+            next.extent = widen(widen(next.extent, low), high);
+        }
+    }
+
+    /// Position and velocity after contact, if there is any.
+    fn held(
+        &self,
+        solids: &[(&Collider, [Placed; 2])],
+        from: [f64; 3],
+        (mut x, mut v): ([f64; 3], [f64; 3]),
+    ) -> Option<([f64; 3], [f64; 3])> {
+        let mut touched = false;
+        for _ in 0..ROUNDS {
+            let before = x;
+            for (solid, [start, end]) in solids {
+                let way = [start.back(from), end.back(x)];
+                let Some(Entry { at, normal }) = entry(&solid.region, way, self.skin) else { continue };
+                let sunk = dot(normal, minus(way[1], at));
+                let slid: [f64; 3] = std::array::from_fn(|axis| way[1][axis] - normal[axis] * sunk);
+                let place = if solid.contact == Contact::Sticky { at } else { slid };
+                let place = end.forth(plus(place, normal.map(|n| n * self.skin)));
+                v = end.touch(normal, x, v);
+                x = place;
+                touched = true;
+            }
+            if x == before {
+                break;
+            }
+        }
+        touched.then_some((x, v))
+    }
+}
+
+/// Where a way enters a region: the point of the surface, and its unit normal.
+struct Entry {
+    at: [f64; 3],
+    normal: [f64; 3],
+}
+
+/// Where a straight way enters a region, if it does. A way that begins inside enters at the face next to its beginning, unless
+/// it leads out there.
+fn entry(region: &Region, [from, to]: [[f64; 3]; 2], skin: f64) -> Option<Entry> {
+    let way = minus(to, from);
+    // the shares of the way at which it is inside all of these, and the normal of the one that it enters last
+    let mut inside = [f64::NEG_INFINITY, f64::INFINITY];
+    let mut last = [0.0; 3];
+    let mut depth = (f64::INFINITY, [0.0; 3]);
+    let mut bound = |[enters, leaves]: [f64; 2], normal: [f64; 3], (below, outwards): (f64, [f64; 3])| {
+        if enters > inside[0] {
+            (inside[0], last) = (enters, normal);
+        }
+        inside[1] = inside[1].min(leaves);
+        if below < depth.0 {
+            depth = (below, outwards);
+        }
+    };
+    // a slab |p| ≤ half, of places p along a unit vector
+    let mut slab = |p: f64, d: f64, half: f64, axis: [f64; 3]| {
+        let turned = |sign: f64| axis.map(|a| sign * a);
+        let near = (half - p.abs(), turned(p.signum()));
+        match d {
+            0.0 if p.abs() <= half => bound([f64::NEG_INFINITY, f64::INFINITY], [0.0; 3], near),
+            0.0 => bound([f64::INFINITY, f64::NEG_INFINITY], [0.0; 3], near),
+            _ => bound([(-half * d.signum() - p) / d, (half * d.signum() - p) / d], turned(-d.signum()), near),
+        }
+    };
+    match *region {
+        Region::Plane { .. } => return None,
+        Region::Cuboid { centre, half } => {
+            let p = minus(from, centre);
+            for axis in 0..3 {
+                let mut along = [0.0; 3];
+                along[axis] = 1.0;
+                slab(p[axis], way[axis], half[axis], along);
+            }
+        }
+        Region::Sphere { centre, radius } => round(minus(from, centre), way, radius, &mut bound),
+        Region::Cylinder { start, end, radius } => {
+            let axis = minus(end, start);
+            let length = dot(axis, axis).sqrt();
+            let axis = axis.map(|a| a / length);
+            let p: [f64; 3] = std::array::from_fn(|i| from[i] - 0.5 * (start[i] + end[i]));
+            slab(dot(p, axis), dot(way, axis), 0.5 * length, axis);
+            let across = |x: [f64; 3]| {
+                let along = dot(x, axis);
+                std::array::from_fn(|i| x[i] - along * axis[i])
+            };
+            round(across(p), across(way), radius, &mut bound);
+        }
+    }
+    let (below, outwards) = depth;
+    if below > 0.0 {
+        let at = plus(from, outwards.map(|n| n * below));
+        return (dot(way, outwards) < 0.0).then_some(Entry { at, normal: outwards });
+    }
+    let [enters, leaves] = inside;
+    let hit = enters < leaves && (0.0..=1.0).contains(&enters);
+    // from a place on the surface, inwards
+    let hit = hit || (below > -skin && enters <= 0.0 && leaves > 0.0 && dot(way, last) < 0.0);
+    hit.then(|| Entry { at: std::array::from_fn(|axis| from[axis] + enters.max(0.0) * way[axis]), normal: last })
+}
+
+/// A ball, or a cylinder without ends, of this radius around the origin of `p`.
+fn round(p: [f64; 3], d: [f64; 3], radius: f64, bound: &mut impl FnMut([f64; 2], [f64; 3], (f64, [f64; 3]))) {
+    let distance = dot(p, p).sqrt();
+    let outwards = if distance > 0.0 { p.map(|p| p / distance) } else { [0.0, 1.0, 0.0] };
+    let near = (radius - distance, outwards);
+    let (a, b, c) = (dot(d, d), dot(p, d), (distance - radius) * (distance + radius));
+    let root = b * b - a * c;
+    if a == 0.0 || root <= 0.0 {
+        let always = c <= 0.0;
+        let ends = if always { [f64::NEG_INFINITY, f64::INFINITY] } else { [f64::INFINITY, f64::NEG_INFINITY] };
+        return bound(ends, [0.0; 3], near);
+    }
+    let ends = [-1.0, 1.0].map(|sign| (-b + sign * root.sqrt()) / a);
+    let at: [f64; 3] = std::array::from_fn(|axis| p[axis] + ends[0] * d[axis]);
+    bound(ends, at.map(|x| x / radius), near);
+}
