@@ -180,9 +180,13 @@ pub(super) fn gather<'a>(
     let mut index = vec![0; shape.rank() - 1];
     let mut row = offset;
     loop {
-        for i in 0..inner {
-            let at = (row + i * step) * size;
-            gathered.extend_from_slice(&storage[at..at + size]);
+        if step == 1 {
+            gathered.extend_from_slice(&storage[row * size..(row + inner) * size]);
+        } else {
+            for i in 0..inner {
+                let at = (row + i * step) * size;
+                gathered.extend_from_slice(&storage[at..at + size]);
+            }
         }
         // the next row: count up the outer axes like an odometer
         let mut axis = index.len();

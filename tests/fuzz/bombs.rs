@@ -9,7 +9,7 @@ use crate::harness::watched;
 const MIB: usize = 1 << 20;
 
 fn pickle(parts: &[&[u8]]) -> Vec<u8> {
-    checkpoint(&[&[b"\x80\x04"], parts, &[b"."]].concat().concat())
+    checkpoint(&[b"\x80\x04", &parts.concat()[..], b"."].concat())
 }
 
 #[test]

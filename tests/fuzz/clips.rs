@@ -30,7 +30,7 @@ fn fuzz_file(target: &str, clip: &Builder, name: &str, more: &[&str]) {
 
 #[test]
 fn all_data() {
-    let mut clip = Builder::square(&[0, 1], 2);
+    let clip = Builder::square(&[0, 1], 2);
     clip.image('r', 0, -1, false, &|_, _| [90; 4]);
     clip.save();
     fuzz_file("all-data", &clip, "all_data.json", &[]);

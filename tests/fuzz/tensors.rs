@@ -81,9 +81,8 @@ fn pickles() {
         ]
         .concat(),
     );
-    pickles.push(
-        [&b"\x80\x04cmy\nTrainer\n)\x81}("[..], &build::text("net"), &tensor, b"K\x01\x8f(K\x02\x91ub."].concat(),
-    );
+    pickles.push([&b"\x80\x04cmy\nTrainer\n)\x81}("[..], &build::text("net"), &tensor, b"K\x01(K\x02\x91ub."].concat());
+    pickles.push([&b"\x80\x02}("[..], &build::text("a"), &tensor, &build::text("b"), &tensor, b"u."].concat());
     let storages: Vec<(String, Vec<u8>)> = (0..12).map(|i| (format!("top/data/{i}"), vec![i; 120])).collect();
     let container = |pickle: &[u8]| {
         let mut entries: Vec<(&str, &[u8])> = vec![("top/data.pkl", pickle)];

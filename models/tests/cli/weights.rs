@@ -146,7 +146,7 @@ fn what_is_no_file_of_weights_is_named() {
         scene.refuses(&format!("weights check {path}"), &[path, found, fix]);
         scene.refuses(&format!("weights convert {path} out.safetensors"), &[path, found, fix]);
         // where weights are used
-        scene.refuses(&format!("synthesize ball.jpg --weights {path} --out run"), &[path, found]);
+        scene.refuses(&format!("synthesize ball.jpg --elevation 0 --weights {path} --out run"), &[path, found]);
     }
 }
 

@@ -5,7 +5,6 @@ use std::fmt::Display;
 use std::ops::RangeInclusive;
 use std::path::Path;
 
-use gradreel::io::{foreign, read_regular};
 use gradreel::{Error, ErrorKind, Result};
 use rten::{DataType, Dimension, LoadErrorKind, Model, Value, ValueType};
 
@@ -13,9 +12,6 @@ use super::onnx;
 
 /// Sides of the pictures that a network may see \[pixels\].
 pub(super) const SIDES: RangeInclusive<usize> = 16..=4096;
-
-/// Larger files are none of networks that look at a picture at a time \[bytes\]: the runtime holds them in memory.
-const LARGEST: usize = 2 << 30;
 
 /// Memory for the recursion through the largest network that is let through \[bytes\].
 const STACK: usize = 256 << 20;
@@ -31,11 +27,9 @@ pub(super) struct Network<'a> {
 impl<'a> Network<'a> {
     /// Reads a network; `open` says which width and height it sees where it leaves them open.
     pub fn read(path: &'a Path, open: [usize; 2]) -> Result<Self> {
-        let bytes = read_regular(path, LARGEST, "read the matting network")
-            .map_err(|e| e.fix("give the path of an ONNX file (--matting FILE)"))?;
-        if let Some(error) = foreign(&bytes, "an ONNX file with a network for matting (--matting FILE)") {
-            return Err(error.at(path.display()));
-        }
+        let bytes = std::fs::read(path).map_err(|e| {
+            Error::io(path, "read the matting network", &e).fix("give the path of an ONNX file (--matting FILE)")
+        })?;
         onnx::check(&bytes).map_err(|found| unreadable(path, found).fix("copy or export the file again"))?;
         let model = Model::load(bytes).map_err(|e| {
             unreadable(path, &e).fix(match e.kind() {
