@@ -8,7 +8,9 @@
 
 mod constant;
 mod fnv1a;
+mod folder;
 mod nearest;
+mod text;
 mod vector;
 pub mod layers;
 pub mod video;

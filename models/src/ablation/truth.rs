@@ -9,6 +9,7 @@ use serde_json::Value;
 use crate::identify::{FAMILIES, VELOCITY, law_of};
 use crate::physics::{Law, Map, Parameter};
 use crate::scenes::SceneFile;
+use crate::text;
 
 /// The truth about a clip.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -36,13 +37,10 @@ impl Truth {
     /// `clip/`, or from a JSON file beside it that has its name. `None` if there is no such file, or it cannot be understood.
     pub fn beside(clip: &Path) -> Option<Self> {
         let clip = clip.canonicalize().ok()?;
-        let json = |path: &Path| Self::of_json(&serde_json::from_slice(&std::fs::read(path).ok()?).ok()?);
+        let text = |path: &Path| text::read(path, "what is known of the clip", "correct it", text::SETTINGS).ok();
+        let json = |path: &Path| Self::of_json(&serde_json::from_str(&text(path)?).ok()?);
         json(&clip.join("truth.json"))
-            .or_else(|| {
-                Self::of_scene(
-                    &SceneFile::parse(&std::fs::read_to_string(clip.parent()?.join("scene.toml")).ok()?).ok()?,
-                )
-            })
+            .or_else(|| Self::of_scene(&SceneFile::parse(&text(&clip.parent()?.join("scene.toml"))?).ok()?))
             .or_else(|| json(&clip.with_extension("json")))
     }
 

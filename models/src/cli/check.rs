@@ -4,11 +4,12 @@ use std::path::PathBuf;
 
 use gradreel::{Error, ErrorKind, Result};
 
-use crate::cli::film::FilmArguments;
+use crate::cli::film::{ChoiceArguments, FilmArguments};
 use crate::cli::output::say;
-use crate::identify::WorldConfig;
-use crate::monocular::clip_of_film;
-use crate::video::{Film, FilmSettings, OpenOptions, inspect};
+use crate::cli::reconstruct::{check_is_clip, read_config, ready};
+use crate::cli::seen::Seen;
+use crate::identify::Config;
+use crate::video::{Film, WARNING, inspect};
 
 /// Arguments of `gradreel check`.
 #[derive(clap::Args)]
@@ -16,6 +17,14 @@ use crate::video::{Film, FilmSettings, OpenOptions, inspect};
 pub(super) struct Arguments {
     /// A film, or the folder of a clip in one of the layouts below
     clip: PathBuf,
+    /// Settings as TOML, as `gradreel reconstruct` takes them
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Print what is found as JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    choice: ChoiceArguments,
     #[command(flatten)]
     film: FilmArguments,
 }
@@ -35,26 +44,56 @@ A film is a GIF, a video file (decoded by ffmpeg) or a folder of numbered PNG or
 
 /// Prints what is there, what is missing and what will be assumed.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
-    if Film::is_at(&arguments.clip) {
-        return film(arguments);
+    let looked = settings(arguments).and_then(|config| match Film::is_at(&arguments.clip) {
+        true => film(arguments, &config),
+        false => calibrated(arguments),
+    });
+    match looked {
+        Ok(complete) => complete,
+        Err(error) => {
+            if arguments.json {
+                Seen::refused(&arguments.clip, &error).print()?;
+            }
+            Err(error)
+        }
     }
-    let inventory = inspect(&arguments.clip)?;
-    say!("{inventory}");
-    if inventory.is_complete() {
-        return Ok(());
-    }
-    Err(Error::new(ErrorKind::Input, "the clip is not complete")
-        .at(arguments.clip.display())
-        .found(format!("{} problems, listed above", inventory.problems.len()))
-        .fix("correct the problems listed above, or choose complete cameras and frames with --cameras and --frames"))
 }
 
-/// Prints what a film shows: it is made a clip, which is all that a reconstruction would ask of it.
-fn film(arguments: &Arguments) -> Result<()> {
-    let mut settings = FilmSettings::default();
-    arguments.film.apply(&mut settings);
-    let gravity = WorldConfig::default().gravity;
-    let clip = clip_of_film(&arguments.clip, &settings, &OpenOptions::default(), gravity)?;
+/// The settings with which a reconstruction would open the clip.
+fn settings(arguments: &Arguments) -> Result<Config> {
+    let mut config = match &arguments.config {
+        None => Config::default(),
+        Some(path) => read_config(path)?,
+    };
+    check_is_clip(&arguments.clip)?;
+    arguments.film.check_is_of(&arguments.clip)?;
+    arguments.choice.apply(&mut config.clip)?;
+    arguments.film.apply(&mut config.clip.film)?;
+    Ok(config)
+}
+
+/// Prints what the folder of a calibrated clip holds; the inner result is an error if it cannot be opened.
+fn calibrated(arguments: &Arguments) -> Result<Result<()>> {
+    let inventory = inspect(&arguments.clip)?;
+    match arguments.json {
+        true => Seen::of_inventory(&inventory, &arguments.clip).print()?,
+        false => say!("{inventory}"),
+    }
+    if inventory.is_complete() {
+        return Ok(Ok(()));
+    }
+    Ok(Err(Error::new(ErrorKind::Input, "the clip is not complete")
+        .at(arguments.clip.display())
+        .found(format!("{} problems, listed above", inventory.problems.len()))
+        .fix("correct the problems listed above, or choose complete cameras and frames with --cameras and --frames")))
+}
+
+/// Prints what a film shows: it is made a clip as a reconstruction would do it, which refuses whatever that refuses.
+fn film(arguments: &Arguments, config: &Config) -> Result<Result<()>> {
+    let clip = ready(&arguments.clip, config)?;
+    if arguments.json {
+        return Seen::of(&clip, &arguments.clip).print().map(Ok);
+    }
     let camera = &clip.cameras[0];
     say!("film {} ({})", clip.name, arguments.clip.display());
     say!(
@@ -64,10 +103,14 @@ fn film(arguments: &Arguments) -> Result<()> {
         camera.height,
         clip.frame_dt()
     );
-    clip.assumptions.iter().for_each(|line| say!("  assumed: {line}"));
+    clip.said().for_each(|line| say!("  {line}"));
     if let Some(flight) = clip.flight {
         say!("  the object starts with {:.3?} m/s at {:.3?} m", flight.velocity, flight.centre);
     }
-    say!("  ready to open");
-    Ok(())
+    let warnings = clip.assumptions.iter().filter(|line| line.starts_with(WARNING)).count();
+    match warnings {
+        0 => say!("  ready to open"),
+        _ => say!("  ready to open, but for what the warning says"),
+    }
+    Ok(Ok(()))
 }

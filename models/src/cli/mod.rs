@@ -9,6 +9,7 @@ mod network;
 mod output;
 mod reconstruct;
 mod resimulate;
+mod seen;
 mod simulate;
 mod source;
 mod synthesize;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use gradreel::{Error, ErrorKind, Result};
 
-use crate::cli::film::FilmArguments;
+use crate::cli::film::{ChoiceArguments, FilmArguments};
 use crate::cli::imagine::{self, ImagineArguments};
 use crate::cli::output::say;
 use crate::field::{bounding_sphere, hull};
@@ -14,6 +14,7 @@ use crate::report::interrupt;
 use crate::report::progress::Progress;
 use crate::report::reconstruction::{publish, quantities};
 use crate::report::run_folder::RunFolder;
+use crate::text;
 use crate::video::{Clip, Film, OpenOptions};
 
 /// Arguments of `gradreel reconstruct`.
@@ -32,15 +33,6 @@ pub(super) struct Arguments {
     /// Settings as TOML; what it does not name keeps its default (see config.toml of any run)
     #[arg(long, value_name = "FILE", conflicts_with = "resume")]
     config: Option<PathBuf>,
-    /// Use these cameras only, for example 0,3,5
-    #[arg(long, value_delimiter = ',', value_name = "NUMBERS", conflicts_with = "resume")]
-    cameras: Option<Vec<i64>>,
-    /// Use the first so many frames only
-    #[arg(long, value_name = "COUNT", conflicts_with = "resume")]
-    frames: Option<usize>,
-    /// Number of the first frame to use
-    #[arg(long, value_name = "NUMBER", conflicts_with = "resume")]
-    first_frame: Option<i64>,
     /// What the object is made of: elastic, plasticine, newtonian, non_newtonian or sand, auto to let each of these try,
     /// or the name of a law [default: elastic]
     #[arg(long, value_name = "NAME", conflicts_with = "resume")]
@@ -69,6 +61,8 @@ pub(super) struct Arguments {
     /// No progress on stderr
     #[arg(long, short)]
     quiet: bool,
+    #[command(flatten)]
+    choice: ChoiceArguments,
     #[command(flatten)]
     film: FilmArguments,
     #[command(flatten)]
@@ -118,7 +112,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             clip.frame_count(),
             run.folder.root().display()
         );
-        clip.assumptions.iter().for_each(|line| eprintln!("  assumed: {line}"));
+        clip.said().for_each(|line| eprintln!("  {line}"));
     }
     let found = reconstruct(&clip, &mut run, &progress).map_err(|error| go_on(error, &run))?;
     publish(&found, &run, &clip, &progress)?;
@@ -131,9 +125,8 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
         None => Config::default(),
         Some(path) => read_config(path)?,
     };
-    if let Some(cameras) = &arguments.cameras {
-        config.clip.cameras.clone_from(cameras);
-    }
+    arguments.film.check_is_of(&arguments.clip)?;
+    arguments.choice.apply(&mut config.clip)?;
     if let Some(material) = &arguments.material {
         config.material.name.clone_from(material);
     }
@@ -141,10 +134,8 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     start.extend(arguments.start.iter().cloned());
     arguments.young.map(|value| start.insert("young".into(), value));
     arguments.poisson.map(|value| start.insert("poisson".into(), value));
-    config.clip.first_frame = arguments.first_frame.or(config.clip.first_frame);
-    arguments.film.apply(&mut config.clip.film);
+    arguments.film.apply(&mut config.clip.film)?;
     arguments.imagine.apply(&mut config);
-    config.clip.frames = arguments.frames.unwrap_or(config.clip.frames);
     config.world.density = arguments.density.unwrap_or(config.world.density);
     match arguments.ground {
         Some(Height::Given(height)) => (config.world.ground, config.world.find_ground) = (height, false),
@@ -158,10 +149,7 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     config.material.held =
         (!config.chooses_family()).then_some(config.held(&law)?.into_iter().map(str::to_owned).collect());
     // the clip first: one that cannot be used leaves no trace
-    let mut clip = open(&arguments.clip, &config)?;
-    imagine::given(&mut clip, &config)?;
-    check_shrink(&clip, config.clip.shrink)?;
-    check_body(&clip, &config)?;
+    let clip = ready(&arguments.clip, &config)?;
     let folder = match &arguments.out {
         Some(folder) => RunFolder::create(folder)?,
         None => RunFolder::create_free(Path::new("runs"), &clip.name)?,
@@ -171,16 +159,16 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
 
 /// The configuration in a file, which the command line may complete before it is checked.
 pub(super) fn read_config(path: &Path) -> Result<Config> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|e| Error::io(path, "read the configuration", &e).fix("give the path of a TOML file to --config"))?;
+    let fix = "give the path of a TOML file to --config";
+    let text = text::read(path, "the configuration", fix, text::SETTINGS)?;
     Config::read(&text).map_err(|e| e.at(path.display()))
 }
 
 fn resume(arguments: &Arguments) -> Result<(Run, Clip)> {
-    if arguments.film.are_given() {
-        return Err(Error::new(ErrorKind::Input, "what is known of the film belongs to the run")
+    if arguments.film.are_given() || arguments.choice.are_given() {
+        return Err(Error::new(ErrorKind::Input, "what is used of the clip, and known of it, belongs to the run")
             .at("--resume")
-            .found("options about the film, too")
+            .found("options about the clip, too")
             .fix("leave them out to go on with the run, or begin another one"));
     }
     let folder = arguments.out.as_deref().unwrap_or(Path::new("."));
@@ -189,6 +177,15 @@ fn resume(arguments: &Arguments) -> Result<(Run, Clip)> {
     imagine::given(&mut clip, &run.config)?;
     run.go_on(&clip)?;
     Ok((run, clip))
+}
+
+/// A clip with which a reconstruction can begin: whatever refuses one that cannot is here.
+pub(super) fn ready(path: &Path, config: &Config) -> Result<Clip> {
+    let mut clip = open(path, config)?;
+    imagine::given(&mut clip, config)?;
+    check_shrink(&clip, config.clip.shrink)?;
+    check_body(&clip, config)?;
+    Ok(clip)
 }
 
 /// Refuses cameras and masks that contradict each other, and voxels that are too many.
@@ -219,6 +216,13 @@ pub(super) fn open(path: &Path, config: &Config) -> Result<Clip> {
         max_frames: Some(config.clip.frames).filter(|&frames| frames > 0),
     };
     let gravity = config.world.gravity;
+    check_is_clip(path)?;
+    if let (true, Some(camera)) = (Film::is_at(path), config.clip.cameras.iter().find(|camera| **camera != 0)) {
+        return Err(Error::new(ErrorKind::Input, format!("camera {camera} is not in the clip"))
+            .at(path.display())
+            .found("a film of a single camera, number 0")
+            .fix("leave the choice of cameras out"));
+    }
     let mut clip = match Film::is_at(path) {
         true => monocular::clip_of_film(path, &config.clip.film, &options, gravity)?,
         false => Clip::open(path, &options)?,
@@ -236,6 +240,30 @@ pub(super) fn open(path: &Path, config: &Config) -> Result<Clip> {
             .fix("raise --frames, or add images to the clip"));
     }
     Ok(clip)
+}
+
+/// Refuses a path at which there is neither a film nor a folder nor the list of a clip.
+///
+/// # Errors
+/// [`ErrorKind::Input`] that says what is missing.
+pub(super) fn check_is_clip(path: &Path) -> Result<()> {
+    let refused = |what: &str, found: String| {
+        Err(Error::new(ErrorKind::Input, what)
+            .at(path.display())
+            .found(found)
+            .wanted(
+                "a GIF, a video file, a folder of numbered PNG or JPEG pictures, or the folder of a calibrated clip",
+            )
+            .fix("give the path of such a file or folder (see `gradreel check --help`)"))
+    };
+    let ending = path.extension().map(|ending| ending.to_string_lossy().into_owned());
+    match ending {
+        _ if !path.exists() && Film::is_name(path) => refused("there is no such film", "nothing".to_owned()),
+        Some(ending) if path.is_file() && !Film::is_name(path) && ending != "json" => {
+            refused("the film has no format that is read", format!("a file that ends in .{ending}"))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn summarise(found: &Reconstruction, run: &Run) {

@@ -62,7 +62,7 @@ impl State {
         Self {
             clip: ClipIdentity::of(clip),
             clip_path: Some(clip.root.canonicalize().unwrap_or_else(|_| clip.root.clone())),
-            notes: clip.assumptions.iter().map(|line| format!("assumed: {line}")).collect(),
+            notes: clip.said().collect(),
             ..Self::default()
         }
     }
@@ -157,7 +157,7 @@ impl Run {
         let text = |name: &str| -> Result<String> {
             let fix = "give the folder of an interrupted run to --out, or leave --resume out";
             folder.goes_on(name, "there is no run in this folder", fix)?;
-            String::from_utf8(folder.read(name)?).map_err(|e| damaged(&folder, name, &e))
+            folder.read_text(name)
         };
         let written = text(CONFIG)?;
         let config = Config::parse(&written).map_err(|e| e.at(folder.path(CONFIG).display()))?;

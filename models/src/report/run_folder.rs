@@ -11,6 +11,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use gradreel::{Error, ErrorKind, Result};
 
+use crate::text;
+
 /// The file that tells other processes that the run is being written.
 const LOCK: &str = ".lock";
 
@@ -210,6 +212,16 @@ impl RunFolder {
         fs::read(&path).map_err(|e| {
             Error::io(&path, "read a file of the run", &e).fix("start again with another `--out`, if it is lost")
         })
+    }
+
+    /// Reads a whole file of text; a byte order mark in front is no part of it.
+    ///
+    /// # Errors
+    ///
+    /// As [`RunFolder::read`], and [`ErrorKind::Input`] for a file that is not UTF-8.
+    pub fn read_text(&self, relative: &str) -> Result<String> {
+        let bytes = self.read(relative)?;
+        Ok(text::of(&bytes).map_err(|e| e.within(self.path(relative).display()))?.to_owned())
     }
 
     /// Whether the run has this file.

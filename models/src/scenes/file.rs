@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::film::FilmSettings;
 use crate::nearest::suggestion;
+use crate::text;
 
 /// A scene as a file says it. Every key that carries a unit has it in its name; parameters of materials are in the SI unit
 /// of the material's own table (Pa, Pa s, degrees for angles of friction).
@@ -399,10 +400,8 @@ impl SceneFile {
     /// # Errors
     /// As [`SceneFile::parse`]; a file that cannot be read.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(|e| {
-            Error::io(path, "read the scene", &e)
-                .fix("give the path of a TOML file, such as examples/scenes/rubber.toml")
-        })?;
+        let fix = "give the path of a TOML file, such as examples/scenes/rubber.toml";
+        let text = text::read(path, "the scene", fix, text::SETTINGS)?;
         Self::parse(&text).map_err(|e| e.within(path.display()))
     }
 }

@@ -142,7 +142,7 @@ fn go_on(arguments: &AblationArguments) -> Result<(Plan, RunFolder)> {
     let folder = RunFolder::resume(arguments.common.out.as_deref().unwrap_or(Path::new(".")))?;
     let fix = "give the folder of an interrupted ablation to --out, or begin one without --resume";
     folder.goes_on(PLAN, "there is no ablation to go on with", fix)?;
-    let text = String::from_utf8_lossy(&folder.read(PLAN)?).into_owned();
+    let text = folder.read_text(PLAN)?;
     let plan: Plan = toml::from_str(&text).map_err(|e| damaged(&folder, PLAN, &e))?;
     plan.settings.config.check().map_err(|e| e.at(folder.path(PLAN).display()))?;
     Ok((plan, folder))

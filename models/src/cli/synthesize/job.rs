@@ -121,7 +121,7 @@ impl Job {
         let place = folder.path(SETTINGS);
         let fix = "give the folder of an interrupted run to --out, or begin one without --resume";
         folder.goes_on(SETTINGS, "there is no run of synthesize to go on with", fix)?;
-        let text = String::from_utf8_lossy(&folder.read(SETTINGS)?).into_owned();
+        let text = folder.read_text(SETTINGS)?;
         let mut settings: Settings = toml::from_str(&text).map_err(|e| {
             Error::new(ErrorKind::Input, "the settings of the run are damaged")
                 .at(place.display())

@@ -85,7 +85,7 @@ impl Job {
         let folder = RunFolder::resume(arguments.out.as_deref().unwrap_or(Path::new(".")))?;
         let fix = "give the folder of an interrupted training to --out, or begin one without --resume";
         folder.goes_on(SETTINGS, "there is no training to go on with", fix)?;
-        let text = String::from_utf8_lossy(&folder.read(SETTINGS)?).into_owned();
+        let text = folder.read_text(SETTINGS)?;
         let mut settings = Settings::parse(&text).map_err(|e| e.within(folder.path(SETTINGS).display()))?;
         let path = match &settings.weights {
             None => folder.path(START),

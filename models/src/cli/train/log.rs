@@ -28,7 +28,7 @@ impl Log {
             if !folder.has(name) {
                 return Ok(head.to_owned());
             }
-            let text = String::from_utf8_lossy(&folder.read(name)?).into_owned();
+            let text = folder.read_text(name)?;
             let rows = text.lines().skip(1).filter(|row| step_of(row).is_some_and(|step| step <= made));
             Ok(rows.fold(head.to_owned(), |table, row| table + row + "\n"))
         };

@@ -9,6 +9,7 @@ use super::NovelView;
 use super::meshes::Meshes;
 use crate::cli::network;
 use crate::cli::source::{Place, Source};
+use crate::text;
 use crate::views::objects::SampleSettings;
 use crate::views::{Detector, FileWeights, ModelSizes, Plan, SpatialAwareSizes};
 
@@ -268,8 +269,8 @@ fn refused(at: &str, found: &dyn std::fmt::Display) -> Error {
 }
 
 fn read(path: &Path) -> Result<toml::Table> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|e| Error::io(path, "read the settings", &e).fix("give the path of a TOML file to --config"))?;
+    let fix = "give the path of a TOML file to --config";
+    let text = text::read(path, "the settings", fix, text::SETTINGS)?;
     text.parse().map_err(|e: toml::de::Error| refused(&path.display().to_string(), &e))
 }
 

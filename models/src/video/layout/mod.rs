@@ -5,13 +5,13 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use gradreel::{Error, ErrorKind, Result};
 use serde_json::Value;
 
 use super::matrix;
+use crate::text;
 
 mod colmap;
 mod files;
@@ -283,27 +283,15 @@ fn last_component(root: &Path) -> String {
     absolute.file_name().map_or_else(|| "clip".into(), |name| name.to_string_lossy().into_owned())
 }
 
-/// Reads a list into memory, within limits.
-fn bytes(path: &Path) -> Result<Vec<u8>> {
-    let no_list = |e: std::io::Error| {
-        Error::io(path, "read the image list", &e)
-            .fix("export the clip with its cameras, or give the folder that holds them")
-    };
-    let length = fs::metadata(path).map_err(no_list)?.len();
-    if length > MAX_LIST_BYTES {
-        return Err(malformed(path, format!("{length} bytes"), format!("at most {MAX_LIST_BYTES} bytes")));
-    }
-    fs::read(path).map_err(no_list)
-}
-
 /// Reads a list as JSON.
 fn json(path: &Path) -> Result<Value> {
-    serde_json::from_slice(&bytes(path)?).map_err(|e| malformed(path, e, "JSON (NaN is not JSON)"))
+    serde_json::from_str(&text(path)?).map_err(|e| malformed(path, e, "JSON (NaN is not JSON)"))
 }
 
 /// Reads a list as text.
 fn text(path: &Path) -> Result<String> {
-    String::from_utf8(bytes(path)?).map_err(|e| malformed(path, e, "text in UTF-8"))
+    let fix = "export the clip with its cameras, or give the folder that holds them";
+    text::read(path, "the image list", fix, MAX_LIST_BYTES)
 }
 
 fn malformed(path: &Path, found: impl fmt::Display, wanted: impl fmt::Display) -> Error {

@@ -8,6 +8,7 @@ use serde::Deserialize;
 
 use super::Format;
 use crate::nearest::suggestion;
+use crate::text;
 use crate::vector::dot;
 
 /// Name of the side file.
@@ -58,7 +59,9 @@ impl Side {
     /// Reads the side file of a clip's folder, if there is one.
     pub fn read(root: &Path) -> Result<Side> {
         let path = root.join(NAME);
-        let Ok(data) = fs::metadata(&path) else { return Ok(Side::default()) };
+        if fs::symlink_metadata(&path).is_err() {
+            return Ok(Side::default());
+        }
         let unusable = |found: String, wanted: &str, fix: &str| {
             Error::new(ErrorKind::Input, "the clip's side file cannot be used")
                 .at(path.display())
@@ -66,12 +69,8 @@ impl Side {
                 .wanted(wanted)
                 .fix(fix)
         };
-        if data.len() > MAX_BYTES {
-            return Err(unusable(format!("{} bytes", data.len()), "a few lines", "shorten it"));
-        }
-        let text = fs::read_to_string(&path).map_err(|e| {
-            Error::io(&path, "read the clip's side file", &e).fix("make it a readable text file, or remove it")
-        })?;
+        let fix = "make it a readable text file of a few lines, or remove it";
+        let text = text::read(&path, "the clip's side file", fix, MAX_BYTES)?;
         let keys = "layout, up, metres_per_unit, origin, frames_per_s, duration_s, imagined";
         let written: Written = toml::from_str(&text).map_err(|e| {
             let fix = suggestion(&e.to_string()).unwrap_or_else(|| "correct it, or leave it out".into());
