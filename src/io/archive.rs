@@ -4,10 +4,10 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
-use std::sync::Arc;
 
-use crate::io::bytes::Bytes;
-use crate::io::element::{Stored, decode, decode_as, gather, is_dense};
+use crate::io::element::{Stored, decode, decode_as, gather, is_dense, negate};
+use crate::io::foreign::refuse_foreign;
+use crate::io::source::Source;
 use crate::io::{TensorFile, checkpoint, npz, safetensors, zip};
 use crate::{DType, Error, ErrorKind, Result, Shape, Spec, Tensor};
 
@@ -40,6 +40,8 @@ pub struct Entry {
     pub(super) storage: Range<usize>,
     /// Whether the bytes of an element are in the order of a big-endian machine.
     pub(super) big_endian: bool,
+    /// Whether the tensor is the negative of what is stored.
+    pub(super) negative: bool,
 }
 
 impl Entry {
@@ -57,6 +59,7 @@ impl Entry {
             Error::new(ErrorKind::Input, what)
                 .found(format!("shape {dims:?}, strides {strides:?}, offset {offset} in {held} elements"))
                 .wanted(wanted)
+                .fix("copy or download the file again, or save it again without that tensor")
         };
         if dims.len() > LARGEST_RANK {
             return Err(Error::new(ErrorKind::Input, "a tensor has too many axes")
@@ -76,12 +79,13 @@ impl Entry {
         if count > 0 && last.is_none_or(|last| last >= held) {
             return Err(refuse("a tensor reaches beyond its storage", format!("a last element below {held}")));
         }
-        if count > LARGEST_REPEAT.saturating_mul(held).saturating_add(1 << 16) {
-            let wanted = format!("at most {LARGEST_REPEAT} times the elements of the storage");
+        // an element takes up to eight bytes once it is read
+        if count.saturating_mul(8) > LARGEST_REPEAT.saturating_mul(storage.len()).saturating_add(1 << 19) {
+            let wanted = format!("at most {LARGEST_REPEAT} times the bytes of the storage");
             return Err(refuse("a tensor repeats its storage too often", wanted));
         }
         let shape = Shape::from(dims);
-        Ok(Self { stored, shape, strides, offset, storage, big_endian: false })
+        Ok(Self { stored, shape, strides, offset, storage, big_endian: false, negative: false })
     }
 
     /// A tensor whose numbers lie one behind the other.
@@ -93,21 +97,34 @@ impl Entry {
         Self::new(stored, dims, strides, 0, storage)
     }
 
-    /// The bytes of the elements, little-endian and in row-major order; borrowed where the file has them so.
-    pub(super) fn numbers<'f>(&self, file: &'f [u8]) -> Cow<'f, [u8]> {
+    /// The bytes of the elements, little-endian and in row-major order; borrowed where the file is in memory and has them so.
+    pub(super) fn numbers<'f>(&self, file: &'f Source) -> Result<Cow<'f, [u8]>> {
+        if self.shape.is_empty() {
+            return Ok(Cow::Borrowed(&[]));
+        }
         let size = self.stored.size();
-        let mut bytes = gather(&file[self.storage.clone()], size, &self.shape, &self.strides, self.offset);
+        // the view alone: many views of one large storage are many small parts of the file
+        let reach: usize = self.shape.dims().iter().zip(&self.strides).map(|(d, s)| (d - 1) * s).sum();
+        let start = self.storage.start + self.offset * size;
+        let mut bytes = match file.read(start..start + (reach + 1) * size)? {
+            Cow::Borrowed(part) => gather(part, size, &self.shape, &self.strides, 0),
+            Cow::Owned(part) if is_dense(&self.shape, &self.strides) => Cow::Owned(part),
+            Cow::Owned(part) => Cow::Owned(gather(&part, size, &self.shape, &self.strides, 0).into_owned()),
+        };
         if self.big_endian {
             bytes.to_mut().chunks_exact_mut(size).for_each(<[u8]>::reverse);
         }
-        bytes
+        if self.negative {
+            negate(self.stored, bytes.to_mut());
+        }
+        Ok(bytes)
     }
 
     /// Where the bytes of the elements lie in the file, if they lie there one behind the other in the order and the type of
     /// the tensor that they become.
     fn place(&self) -> Option<Range<usize>> {
         let same = matches!(self.stored, Stored::F16 | Stored::F32 | Stored::F64);
-        let usable = same && !self.big_endian && is_dense(&self.shape, &self.strides);
+        let usable = same && !self.big_endian && !self.negative && is_dense(&self.shape, &self.strides);
         let start = self.storage.start + self.offset * self.stored.size();
         usable.then(|| start..start + self.shape.len() * self.stored.size())
     }
@@ -120,14 +137,14 @@ impl Entry {
 
 /// NumPy and PyTorch have no tensors of more axes.
 const LARGEST_RANK: usize = 64;
-/// How many times as many elements as its storage a tensor may have.
+/// How many times as many bytes as its storage a tensor may have, with eight bytes an element.
 const LARGEST_REPEAT: usize = 64;
 
 /// The tensors of a safetensors file, a PyTorch checkpoint or an `.npz`, listed without being read.
 ///
 /// Names are dotted paths; of a PyTorch checkpoint they are those of its `state_dict` where it has one. A tensor is read from
-/// the mapped file when it is asked for, so that a part of a file of many gigabytes needs the memory of that part. Nothing in
-/// a file is ever executed: see [`checkpoint`].
+/// the file when it is asked for, so that a part of a file of many gigabytes needs the memory of that part. Nothing in a file
+/// is ever executed: see [`checkpoint`].
 ///
 /// ```
 /// use gradreel::Tensor;
@@ -141,7 +158,7 @@ const LARGEST_REPEAT: usize = 64;
 /// # Ok::<(), gradreel::Error>(())
 /// ```
 pub struct Archive {
-    pub(super) bytes: Arc<Bytes>,
+    pub(super) source: Source,
     format: Format,
     contents: Contents,
 }
@@ -154,13 +171,14 @@ pub(super) struct Contents {
 }
 
 impl Archive {
-    /// Maps a file and lists its tensors; the format is told from the content.
+    /// Opens a file and lists its tensors; the format is told from the content.
     ///
-    /// The file must not be changed while the archive is open (replacing it by a rename, as [`TensorFile::write`] does, is
-    /// safe).
+    /// A file up to 64 MiB is read at once. Of a larger one a tensor is read when it is asked for; when the file is changed
+    /// meanwhile (not replaced by a rename, as [`TensorFile::write`] does), what is read is an error or other numbers.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] for a file that is missing, damaged or of another format, with what was found where.
+    /// [`ErrorKind::Input`] for a file that is missing, damaged or of another format, with what was found where, and for what
+    /// is no regular file, such as a folder, a pipe or a device.
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         Self::open_at(path, &[])
     }
@@ -172,7 +190,23 @@ impl Archive {
     /// As [`Archive::open`], and for a key that is not there, or keys for a file of another format.
     pub fn open_at(path: impl AsRef<Path>, keys: &[&str]) -> Result<Self> {
         let path = path.as_ref();
-        Self::parse(Bytes::open(path)?, keys).map_err(|e| e.within(path.display()))
+        Self::parse(Source::open(path)?, keys).map_err(|e| e.within(path.display()))
+    }
+
+    /// As [`Archive::open`], with the file mapped, so that [`Archive::map`] copies nothing and a model may be larger than the
+    /// memory.
+    ///
+    /// # Safety
+    /// Nobody, in this process or another, changes or shortens the file while the archive, or a tensor that
+    /// [`Archive::map`] gave, lives. Replacing it by a rename is allowed.
+    ///
+    /// # Errors
+    /// As [`Archive::open`].
+    pub unsafe fn open_mapped(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        // SAFETY: the caller's promise.
+        let source = unsafe { Source::map(path) }?;
+        Self::parse(source, &[]).map_err(|e| e.within(path.display()))
     }
 
     /// Lists the tensors of a file that is already in memory.
@@ -180,31 +214,34 @@ impl Archive {
     /// # Errors
     /// As [`Archive::open`].
     pub fn from_bytes(bytes: Vec<u8>) -> Result<Self> {
-        Self::parse(Bytes::Owned(bytes), &[])
+        Self::parse(bytes.into(), &[])
     }
 
-    fn parse(bytes: Bytes, keys: &[&str]) -> Result<Self> {
+    fn parse(source: Source, keys: &[&str]) -> Result<Self> {
         let nested_only_in_checkpoints = || match keys {
             [] => Ok(()),
             _ => Err(Error::new(ErrorKind::Input, "only a PyTorch checkpoint has nested dictionaries")
                 .found(format!("the keys {keys:?} for another format"))),
         };
-        let (format, contents) = match &bytes[..] {
+        refuse_foreign(&source, "safetensors, a PyTorch checkpoint or an .npz")?;
+        let start = source.head(checkpoint::LONGEST_START)?;
+        let (format, contents) = match &start[..] {
             [b'P', b'K', 3 | 5, 4 | 6, ..] => {
-                let directory = zip::directory(&bytes)?;
-                match checkpoint::in_zip(&bytes, &directory, keys)? {
+                let directory = zip::directory(&source)?;
+                match checkpoint::in_zip(&source, &directory, keys)? {
                     Some(contents) => (Format::TorchZip, contents),
-                    None => (Format::Npz, nested_only_in_checkpoints().and_then(|()| npz::list(&bytes, directory))?),
+                    None => (Format::Npz, nested_only_in_checkpoints().and_then(|()| npz::list(&source, directory))?),
                 }
             }
-            [0x80, 2..=5, ..] => (Format::TorchLegacy, checkpoint::in_stream(&bytes, keys)?),
             [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => {
                 return Err(Error::new(ErrorKind::Input, "an .npy file holds one array without a name")
-                    .fix("read it with gradreel::io::npy::read"));
+                    .fix("save it with numpy.savez under a name; in a program, gradreel::io::npy::read reads it"));
             }
-            _ => (Format::Safetensors, nested_only_in_checkpoints().and_then(|()| safetensors::list(&bytes))?),
+            start if checkpoint::is_stream(start) => (Format::TorchLegacy, checkpoint::in_stream(&source, keys)?),
+            _ => (Format::Safetensors, nested_only_in_checkpoints().and_then(|()| safetensors::list(&source))?),
         };
-        Ok(Self { bytes: Arc::new(bytes), format, contents })
+        drop(start);
+        Ok(Self { source, format, contents })
     }
 
     /// What the file is.
@@ -247,13 +284,13 @@ impl Archive {
     /// As [`Archive::entry`]; [`ErrorKind::Unsupported`] for an integer that neither `u32` nor `f64` holds.
     pub fn load(&self, name: &str) -> Result<Tensor> {
         let entry = self.entry(name)?;
-        decode(entry.stored, &entry.numbers(&self.bytes), entry.shape.clone()).map_err(|e| e.at(name))
+        decode(entry.stored, &entry.numbers(&self.source)?, entry.shape.clone()).map_err(|e| e.at(name))
     }
 
-    /// A tensor as [`Archive::load`] reads it, but where the file has its numbers as memory would (floats other than `bf16`,
-    /// contiguous, at a multiple of their size), it *is* the mapped file: nothing is copied, pages are read when they are
-    /// first used, and the system may drop them again. Otherwise it is read. The tensor keeps the file mapped after the
-    /// archive is gone; the file must not be changed for as long.
+    /// A tensor as [`Archive::load`] reads it, but where the file is in memory or mapped ([`Archive::open_mapped`]) and has its
+    /// numbers as memory would (floats other than `bf16`, contiguous, at a multiple of their size), it *is* a part of the file:
+    /// nothing is copied. Pages of a mapped file are read when they are first used, and the system may drop them again. The
+    /// tensor keeps the file after the archive is gone.
     ///
     /// ```
     /// use gradreel::Tensor;
@@ -273,8 +310,17 @@ impl Archive {
     pub fn map(&self, name: &str) -> Result<Tensor> {
         let entry = self.entry(name)?;
         let spec = Spec::new(&entry.shape, entry.stored.dtype());
-        let mapped = entry.place().and_then(|place| Tensor::in_file(&self.bytes, place, spec));
+        let held = match &self.source {
+            Source::Held(bytes) => Some(bytes),
+            Source::Disk { .. } => None,
+        };
+        let mapped = held.zip(entry.place()).and_then(|(bytes, place)| Tensor::in_file(bytes, place, spec));
         mapped.map_or_else(|| self.load(name), Ok)
+    }
+
+    /// Whether the file is in memory or mapped, so that [`Archive::map`] need not copy.
+    pub fn is_held(&self) -> bool {
+        matches!(self.source, Source::Held(_))
     }
 
     /// Reads a tensor in another dtype: floats are rounded to the nearest, integers must be held exactly.
@@ -283,7 +329,7 @@ impl Archive {
     /// As [`Archive::load`]; [`ErrorKind::Unsupported`] for floats as `u32`.
     pub fn load_as(&self, name: &str, dtype: DType) -> Result<Tensor> {
         let entry = self.entry(name)?;
-        decode_as(entry.stored, &entry.numbers(&self.bytes), entry.shape.clone(), dtype).map_err(|e| e.at(name))
+        decode_as(entry.stored, &entry.numbers(&self.source)?, entry.shape.clone(), dtype).map_err(|e| e.at(name))
     }
 
     /// Reads everything.
@@ -296,9 +342,9 @@ impl Archive {
         for name in self.names() {
             total = total.saturating_add(self.entry(name)?.bytes());
         }
-        if total > self.bytes.len().saturating_mul(LARGEST_REPEAT).saturating_add(1 << 20) {
+        if total > self.source.len().saturating_mul(LARGEST_REPEAT).saturating_add(1 << 20) {
             return Err(Error::new(ErrorKind::Input, "the tensors of the file are too large together")
-                .found(format!("{total} bytes in a file of {}", self.bytes.len()))
+                .found(format!("{total} bytes in a file of {}", self.source.len()))
                 .fix("load the tensors that are needed one by one"));
         }
         let tensors = self.names().map(|name| Ok((name.to_owned(), self.load(name)?)));

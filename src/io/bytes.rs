@@ -9,27 +9,12 @@ use memmap2::Mmap;
 
 use crate::{Error, Result};
 
-/// What a reader looks at. A mapped file is read from the disk page by page, where it is looked at.
+/// The bytes of a whole file. A mapped file is read from the disk page by page, where it is looked at; whoever mapped it
+/// promised that nobody changes it meanwhile (`Source::map`).
 #[derive(Debug)]
 pub(crate) enum Bytes {
     Mapped(Mmap),
     Owned(Vec<u8>),
-}
-
-impl Bytes {
-    /// Maps a file.
-    pub(super) fn open(path: &Path) -> Result<Self> {
-        let fault = |e: std::io::Error| Error::io(path, "read the tensor file", &e);
-        let file = File::open(path).map_err(fault)?;
-        let about = file.metadata().map_err(fault)?;
-        if !about.is_file() || about.len() == 0 {
-            // nothing to map: a folder is an error here, a pipe is read, an empty file is empty
-            return fs::read(path).map(Self::Owned).map_err(fault);
-        }
-        // SAFETY: the map is only ever read as plain bytes, which have no invalid values. A file that another program
-        // shortens or rewrites meanwhile is outside of what a reader can defend; it is documented at `Archive::open`.
-        unsafe { Mmap::map(&file) }.map(Self::Mapped).map_err(fault)
-    }
 }
 
 impl Deref for Bytes {

@@ -139,6 +139,20 @@ fn integers<const N: usize>(
     })
 }
 
+/// Negates little-endian elements: floats exactly, integers as PyTorch does, modulo their range.
+pub(super) fn negate(stored: Stored, bytes: &mut [u8]) {
+    for element in bytes.chunks_exact_mut(stored.size()) {
+        if stored.is_float() {
+            *element.last_mut().expect("one byte at least") ^= 0x80;
+        } else {
+            let mut carry = true;
+            for byte in element {
+                (*byte, carry) = (!*byte).overflowing_add(u8::from(carry));
+            }
+        }
+    }
+}
+
 /// Whether the elements lie one behind the other in row-major order.
 pub(super) fn is_dense(shape: &Shape, strides: &[usize]) -> bool {
     let dense = shape.strides();
@@ -166,9 +180,13 @@ pub(super) fn gather<'a>(
     let mut index = vec![0; shape.rank() - 1];
     let mut row = offset;
     loop {
-        for i in 0..inner {
-            let at = (row + i * step) * size;
-            gathered.extend_from_slice(&storage[at..at + size]);
+        if step == 1 {
+            gathered.extend_from_slice(&storage[row * size..(row + inner) * size]);
+        } else {
+            for i in 0..inner {
+                let at = (row + i * step) * size;
+                gathered.extend_from_slice(&storage[at..at + size]);
+            }
         }
         // the next row: count up the outer axes like an odometer
         let mut axis = index.len();
@@ -219,6 +237,18 @@ mod tests {
             let error = read(values, dtype).unwrap_err().to_string();
             assert!(error.contains(&format!("{} as element 1", values[1])), "{error}");
         }
+    }
+
+    #[test]
+    fn negatives_are_exact() {
+        let mut floats: Vec<u8> = [1.5f32, 0.0, f32::INFINITY].iter().flat_map(|v| v.to_le_bytes()).collect();
+        negate(Stored::F32, &mut floats);
+        let read = decode(Stored::F32, &floats, Shape::from([3])).unwrap();
+        assert_eq!(read.slice::<f32>(), [-1.5, -0.0, f32::NEG_INFINITY]);
+        assert!(read.slice::<f32>()[1].is_sign_negative());
+        let mut integers: Vec<u8> = [0i16, 256, -3].iter().flat_map(|v| v.to_le_bytes()).collect();
+        negate(Stored::I16, &mut integers);
+        assert_eq!(integers, [0i16, -256, 3].map(i16::to_le_bytes).concat());
     }
 
     #[test]

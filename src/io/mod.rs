@@ -10,13 +10,17 @@ mod archive;
 mod bytes;
 pub mod checkpoint;
 mod element;
+mod foreign;
 pub mod npy;
 mod npz;
 mod rewrite;
 pub mod safetensors;
+mod source;
 mod zip;
 
 pub use archive::{Archive, Entry, Format};
 pub(crate) use bytes::Bytes;
 pub use element::Stored;
+pub use foreign::foreign;
 pub use safetensors::TensorFile;
+pub use source::read_regular;

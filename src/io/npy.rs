@@ -2,15 +2,17 @@
 //!
 //! Read are format versions 1 to 3, C and Fortran order, both byte orders, booleans, integers and floats (see
 //! [`Stored::dtype`]); arrays of objects, text and records are refused. Written is version 1 (2 for a shape that needs it),
-//! C order, little-endian. `.npz` archives are read by [`Archive`](super::Archive).
+//! C order, little-endian. Headers of Python 2 (`(2L, 3L)`) are read, too. `.npz` archives are read by [`Archive`](super::Archive).
 
 use std::ops::Range;
 use std::path::Path;
 
 use crate::io::archive::Entry;
-use crate::io::bytes::{Bytes, write_whole};
+use crate::io::bytes::write_whole;
 use crate::io::element::{Stored, decode};
+use crate::io::foreign::refuse_foreign;
 use crate::io::safetensors::raw_bytes;
+use crate::io::source::Source;
 use crate::{DType, Device, Error, ErrorKind, Result, Tensor};
 
 const MAGIC: &[u8] = b"\x93NUMPY";
@@ -22,7 +24,8 @@ const MAGIC: &[u8] = b"\x93NUMPY";
 /// elements that tensors do not hold.
 pub fn read(path: impl AsRef<Path>) -> Result<Tensor> {
     let path = path.as_ref();
-    from_bytes(&Bytes::open(path)?).map_err(|e| e.within(path.display()))
+    let source = Source::open(path)?;
+    array(&source, 0..source.len()).map_err(|e| e.within(path.display()))
 }
 
 /// Reads an array that is already in memory.
@@ -39,8 +42,13 @@ pub fn read(path: impl AsRef<Path>) -> Result<Tensor> {
 /// # Errors
 /// As [`read`].
 pub fn from_bytes(bytes: &[u8]) -> Result<Tensor> {
-    let entry = entry(bytes, 0..bytes.len())?;
-    decode(entry.stored, &entry.numbers(bytes), entry.shape.clone())
+    array(&bytes.to_vec().into(), 0..bytes.len())
+}
+
+fn array(source: &Source, file: Range<usize>) -> Result<Tensor> {
+    refuse_foreign(source, "a NumPy array (.npy)")?;
+    let entry = entry(source, file)?;
+    decode(entry.stored, &entry.numbers(source)?, entry.shape.clone())
 }
 
 /// Writes a file, whole or not at all.
@@ -84,17 +92,24 @@ pub fn to_bytes(tensor: &Tensor) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
+/// A header names three things; one of an array with 64 axes has about 1 kB.
+const LONGEST_HEADER: usize = 1 << 20;
+
 /// Where the array of the `.npy` in this range is.
-pub(super) fn entry(bytes: &[u8], file: Range<usize>) -> Result<Entry> {
-    let all = &bytes[file.clone()];
-    let rest = all.strip_prefix(MAGIC).ok_or_else(|| damaged("another magic number"))?;
-    let (len, rest) = match rest {
-        [1, _, a, b, rest @ ..] => (usize::from(u16::from_le_bytes([*a, *b])), rest),
-        [2 | 3, _, a, b, c, d, rest @ ..] => (u32::from_le_bytes([*a, *b, *c, *d]) as usize, rest),
+pub(super) fn entry(source: &Source, file: Range<usize>) -> Result<Entry> {
+    let start = source.read(file.start..file.end.min(file.start + 12))?;
+    let rest = start.strip_prefix(MAGIC).ok_or_else(|| damaged("another magic number"))?;
+    let (len, before) = match rest {
+        [1, _, a, b, ..] => (usize::from(u16::from_le_bytes([*a, *b])), 10),
+        [2 | 3, _, a, b, c, d, ..] => (u32::from_le_bytes([*a, *b, *c, *d]) as usize, 12),
+        [1..=3, ..] => return Err(damaged("an end within the header")),
         [version, ..] => return Err(damaged(&format!("version {version}")).wanted("1, 2 or 3")),
         [] => return Err(damaged("an end after the magic number")),
     };
-    let (header, data) = rest.split_at_checked(len).ok_or_else(|| damaged("a header that is longer than the file"))?;
+    let data = (file.start + before).checked_add(len).filter(|data| *data <= file.end && len <= LONGEST_HEADER);
+    let data = data.ok_or_else(|| damaged("a header that is longer than the file"))?..file.end;
+    let header = source.read(file.start + before..data.start)?;
+    let header = &header[..];
     let header = str::from_utf8(header).map_err(|_| damaged("a header that is not UTF-8"))?;
     let Header { descr, fortran_order, dims } = Header::parse(header).ok_or_else(|| {
         let found: String = header.chars().take(200).collect();
@@ -109,22 +124,23 @@ pub(super) fn entry(bytes: &[u8], file: Range<usize>) -> Result<Entry> {
     if bytes_wanted != Some(data.len()) {
         return Err(damaged(&format!("{} bytes for shape {dims:?} of {stored}", data.len())));
     }
-    let storage = file.end - data.len()..file.end;
     let mut entry = if fortran_order {
         let mut strides = vec![1usize; dims.len()];
         for axis in 1..dims.len() {
             strides[axis] = strides[axis - 1].saturating_mul(dims[axis - 1]);
         }
-        Entry::new(stored, dims, strides, 0, storage)?
+        Entry::new(stored, dims, strides, 0, data)?
     } else {
-        Entry::contiguous(stored, dims, storage)?
+        Entry::contiguous(stored, dims, data)?
     };
     entry.big_endian = big_endian;
     Ok(entry)
 }
 
 fn damaged(found: &str) -> Error {
-    Error::new(ErrorKind::Input, "not a readable .npy array").found(found)
+    Error::new(ErrorKind::Input, "not a readable .npy array")
+        .found(found)
+        .fix("copy it, or save it with numpy.save, again")
 }
 
 /// Byte order and element type of a `descr` such as `<f4`.
@@ -193,7 +209,9 @@ impl<'a> Header<'a> {
                 "shape" => {
                     let (inside, after) = value.strip_prefix('(')?.split_once(')')?;
                     let sizes = inside.split(',').map(str::trim).filter(|size| !size.is_empty());
-                    dims = Some(sizes.map(|size| size.parse().ok()).collect::<Option<Vec<usize>>>()?);
+                    // Python 2 writes its long integers with an L
+                    let size = |size: &str| size.strip_suffix('L').unwrap_or(size).parse().ok();
+                    dims = Some(sizes.map(size).collect::<Option<Vec<usize>>>()?);
                     rest = after;
                 }
                 _ => return None,

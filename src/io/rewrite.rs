@@ -80,7 +80,7 @@ impl Archive {
     /// The bytes of an entry in a type of floats.
     fn bytes_as(&self, name: &str, entry: &Entry, stored: Stored) -> Result<Cow<'_, [u8]>> {
         if stored == entry.stored {
-            return Ok(entry.numbers(&self.bytes));
+            return entry.numbers(&self.source);
         }
         let read = self.load(name)?;
         let written = match stored {

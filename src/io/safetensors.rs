@@ -3,14 +3,18 @@
 //! A file of any size is listed and read in parts with [`Archive::open`](super::Archive::open).
 
 use std::borrow::Cow;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::fmt;
 use std::path::Path;
 
 use half::f16;
-use safetensors::{Dtype, SafeTensors, View};
+use safetensors::tensor::TensorInfo;
+use safetensors::{Dtype, View};
+use serde::de::{Deserialize, Deserializer, MapAccess, Visitor};
 
 use crate::io::archive::{Contents, Entry, unknown};
 use crate::io::bytes::write_whole;
+use crate::io::source::Source;
 use crate::io::{Archive, Stored};
 use crate::{DType, Device, Error, ErrorKind, Result, Tensor};
 
@@ -86,28 +90,124 @@ pub(super) fn refused(e: safetensors::SafeTensorError) -> Error {
     Error::new(ErrorKind::Io, "cannot write a safetensors file").found(e)
 }
 
+/// A longer header is refused, as by the format's own crate \[bytes\].
+const LARGEST_HEADER: usize = 100_000_000;
+
 /// Lists a file.
-pub(super) fn list(bytes: &[u8]) -> Result<Contents> {
-    let (header, about) = SafeTensors::read_metadata(bytes).map_err(|e| {
+pub(super) fn list(source: &Source) -> Result<Contents> {
+    let unreadable = |found: String| {
         Error::new(ErrorKind::Input, "not a readable file of tensors")
-            .found(format!("as safetensors: {e}"))
+            .found(format!("as safetensors: {found}"))
             .wanted("safetensors, a PyTorch checkpoint or an .npz")
             .fix("write or copy the file again")
-    })?;
-    let start = 8 + header;
-    let entries = about.tensors().into_iter().map(|(name, info)| {
+    };
+    let len = source.head(8)?.first_chunk().map(|len| u64::from_le_bytes(*len));
+    let len = len.ok_or_else(|| unreadable(format!("{} bytes, fewer than its first number has", source.len())))?;
+    let start = usize::try_from(len).ok().filter(|len| *len <= LARGEST_HEADER).map(|len| 8 + len);
+    let start = start.filter(|start| *start <= source.len());
+    let start = start.ok_or_else(|| unreadable(format!("a header of {len} bytes in a file of {}", source.len())))?;
+    let text = source.read(8..start)?;
+    let mut header: Header = serde_json::from_slice(&text).map_err(|e| unreadable(e.to_string()))?;
+    header.tensors.sort_by_key(|(_, info)| info.data_offsets);
+    let mut contents = Contents { metadata: header.metadata, ..Contents::default() };
+    let mut end = 0;
+    for (name, info) in header.tensors {
         let (from, to) = info.data_offsets;
+        let bits = info.shape.iter().try_fold(info.dtype.bitsize(), |bits, size| bits.checked_mul(*size));
+        if from != end || to < from || bits.is_none_or(|bits| bits % 8 != 0 || bits / 8 != to - from) {
+            let found = format!("bytes {from} to {to} for {:?} of {:?}", info.shape, info.dtype);
+            let wanted = format!("from byte {end} on as many as the tensor has");
+            return Err(unreadable(found).at(&name).wanted(wanted));
+        }
+        if to > source.len() - start {
+            let found = format!("a tensor up to byte {to} of {}", source.len() - start);
+            return Err(unreadable(found).at(&name).fix("copy or download the file again: it may be cut short"));
+        }
+        end = to;
         let entry = match stored(info.dtype) {
-            Some(stored) => Entry::contiguous(stored, info.shape.clone(), start + from..start + to),
+            Some(stored) => Entry::contiguous(stored, info.shape, start + from..start + to),
             None => Err(Error::new(ErrorKind::Unsupported, "a tensor has a dtype that is not read")
                 .found(format!("{:?}", info.dtype))
                 .wanted("bool, an integer type, f16, bf16, f32 or f64")),
         };
         let entry = entry.map_err(|e| e.at(&name));
-        (name, entry)
-    });
-    let metadata = about.metadata().iter().flatten().map(|(k, v)| (k.clone(), v.clone()));
-    Ok(Contents { entries: entries.collect(), metadata: metadata.collect() })
+        contents.entries.insert(name, entry);
+    }
+    match end == source.len() - start {
+        true => Ok(contents),
+        false => Err(unreadable(format!("{} bytes behind the last tensor", source.len() - start - end))),
+    }
+}
+
+/// The header of a file, in which each name stands once.
+struct Header {
+    tensors: Vec<(String, TensorInfo)>,
+    metadata: BTreeMap<String, String>,
+}
+
+impl<'de> Deserialize<'de> for Header {
+    fn deserialize<D: Deserializer<'de>>(header: D) -> Result<Self, D::Error> {
+        header.deserialize_map(Entries)
+    }
+}
+
+struct Entries;
+
+impl<'de> Visitor<'de> for Entries {
+    type Value = Header;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a table of tensors by name")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Header, A::Error> {
+        let (mut tensors, mut metadata) = (Vec::new(), None);
+        let mut names = HashSet::new();
+        while let Some(name) = map.next_key::<String>()? {
+            if !names.insert(name.clone()) {
+                return Err(twice(&name));
+            }
+            match &*name {
+                "__metadata__" => metadata = map.next_value::<Option<Texts>>()?,
+                _ => tensors.push((name, map.next_value()?)),
+            }
+        }
+        Ok(Header { tensors, metadata: metadata.map(|texts| texts.0).unwrap_or_default() })
+    }
+}
+
+/// Texts by key, each of which stands once.
+struct Texts(BTreeMap<String, String>);
+
+impl<'de> Deserialize<'de> for Texts {
+    fn deserialize<D: Deserializer<'de>>(texts: D) -> Result<Self, D::Error> {
+        texts.deserialize_map(Pairs)
+    }
+}
+
+struct Pairs;
+
+impl<'de> Visitor<'de> for Pairs {
+    type Value = Texts;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("texts by key")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Texts, A::Error> {
+        let mut texts = BTreeMap::new();
+        while let Some((key, text)) = map.next_entry::<String, String>()? {
+            if texts.contains_key(&key) {
+                return Err(twice(&key));
+            }
+            texts.insert(key, text);
+        }
+        Ok(Texts(texts))
+    }
+}
+
+fn twice<E: serde::de::Error>(name: &str) -> E {
+    E::custom(format_args!("the name {name:?} stands twice in the header"))
 }
 
 fn stored(dtype: Dtype) -> Option<Stored> {

@@ -5,4 +5,6 @@ mod checkpoint;
 mod hostile;
 mod mutations;
 mod npy;
+mod pickles;
+mod refused;
 mod safetensors;

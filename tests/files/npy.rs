@@ -52,6 +52,19 @@ fn what_is_written_is_what_numpy_writes() {
 }
 
 #[test]
+fn headers_of_python_2_are_read() {
+    for (shape, dims) in [("(2L, 3L)", &[2, 3][..]), ("(6L,)", &[6]), ("(1L,2, 3L)", &[1, 2, 3])] {
+        let header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}");
+        let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+        bytes.extend((header.len() as u16).to_le_bytes());
+        bytes.extend(header.bytes());
+        bytes.extend((0..6).flat_map(|i| f64::from(i).to_le_bytes()));
+        let x = npy::from_bytes(&bytes).unwrap();
+        assert_eq!((x.dims(), x.slice::<f64>()), (dims, &[0.0, 1.0, 2.0, 3.0, 4.0, 5.0][..]));
+    }
+}
+
+#[test]
 fn headers_that_lie_are_refused() {
     let file = |header: &str, data: usize| {
         let mut bytes = b"\x93NUMPY\x01\x00".to_vec();

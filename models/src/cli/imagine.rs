@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use gradreel::{Device, Error, ErrorKind, Result};
 
+use crate::cli::network;
 use crate::cli::source::{Source, whole};
 use crate::cli::synthesize;
 use crate::field::bounding_sphere;
@@ -68,7 +69,7 @@ pub(super) fn given(clip: &mut Clip, config: &Config) -> Result<()> {
     // weights that cannot be used leave no trace
     if let Some(weights) = &imagine.weights {
         Source::of(weights, "the weights")?;
-        let weights = FileWeights::open(weights, &Device::Cpu)?;
+        let weights = network::open(weights, &Device::Cpu)?;
         weights.check(&weights.sizes()?.weights()?).into_result()?;
     }
     match &imagine.views {

@@ -5,6 +5,7 @@ mod check;
 mod film;
 mod gradcheck;
 mod imagine;
+mod network;
 mod output;
 mod place;
 mod reconstruct;

@@ -60,9 +60,11 @@ impl Source {
     /// A file as it is now; `what` says in an error what it was to be.
     pub fn of(path: &Path, what: &str) -> Result<Self> {
         let fix = format!("give the path of the file with {what}");
-        if path.is_dir() {
+        // a device may have no end, and a pipe may never be written
+        if path.exists() && !path.is_file() {
             let error = Error::new(ErrorKind::Input, format!("cannot read {what}"));
-            return Err(error.at(path.display()).found("a folder").wanted("a file").fix(fix));
+            let found = if path.is_dir() { "a folder" } else { "a device, a pipe or a socket" };
+            return Err(error.at(path.display()).found(found).wanted("a file").fix(fix));
         }
         let mark = match path == FileWeights::BUILT_IN {
             true => Ok(mark_of(FileWeights::built_in().len() as u64, FileWeights::built_in())),

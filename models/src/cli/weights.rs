@@ -25,7 +25,8 @@ Examples:
   gradreel weights convert own.safetensors on.safetensors --without-input
                                                                      to train on as a model that sees its input in the UNet alone
 
-Files are safetensors or what PyTorch's torch.save writes. Nothing in a file is ever executed.";
+Files are safetensors or what PyTorch's torch.save writes. Nothing in a file is ever executed. While a command uses a file,
+leave it alone: one above 1 GiB is not copied into memory.";
 
 #[derive(clap::Subcommand)]
 enum Task {
@@ -100,7 +101,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
 }
 
 fn check(arguments: &Check) -> Result<()> {
-    let weights = FileWeights::open(&arguments.file, &Device::Cpu).map_err(with_a_way_out)?;
+    let weights = FileWeights::open(&arguments.file, &Device::Cpu)?;
     let archive = weights.archive();
     describe(&arguments.file, archive);
     if arguments.list {
@@ -140,10 +141,6 @@ fn check(arguments: &Check) -> Result<()> {
         .found(format!("{}; they are listed above", problems.join(", ")))
         .wanted(format!("the {} weights of the model", report.wanted))
         .fix("choose the checkpoint of the multi-view model, or get it again if it is damaged"))
-}
-
-fn with_a_way_out(error: Error) -> Error {
-    error.fix("give the path of a safetensors file or of what PyTorch's torch.save has written")
 }
 
 /// Tensors that hold NaN or infinity. One tensor is read at a time.
@@ -201,7 +198,7 @@ fn convert(arguments: &Convert) -> Result<()> {
             .at(to.display())
             .fix("choose another name, or replace it with --force"));
     }
-    let archive = Archive::open(from).map_err(with_a_way_out)?;
+    let archive = Archive::open(from)?;
     if archive.names().next().is_none() {
         return Err(Error::new(ErrorKind::Input, "the file holds no tensors")
             .at(from.display())

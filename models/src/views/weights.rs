@@ -13,13 +13,13 @@ use crate::layers::{Init, Weights};
 
 /// The weights of a safetensors file or a PyTorch checkpoint, as constants.
 ///
-/// On the CPU a weight *is* the mapped file, in the type in which it is stored: nothing is read before a layer uses it, and
-/// the system may drop its pages again. Layers cast what is not in the type they compute in. Only `bf16` and weights that
-/// the file does not hold contiguously are read into memory, as `f32`. On a GPU each weight is uploaded once, when it is
-/// first asked for.
+/// A weight is read when a layer first asks for it, in the type in which it is stored, and kept. Of a mapped file
+/// ([`FileWeights::open_mapped`]) a weight on the CPU *is* the file: nothing is read before a layer uses it, and the system may
+/// drop its pages again. Layers cast what is not in the type they compute in. Only `bf16` and weights that the file does not
+/// hold contiguously become `f32` in memory. On a GPU each weight is uploaded once, when it is first asked for.
 ///
 /// Names are those of the published checkpoint. Those of the single-view model it was made from are known, too: its image
-/// encoder is under `cond_stage_model`. The file must not be changed while it is in use.
+/// encoder is under `cond_stage_model`.
 ///
 /// ```
 /// use gradreel::io::TensorFile;
@@ -66,7 +66,7 @@ const ELSEWHERE: &[[&str; 2]] = &[["clip_image_encoder.model.", "cond_stage_mode
 const AVERAGES: &str = "model_ema.";
 
 impl FileWeights {
-    /// Maps a safetensors file or a PyTorch checkpoint (its `state_dict` where it has one) and lists its weights;
+    /// Opens a safetensors file or a PyTorch checkpoint (its `state_dict` where it has one) and lists its weights;
     /// [`FileWeights::BUILT_IN`] opens those that come with the crate.
     ///
     /// # Errors
@@ -77,8 +77,28 @@ impl FileWeights {
             true => Archive::from_bytes(Self::built_in().to_vec())?,
             false => Archive::open(path)?,
         };
+        Ok(Self::of_archive(path, archive, device))
+    }
+
+    /// As [`FileWeights::open`], with the file mapped: a model that is larger than the memory runs, and weights that nobody
+    /// uses are never read.
+    ///
+    /// # Safety
+    /// As [`Archive::open_mapped`]: nobody changes or shortens the file while these weights, or what was built of them,
+    /// live.
+    ///
+    /// # Errors
+    /// As [`FileWeights::open`].
+    pub unsafe fn open_mapped(path: impl AsRef<Path>, device: &Device) -> Result<Self> {
+        let path = path.as_ref();
+        // SAFETY: the caller's promise.
+        let archive = unsafe { Archive::open_mapped(path) }?;
+        Ok(Self::of_archive(path, archive, device))
+    }
+
+    fn of_archive(path: &Path, archive: Archive, device: &Device) -> Self {
         let file = File { path: path.to_owned(), archive, device: device.clone(), kept: Mutex::default() };
-        Ok(Self { file: Arc::new(file), tape: Tape::new() })
+        Self { file: Arc::new(file), tape: Tape::new() }
     }
 
     /// What stands for the path of the small model that comes with the crate ([`ModelSizes::small`]).
@@ -199,7 +219,7 @@ impl FileWeights {
             Device::Gpu(_) => weight,
         };
         let weight = weight.to_device(&file.device)?;
-        if file.device != Device::Cpu || stored == gradreel::io::Stored::Bf16 {
+        if file.device != Device::Cpu || stored == gradreel::io::Stored::Bf16 || !file.archive.is_held() {
             file.kept().insert(name, weight.clone());
         }
         Ok(weight)

@@ -122,3 +122,40 @@ fn what_cannot_be_converted_is_refused_and_leaves_nothing() {
     let both = scene.run(&format!("weights convert {from} both.safetensors --f16 --f32"));
     assert!(both.status.code() == Some(2) && text(&both.stderr).contains("--f32"), "{}", text(&both.stderr));
 }
+
+#[test]
+fn what_is_no_file_of_weights_is_named() {
+    let scene = Scene::new();
+    std::fs::create_dir(scene.path("folder")).unwrap();
+    scene.write("ball.jpg", include_bytes!("ball.jpg"));
+    scene.write("lfs.safetensors", "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n");
+    scene.write("page.ckpt", "<!DOCTYPE html><html><head><title>Sign in</title></head></html>");
+    scene.write("error.pt", "{\"error\": \"Repository not found\"}");
+    scene.write("empty.pt", "");
+    let mut cases = vec![
+        ("folder", "a folder", "a file in it"),
+        ("lfs.safetensors", "a Git LFS pointer, the text that stands for a file of 12345 bytes", "git lfs pull"),
+        ("page.ckpt", "a web page, \"Sign in\"", "download the file again"),
+        ("error.pt", "JSON text", "download the file again"),
+        ("empty.pt", "an empty file", "again"),
+    ];
+    if cfg!(unix) {
+        cases.push(("/dev/zero", "a device", "save the data as a file"));
+    }
+    for (path, found, fix) in cases {
+        scene.refuses(&format!("weights check {path}"), &[path, found, fix]);
+        scene.refuses(&format!("weights convert {path} out.safetensors"), &[path, found, fix]);
+        // where weights are used
+        scene.refuses(&format!("synthesize ball.jpg --elevation 0 --weights {path} --out run"), &[path, found]);
+    }
+}
+
+#[test]
+fn a_key_that_stands_twice_is_refused() {
+    let scene = Scene::new();
+    let header = r#"{"w":{"dtype":"F32","shape":[2],"data_offsets":[0,8]},"w":{"dtype":"F32","shape":[1,2],"data_offsets":[0,8]}}"#;
+    let file = [&(header.len() as u64).to_le_bytes()[..], header.as_bytes(), &[0; 8]].concat();
+    scene.write("twice.safetensors", file);
+    scene.refuses("weights check twice.safetensors", &["\"w\" stands twice"]);
+    scene.refuses("weights convert twice.safetensors out.safetensors", &["\"w\" stands twice"]);
+}

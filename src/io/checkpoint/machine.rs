@@ -2,11 +2,12 @@
 
 use std::collections::HashMap;
 
-use super::value::{Global, Graph, Id, Kind, Storage, Value};
+use super::text;
+use super::value::{Global, Graph, Id, Value};
 use crate::{Error, ErrorKind, Result};
 
 /// A pickle describes tensors; their numbers are elsewhere. One for 1 600 tensors has about 200 kB.
-const LARGEST_PICKLE: usize = 64 << 20;
+pub(super) const LARGEST_PICKLE: usize = 64 << 20;
 /// Values that a pickle may build.
 const MOST_VALUES: usize = 4 << 20;
 /// Marks that may be open at once: lists within lists.
@@ -66,11 +67,11 @@ impl<'a> Machine<'a> {
             b'I' => match self.line()? {
                 "00" => Value::Bool(false),
                 "01" => Value::Bool(true),
-                text => Value::Int(self.number(text)?),
+                text => self.whole(text)?,
             },
             b'L' => {
                 let text = self.line()?;
-                Value::Int(self.number(text.strip_suffix('L').unwrap_or(text))?)
+                self.whole(text.strip_suffix('L').unwrap_or(text))?
             }
             b'F' => {
                 let text = self.line()?;
@@ -79,8 +80,24 @@ impl<'a> Machine<'a> {
             b'X' => Value::Str(self.text::<4>()?),
             0x8c => Value::Str(self.text::<1>()?),
             0x8d => Value::Str(self.text::<8>()?),
+            b'V' => match self.raw_line()? {
+                plain if plain.is_ascii() && !plain.contains(&b'\\') => self.utf_8(plain).map(Value::Str)?,
+                other => Value::Escaped(text::raw_unicode(other).into()),
+            },
+            b'S' => {
+                let line = self.raw_line()?;
+                let bytes = text::quoted(line).ok_or_else(|| self.fault("a text without its quotes"))?;
+                let inside = line.trim_ascii().get(1..1 + bytes.len()).filter(|inside| **inside == *bytes);
+                // text of Python 2, in an unknown encoding
+                match (inside, String::from_utf8(bytes)) {
+                    (Some(plain), Ok(_)) => self.utf_8(plain).map(Value::Str)?,
+                    (None, Ok(text)) => Value::Escaped(text.into()),
+                    (_, Err(_)) => Value::Bytes,
+                }
+            }
             b'B' => self.counted::<4>().map(|_| Value::Bytes)?,
             b'C' => self.counted::<1>().map(|_| Value::Bytes)?,
+            0x8e | 0x96 => self.counted::<8>().map(|_| Value::Bytes)?,
             // text of Python 2, in an unknown encoding
             b'T' => bytes_or_text(self.counted::<4>()?),
             b'U' => bytes_or_text(self.counted::<1>()?),
@@ -88,6 +105,7 @@ impl<'a> Machine<'a> {
             b']' => Value::List(Vec::new()),
             b')' => Value::Tuple(Vec::new()),
             0x8f => Value::Set(Vec::new()),
+            0x91 => Value::Set(self.since_mark()?),
             b't' => Value::Tuple(self.since_mark()?),
             b'l' => Value::List(self.since_mark()?),
             b'd' => {
@@ -111,6 +129,7 @@ impl<'a> Machine<'a> {
                 }
             }
             b'Q' => self.persistent()?,
+            b'P' => self.persistent_text()?,
             _ => return self.rearrange(opcode).map(|()| None),
         };
         self.push(value)?;
@@ -122,6 +141,8 @@ impl<'a> Machine<'a> {
         match opcode {
             b'(' if self.marks.len() == MOST_MARKS => return Err(self.fault("values nested too deeply")),
             b'(' => self.marks.push(self.stack.len()),
+            // at a mark, it is the mark that is dropped
+            b'0' if self.marks.last() == Some(&self.stack.len()) => drop(self.marks.pop()),
             b'0' => drop(self.pop()?),
             b'1' => drop(self.since_mark()?),
             b'2' => {
@@ -164,19 +185,49 @@ impl<'a> Machine<'a> {
                 let id = self.call(callee, arguments)?;
                 self.stack.push(id);
             }
+            b'i' => {
+                let (module, name) = (self.line()?, self.line()?);
+                let arguments = self.since_mark()?;
+                self.make(Value::Global(Box::new(Global { module, name })), arguments)?;
+            }
+            b'o' => {
+                let mut arguments = self.since_mark()?;
+                if arguments.is_empty() {
+                    return Err(self.empty());
+                }
+                let class = arguments.remove(0);
+                let arguments = self.add(Value::Tuple(arguments))?;
+                let id = self.call(class, arguments)?;
+                self.stack.push(id);
+            }
+            0x82 => self.extension::<1>()?,
+            0x83 => self.extension::<2>()?,
+            0x84 => self.extension::<4>()?,
+            // a buffer that is handed over beside the pickle, which a file does not have
+            0x97 => {
+                let id = self.opaque(Global { module: "pickle", name: "PickleBuffer" })?;
+                self.stack.push(id);
+            }
+            // the same buffer, read-only
+            0x98 => self.above_mark(self.stack.len().checked_sub(1).ok_or_else(|| self.empty())?)?,
             0x92 => {
                 let (_, arguments, class) = (self.pop()?, self.pop()?, self.pop()?);
                 let id = self.call(class, arguments)?;
                 self.stack.push(id);
             }
             b'b' => {
-                // the state of an object: `_metadata` of an OrderedDict, or attributes of something opaque
-                self.pop()?;
+                // the state of an object, or `_metadata` of an OrderedDict, which says nothing of tensors
+                let state = self.pop()?;
                 let object = *self.stack.last().ok_or_else(|| self.empty())?;
-                if let Value::Global(global) = &self.values[object as usize] {
-                    let opaque = Value::Opaque(global.clone());
-                    self.pop()?;
-                    self.push(opaque)?;
+                match &mut self.values[object as usize] {
+                    Value::Opaque(opaque) => opaque.states.push(state),
+                    Value::Global(class) => {
+                        let class = (**class).clone();
+                        self.pop()?;
+                        let id = self.opaque(class)?;
+                        self.stack.push(id);
+                    }
+                    _ => {}
                 }
             }
             _ => return Err(self.fault(&format!("the opcode {opcode:#04x}, which is not allowed"))),
@@ -186,47 +237,30 @@ impl<'a> Machine<'a> {
 
     fn protocol(&mut self) -> Result<Option<Id>> {
         match self.take()? {
-            [2..=5] => Ok(None),
-            [other] => Err(self.fault(&format!("pickle protocol {other}")).wanted("2 to 5")),
+            [0..=5] => Ok(None),
+            [other] => Err(self.fault(&format!("pickle protocol {other}")).wanted("0 to 5")),
         }
     }
 
-    /// A reference to a storage: `("storage", class, key, location, length[, view])`.
-    fn persistent(&mut self) -> Result<Value<'a>> {
-        let id = self.pop()?;
-        let wanted = "(\"storage\", class, key, location, length)";
-        let Value::Tuple(parts) = &self.values[id as usize] else {
-            return Err(self.fault("a reference to something that is no storage").wanted(wanted));
-        };
-        let part = |i: usize| parts.get(i).map_or(&Value::None, |id| &self.values[*id as usize]);
-        let (Value::Str("storage"), Value::Global(class), Value::Str(key), Value::Int(len)) =
-            (part(0), part(1), part(2), part(4))
-        else {
-            return Err(self.fault("a reference to something that is no storage").wanted(wanted));
-        };
-        let mut storage = Storage { key, kind: Kind::of(class), len: self.count(*len)?, first: 0 };
-        if let Value::Tuple(view) = part(5)
-            && let [_, first, len] = view[..]
-        {
-            // files before version 0.4 have views of storages
-            let (Value::Int(first), Value::Int(view_len)) = (&self.values[first as usize], &self.values[len as usize])
-            else {
-                return Err(self.fault("a view of a storage without numbers"));
-            };
-            storage.first = self.count(*first)?;
-            let end = storage.first.checked_add(self.count(*view_len)?);
-            if end.is_none_or(|end| end > storage.len) {
-                return Err(self.fault("a view beyond its storage"));
-            }
-        }
-        Ok(Value::Storage(Box::new(storage)))
+    /// A call whose parts are not on the stack.
+    fn make(&mut self, class: Value<'a>, arguments: Vec<Id>) -> Result<()> {
+        let (class, arguments) = (self.add(class)?, self.add(Value::Tuple(arguments))?);
+        let id = self.call(class, arguments)?;
+        self.stack.push(id);
+        Ok(())
+    }
+
+    /// A class by its number in a registry of the program that wrote the file.
+    fn extension<const N: usize>(&mut self) -> Result<()> {
+        self.take::<N>()?;
+        self.push(Value::Global(Box::new(Global { module: "copyreg", name: "extension" })))
     }
 
     fn append(&mut self, items: &[Id]) -> Result<()> {
         let target = *self.stack.last().ok_or_else(|| self.empty())?;
         match &mut self.values[target as usize] {
             Value::List(list) | Value::Set(list) => list.extend(items),
-            Value::Opaque(_) => {}
+            Value::Opaque(object) => object.items.extend(items),
             other => {
                 let found = format!("items added to {}", other.describe());
                 return Err(self.fault(&found));
@@ -240,7 +274,7 @@ impl<'a> Machine<'a> {
         let target = *self.stack.last().ok_or_else(|| self.empty())?;
         match &mut self.values[target as usize] {
             Value::Dict(dict) => dict.extend(pairs),
-            Value::Opaque(_) => {}
+            Value::Opaque(object) => object.pairs.extend(pairs),
             other => {
                 let found = format!("keys set in {}", other.describe());
                 return Err(self.fault(&found));
@@ -280,7 +314,7 @@ impl<'a> Machine<'a> {
         Ok(())
     }
 
-    fn pop(&mut self) -> Result<Id> {
+    pub fn pop(&mut self) -> Result<Id> {
         self.above_mark(self.stack.len().saturating_sub(1))?;
         self.stack.pop().ok_or_else(|| self.empty())
     }
@@ -338,14 +372,35 @@ impl<'a> Machine<'a> {
     }
 
     fn text<const N: usize>(&mut self) -> Result<&'a str> {
-        str::from_utf8(self.counted::<N>()?).map_err(|_| self.fault("text that is not UTF-8"))
+        let bytes = self.counted::<N>()?;
+        self.utf_8(bytes)
     }
 
-    fn line(&mut self) -> Result<&'a str> {
+    pub fn line(&mut self) -> Result<&'a str> {
+        let line = self.raw_line()?;
+        self.utf_8(line)
+    }
+
+    fn raw_line(&mut self) -> Result<&'a [u8]> {
         let rest = &self.bytes[self.at.min(self.bytes.len())..];
         let len = rest.iter().position(|b| *b == b'\n').ok_or_else(|| self.cut_short())?;
         self.at += len + 1;
-        str::from_utf8(&rest[..len]).map_err(|_| self.fault("text that is not UTF-8"))
+        Ok(&rest[..len])
+    }
+
+    fn utf_8(&self, bytes: &'a [u8]) -> Result<&'a str> {
+        str::from_utf8(bytes).map_err(|_| self.fault("text that is not UTF-8"))
+    }
+
+    /// An integer in digits, of any length.
+    fn whole(&self, text: &'a str) -> Result<Value<'a>> {
+        let text = text.trim();
+        let digits = text.strip_prefix('-').unwrap_or(text);
+        match text.parse() {
+            Ok(small) => Ok(Value::Int(small)),
+            Err(_) if !digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit()) => Ok(Value::Digits(text)),
+            Err(_) => Err(self.fault("a number that is none")),
+        }
     }
 
     /// An integer of any length, little-endian in two's complement.
@@ -372,6 +427,7 @@ impl<'a> Machine<'a> {
         Error::new(ErrorKind::Input, "the pickle of the checkpoint is refused")
             .at(format!("byte {}", self.opcode_at))
             .found(found)
+            .fix("copy or download the file again, or save its tensors alone: torch.save(model.state_dict(), \"weights.pt\")")
     }
 
     fn empty(&self) -> Error {

@@ -5,15 +5,19 @@ use super::value::{Id, Kind, Value, View};
 use crate::Result;
 use crate::io::Stored;
 
-impl Machine<'_> {
+impl<'a> Machine<'a> {
     /// What a call describes: a dict, a tuple, a tensor, or something opaque.
     pub fn call(&mut self, mut callee: Id, mut arguments: Id) -> Result<Id> {
         loop {
             let (global, given) = match (&self.values[callee as usize], &self.values[arguments as usize]) {
                 (Value::Global(global), Value::Tuple(given)) => (global, &given[..]),
-                (Value::Global(global) | Value::Opaque(global), _) => {
-                    let opaque = Value::Opaque(global.clone());
-                    return self.add(opaque);
+                (Value::Global(class), _) => {
+                    let class = (**class).clone();
+                    return self.opaque(class);
+                }
+                (Value::Opaque(object), _) => {
+                    let class = object.class.clone();
+                    return self.opaque(class);
                 }
                 (other, _) => {
                     let found = format!("a call of {}", other.describe());
@@ -23,13 +27,22 @@ impl Machine<'_> {
             return match (global.module, global.name, given) {
                 ("collections", "OrderedDict", []) => self.add(Value::Dict(Vec::new())),
                 ("collections", "OrderedDict", [pairs]) => self.ordered_dict(*pairs),
-                ("torch", "Size", [sizes]) => Ok(*sizes),
-                ("torch._utils", "_rebuild_tensor_v2", [storage, offset, size, stride, _, _, ..])
-                | ("torch._utils", "_rebuild_tensor", [storage, offset, size, stride]) => {
-                    self.tensor([*storage, *offset, *size, *stride], None)
+                ("collections", "defaultdict", [] | [_]) => self.add(Value::Dict(Vec::new())),
+                ("builtins" | "__builtin__", "set" | "frozenset" | "list" | "tuple", [items])
+                    if matches!(self.values[*items as usize], Value::List(_) | Value::Tuple(_)) =>
+                {
+                    Ok(*items)
                 }
-                ("torch._utils", "_rebuild_tensor_v3", [storage, offset, size, stride, _, _, dtype, ..]) => {
-                    self.tensor([*storage, *offset, *size, *stride], Some(*dtype))
+                ("_codecs", "encode", _) | ("builtins" | "__builtin__", "bytes" | "bytearray" | "complex", _) => {
+                    self.add(Value::Bytes)
+                }
+                ("torch", "Size", [sizes]) => Ok(*sizes),
+                ("torch._utils", "_rebuild_tensor_v2", [storage, offset, size, stride, _, _, more @ ..])
+                | ("torch._utils", "_rebuild_tensor", [storage, offset, size, stride, more @ ..]) => {
+                    self.tensor([*storage, *offset, *size, *stride], None, more.first().copied())
+                }
+                ("torch._utils", "_rebuild_tensor_v3", [storage, offset, size, stride, _, _, dtype, more @ ..]) => {
+                    self.tensor([*storage, *offset, *size, *stride], Some(*dtype), more.first().copied())
                 }
                 ("torch._utils", "_rebuild_parameter" | "_rebuild_parameter_with_state", [tensor, ..]) => Ok(*tensor),
                 ("torch._tensor", "_rebuild_from_type_v2", [function, _, inner, ..]) => {
@@ -38,8 +51,8 @@ impl Machine<'_> {
                     continue;
                 }
                 _ => {
-                    let opaque = Value::Opaque(global.clone());
-                    self.add(opaque)
+                    let class = (**global).clone();
+                    self.opaque(class)
                 }
             };
         }
@@ -63,8 +76,8 @@ impl Machine<'_> {
         self.add(Value::Dict(pairs))
     }
 
-    /// A view of a storage; `dtype` where the storage is untyped.
-    fn tensor(&mut self, [storage, offset, size, stride]: [Id; 4], dtype: Option<Id>) -> Result<Id> {
+    /// A view of a storage; `dtype` where the storage is untyped, `bits` with what is to be done with its numbers.
+    fn tensor(&mut self, [storage, offset, size, stride]: [Id; 4], dtype: Option<Id>, bits: Option<Id>) -> Result<Id> {
         let (dims, strides) = (self.sizes(size)?, self.sizes(stride)?);
         if dims.len() != strides.len() {
             return Err(self.fault(&format!("{} sizes with {} strides", dims.len(), strides.len())));
@@ -82,10 +95,34 @@ impl Machine<'_> {
             (_, Some(Value::Global(global))) if global.module == "torch" => of_dtype(global.name).ok_or(global.name),
             (_, Some(_)) => return Err(self.fault("a tensor with a type that is none")),
         };
+        let (negative, unread) = match bits.map(|id| &self.values[id as usize]) {
+            None => (false, None),
+            Some(bits) => self.bits(bits),
+        };
+        let stored = stored.and_then(|stored| unread.map_or(Ok(stored), Err));
         let offset = self.count(*offset)?.checked_add(storage.first);
         let offset = offset.ok_or_else(|| self.fault("an offset beyond all memory"))?;
-        let view = View { storage: (**storage).clone(), stored, offset, dims, strides };
+        let view = View { storage: (**storage).clone(), stored, negative, offset, dims, strides };
         self.add(Value::Tensor(Box::new(view)))
+    }
+
+    /// Whether a tensor is the negative of what is stored, and what else its metadata asks for, which is not read.
+    fn bits(&self, bits: &Value<'a>) -> (bool, Option<&'a str>) {
+        let pairs = match bits {
+            Value::None => return (false, None),
+            Value::Dict(pairs) => pairs,
+            _ => return (false, Some("metadata of a tensor that is no dict")),
+        };
+        let (mut negative, mut unread) = (false, None);
+        for (key, value) in pairs {
+            match (&self.values[*key as usize], &self.values[*value as usize]) {
+                (Value::Str("neg"), Value::Bool(bit)) => negative = *bit,
+                (_, Value::Bool(false) | Value::None) => {}
+                (Value::Str("conj"), _) => unread = Some("a tensor with PyTorch's conjugate bit"),
+                _ => unread = Some("metadata of a tensor other than its negative bit"),
+            }
+        }
+        (negative, unread)
     }
 
     fn sizes(&self, id: Id) -> Result<Vec<usize>> {

@@ -14,7 +14,11 @@ pub(super) enum Value<'a> {
     /// An integer of more than eight bytes, little-endian.
     Big(&'a [u8]),
     Float(f64),
+    /// An integer that does not fit, in digits.
+    Digits(&'a str),
     Str(&'a str),
+    /// A text that stands in the pickle with escapes.
+    Escaped(Box<str>),
     Bytes,
     List(Vec<Id>),
     Tuple(Vec<Id>),
@@ -24,7 +28,24 @@ pub(super) enum Value<'a> {
     Storage(Box<Storage<'a>>),
     Tensor(Box<View<'a>>),
     /// What a call would have returned that is not made, or an object of an unknown class.
-    Opaque(Box<Global<'a>>),
+    Opaque(Box<Object<'a>>),
+}
+
+/// An object that is not made, and what it was to be filled with.
+pub(super) struct Object<'a> {
+    pub class: Global<'a>,
+    /// Its attributes: dictionaries, or tuples of them.
+    pub states: Vec<Id>,
+    /// What it holds by key, if it is a kind of dictionary.
+    pub pairs: Vec<(Id, Id)>,
+    /// What it holds, if it is a kind of list.
+    pub items: Vec<Id>,
+}
+
+impl<'a> Object<'a> {
+    pub fn of(class: Global<'a>) -> Self {
+        Self { class, states: Vec::new(), pairs: Vec::new(), items: Vec::new() }
+    }
 }
 
 /// A name of something in Python.
@@ -77,12 +98,26 @@ impl Kind<'_> {
         })
     }
 
-    /// Bytes per element, if it is known.
+    /// Bytes per element, if it is known: also of storages that are not read, because others lie behind them.
     pub fn size(self) -> Option<usize> {
+        Some(match self {
+            Kind::Typed(stored) => stored.size(),
+            Kind::Untyped => 1,
+            Kind::Other("ComplexDoubleStorage") => 16,
+            Kind::Other("ComplexFloatStorage") => 8,
+            Kind::Other("ComplexHalfStorage" | "QInt32Storage") => 4,
+            Kind::Other("QInt8Storage" | "QUInt8Storage" | "QUInt4x2Storage" | "QUInt2x4Storage") => 1,
+            Kind::Other(_) => return None,
+        })
+    }
+}
+
+impl<'a> Kind<'a> {
+    /// The class of a storage that is not read.
+    pub fn name(self) -> &'a str {
         match self {
-            Kind::Typed(stored) => Some(stored.size()),
-            Kind::Untyped => Some(1),
-            Kind::Other(_) => None,
+            Kind::Other(name) => name,
+            Kind::Typed(_) | Kind::Untyped => "a storage",
         }
     }
 }
@@ -103,8 +138,10 @@ impl Storage<'_> {
 /// A tensor: a strided view of a storage.
 pub(super) struct View<'a> {
     pub storage: Storage<'a>,
-    /// The element type, or the name of one that is not read.
+    /// The element type, or the name of what is not read.
     pub stored: Result<Stored, &'a str>,
+    /// Whether the tensor is the negative of what is stored.
+    pub negative: bool,
     pub offset: usize,
     pub dims: Vec<usize>,
     pub strides: Vec<usize>,
@@ -128,9 +165,9 @@ impl Value<'_> {
         match self {
             Self::None => "None".to_owned(),
             Self::Bool(_) => "a bool".to_owned(),
-            Self::Int(_) | Self::Big(_) => "an int".to_owned(),
+            Self::Int(_) | Self::Big(_) | Self::Digits(_) => "an int".to_owned(),
             Self::Float(_) => "a float".to_owned(),
-            Self::Str(_) => "a text".to_owned(),
+            Self::Str(_) | Self::Escaped(_) => "a text".to_owned(),
             Self::Bytes => "bytes".to_owned(),
             Self::List(_) => "a list".to_owned(),
             Self::Tuple(_) => "a tuple".to_owned(),
@@ -139,7 +176,9 @@ impl Value<'_> {
             Self::Storage(_) => "a bare storage".to_owned(),
             Self::Tensor(_) => "a tensor".to_owned(),
             Self::Global(global) => format!("a reference to {}", global.full_name()),
-            Self::Opaque(global) => format!("the result of a call to {}, which is never made", global.full_name()),
+            Self::Opaque(object) => {
+                format!("the result of a call to {}, which is never made", object.class.full_name())
+            }
         }
     }
 }

@@ -9,6 +9,7 @@ use gradreel::{Device, Error, ErrorKind, Result, Tensor};
 use serde::{Deserialize, Serialize};
 
 use super::Arguments;
+use crate::cli::network;
 use crate::cli::source::{Place, Source};
 use crate::report::interrupt;
 use crate::report::progress::Progress;
@@ -71,7 +72,7 @@ impl Job {
     pub fn begin(arguments: &Arguments, weights: &Path) -> Result<Self> {
         let image = Source::of(&arguments.image, "the picture")?;
         let source = Source::of(weights, "the weights")?;
-        let sizes = FileWeights::open(weights, &Device::Cpu)?.sizes()?;
+        let sizes = network::open(weights, &Device::Cpu)?.sizes()?;
         let usual = sizes.sampler();
         let settings = Settings {
             image,
@@ -140,7 +141,7 @@ impl Job {
         folder: impl FnOnce(&Settings) -> Result<RunFolder>,
     ) -> Result<Self> {
         let device = settings.device.device()?;
-        let weights = FileWeights::open(weights, &device)?;
+        let weights = network::open(weights, &device)?;
         let sizes = weights.sizes()?;
         weights.check(&sizes.weights()?).into_result()?;
         // pixels of 256, whatever the model's size

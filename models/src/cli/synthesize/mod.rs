@@ -89,6 +89,8 @@ Results, all in the folder of --out:
   latents.safetensors   the latents that were decoded
   preview.png           while sampling: what the views will be, as far as it is known
 
+Weights above 1 GiB are not copied into memory: leave their file alone while a run uses it.
+
 Examples:
   gradreel synthesize cup.png --elevation 20
   gradreel synthesize cup.png --elevation 20 --weights syncdreamer-pretrain.ckpt

@@ -9,13 +9,14 @@ use super::feed::unseen;
 use super::meshes::Objects;
 use super::sampled::{rows, sampled, score};
 use super::settings::{Settings, Stage};
+use crate::cli::network;
 use crate::cli::output::{say, tell};
 use crate::report::animation::Picture;
 use crate::report::progress::Progress;
 use crate::report::run_folder::RunFolder;
 use crate::report::synthesis::sheet;
 use crate::views::objects::SampleSettings;
-use crate::views::{DenoiserSizes, Detector, Ensemble, FileWeights, ModelSizes, SamplerSettings, Score};
+use crate::views::{DenoiserSizes, Detector, Ensemble, ModelSizes, SamplerSettings, Score};
 
 /// Objects of which the pictures are kept.
 const SHOWN: usize = 8;
@@ -31,7 +32,7 @@ pub(super) fn run(arguments: &NovelView, count: usize, progress: &Progress) -> R
     }
     let (mut settings, weights) = Settings::resolve_from(arguments, Stage::SpatialAware)?;
     let path = weights.as_ref().map(|weights| weights.path().to_owned()).unwrap_or_default();
-    let weights = FileWeights::open(path, &settings.device.device()?)?;
+    let weights = network::open(path, &settings.device.device()?)?;
     settings.model = weights.sizes()?;
     let objects = Objects::open(&mut settings, progress)?;
     let sizes = &settings.model;

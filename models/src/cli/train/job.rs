@@ -14,6 +14,7 @@ use super::meshes::Objects;
 use super::page::page;
 use super::sampled::{rows, sampled, score};
 use super::settings::Settings;
+use crate::cli::network;
 use crate::layers::initialise;
 use crate::report::animation::Picture;
 use crate::report::interrupt;
@@ -114,7 +115,7 @@ impl Job {
     }
 
     fn open(folder: RunFolder, settings: Settings, objects: Objects, weights: &Path, device: &Device) -> Result<Self> {
-        let weights = FileWeights::open(weights, device)?;
+        let weights = network::open(weights, device)?;
         let training = Training::new(weights.clone(), settings.model.denoiser.clone(), settings.plan())?;
         Ok(Self { folder, settings, objects, weights, training, log: Log::new() })
     }

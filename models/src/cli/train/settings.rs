@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::NovelView;
 use super::meshes::Meshes;
+use crate::cli::network;
 use crate::cli::source::{Place, Source};
 use crate::text;
 use crate::views::objects::SampleSettings;
@@ -153,7 +154,7 @@ impl Settings {
             (None, Some(named)) => named.clone().try_into().map_err(|e| refused("stage", &e))?,
         };
         let source = arguments.weights.as_deref().map(|path| Source::of(path, "the weights")).transpose()?;
-        let weights = arguments.weights.as_deref().map(|path| FileWeights::open(path, &Device::Cpu)).transpose()?;
+        let weights = arguments.weights.as_deref().map(|path| network::open(path, &Device::Cpu)).transpose()?;
         let mut model = match (&weights, stage) {
             (Some(weights), _) => weights.sizes()?,
             (None, _) => ModelSizes::small(),

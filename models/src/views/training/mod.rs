@@ -350,7 +350,7 @@ impl Training {
             file.metadata.insert(ModelSizes::METADATA.to_owned(), ModelSizes { denoiser, ..before }.to_json());
         }
         for name in archive.names() {
-            // what lies in the mapped file takes no memory here
+            // what lies in a mapped file takes no memory here
             file.tensors.insert(name.to_owned(), archive.map(name)?);
         }
         for (path, value) in self.averaged().as_ref().unwrap_or(&self.params).iter() {
