@@ -1,6 +1,9 @@
 //! Normalisation, softmax and attention against PyTorch in values and gradients, at their edges, and on any number of
 //! threads.
 
+#[path = "vectors/find.rs"]
+mod find;
+
 use std::path::Path;
 
 use gradreel::io::safetensors::TensorFile;
@@ -112,13 +115,26 @@ fn a_constant_run_becomes_the_shift() {
 #[test]
 fn layers_agree_with_independent_vectors() {
     const NORM: &[&str] = &["in.x", "w.weight", "w.bias"];
-    let checks = vec![
-        check("group_norm_g8_eps1e-5", NORM, |v| v[0].group_norm(8, 1e-5, Some((&v[1], &v[2])))),
-        check("group_norm_g8_eps1e-6_smallinput", NORM, |v| v[0].group_norm(8, 1e-6, Some((&v[1], &v[2])))),
-        check("layer_norm_eps1e-5", NORM, |v| v[0].layer_norm(1, 1e-5, Some((&v[1], &v[2])))),
-        check("attention_scaled", &["in.q", "in.k", "in.v"], |v| v[0].attention(&v[1], &v[2], 0.5, None)),
-    ];
-    compare(&file("layer_primitives.safetensors"), checks, DType::F32, [1e-5, 1e-4], ["out", "cot", "grad"]);
+    let path = find::path(Path::new("models/tests/vectors/views"), find::VIEWS, "primitives.safetensors");
+    let file = TensorFile::read(path).unwrap();
+    let mut checks = Vec::new();
+    for name in file.tensors.keys().filter_map(|name| name.strip_suffix(".out")) {
+        // as in `group_norm_g8_eps1e-6_smallinput`
+        let part = |start: &str| name.split('_').find_map(|part| part.strip_prefix(start)?.parse::<f64>().ok());
+        let (groups, least) = (part("g").map(|g| g as usize), part("eps"));
+        if name.starts_with("group_norm") {
+            let (groups, least) = (groups.unwrap(), least.unwrap());
+            checks.push(check(name, NORM, move |v| v[0].group_norm(groups, least, Some((&v[1], &v[2])))));
+        } else if name.starts_with("layer_norm") {
+            let least = least.unwrap();
+            checks.push(check(name, NORM, move |v| v[0].layer_norm(1, least, Some((&v[1], &v[2])))));
+        } else if name.starts_with("attention_scaled") {
+            let scale = (file.get(&format!("{name}.in.q")).unwrap().dims()[3] as f64).powf(-0.5);
+            checks.push(check(name, &["in.q", "in.k", "in.v"], move |v| v[0].attention(&v[1], &v[2], scale, None)));
+        }
+    }
+    assert!(checks.len() >= 4, "{}", checks.len());
+    compare(&file, checks, DType::F32, [1e-5, 1e-4], ["out", "cot", "grad"]);
 }
 
 #[test]

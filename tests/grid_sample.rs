@@ -1,5 +1,10 @@
 //! Sampling of grids against PyTorch and an independent voxel field; threads, and points that are not finite.
 
+#[path = "vectors/find.rs"]
+mod find;
+
+use std::path::Path;
+
 use gradreel::io::safetensors::TensorFile;
 use gradreel::ops::{GridSampling, Interpolation, Lattice, Padding, uniform};
 use gradreel::{DType, Tape, Tensor, Var};
@@ -47,33 +52,37 @@ fn values_and_gradients_are_those_of_pytorch() {
 
 #[test]
 fn a_voxel_field_is_looked_up_the_same_way_through_either_layout() {
-    let file = TensorFile::read("tests/vectors/grid_query.safetensors").unwrap();
+    let file = find::path(Path::new("models/tests/vectors"), find::DYNAMICS, "grid_query.safetensors");
+    let file = TensorFile::read(file).unwrap();
     let get = |name: &str| file.get(name).unwrap().clone();
     let (low, high) = (get("xyz_min").to_vec().unwrap(), get("xyz_max").to_vec().unwrap());
     let points = get("points").to_vec().unwrap();
-    let tape = Tape::new();
+    let (tape, count) = (Tape::new(), points.len() / 3);
+    let [channels, x, y, z] = get("features").dims()[..] else { panic!("channels and three axes") };
 
     // channels first: −1 … 1 over the box, and the last axis is that of the first component
     let unit: Vec<f64> =
         points.chunks(3).flat_map(|p| [2, 1, 0].map(|a| (p[a] - low[a]) / (high[a] - low[a]) * 2.0 - 1.0)).collect();
-    let at = tape.constant(Tensor::from_vec(unit, [1, 200, 3]));
+    let at = tape.constant(Tensor::from_vec(unit, [1, count, 3]));
     let features = tape.leaf(get("features"));
     let settings = GridSampling { align_corners: true, ..GridSampling::default() };
-    let found = features.reshape([1, 12, 9, 11, 8]).grid_sample(&at, settings).reshape([12, 200]).permute(&[1, 0]);
+    let found = features.reshape([1, channels, x, y, z]).grid_sample(&at, settings);
+    let found = found.reshape([channels, count]).permute(&[1, 0]);
     assert_close("features", found.value().unwrap(), &get("features_at"), 1e-11);
     let slopes = (&found * &tape.constant(get("cot_features"))).sum_all().backward().unwrap();
     assert_close("g_features", slopes.wrt(&features).unwrap(), &get("g_features"), 1e-11);
 
     // channels last: a lattice in the box's own coordinates
     let origin = [low[0], low[1], low[2]];
-    let lattice = Lattice { origin, spacing: (high[0] - low[0]) / 8.0, dims: [9, 11, 8] };
+    let lattice = Lattice { origin, spacing: (high[0] - low[0]) / (x as f64 - 1.0), dims: [x, y, z] };
     let at = tape.constant(get("points"));
     let density = tape.leaf(get("density"));
-    let found = density.reshape([9, 11, 8, 1]).grid_sample_3d(&at, lattice).reshape([200]);
+    let found = density.reshape([x, y, z, 1]).grid_sample_3d(&at, lattice).reshape([count]);
     assert_close("density", found.value().unwrap(), &get("density_at"), 1e-11);
     let slopes = (&found * &tape.constant(get("cot_density"))).sum_all().backward().unwrap();
     assert_close("g_density", slopes.wrt(&density).unwrap(), &get("g_density"), 1e-11);
-    for (name, step) in [("alpha_delta_0.5", 0.5), ("alpha_delta_1", 1.0)] {
+    let step = |name: &String| name.strip_prefix("alpha_delta_")?.parse::<f64>().ok();
+    for (name, step) in file.tensors.keys().filter_map(|name| Some((name, step(name)?))) {
         let alpha = found.density_to_alpha(get("act_shift").to_vec().unwrap()[0], step);
         assert_close(name, alpha.value().unwrap(), &get(name), 1e-11);
     }

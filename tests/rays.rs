@@ -1,8 +1,18 @@
 //! Opacity, compositing and segments against an independent voxel radiance field, closed forms, and plain loops.
 
+#[path = "vectors/find.rs"]
+mod find;
+
+use std::path::Path;
+
 use gradreel::io::safetensors::TensorFile;
 use gradreel::ops::{GridSampling, segment_offsets, uniform};
 use gradreel::{DType, ErrorKind, Tape, Tensor, Var};
+
+fn read(name: &str) -> TensorFile {
+    let own = Path::new("models/tests/vectors");
+    TensorFile::read(find::path(own, find::DYNAMICS, &format!("{name}.safetensors"))).unwrap()
+}
 
 fn list(values: &[u32]) -> Tensor {
     Tensor::from_vec(values.to_vec(), [values.len()])
@@ -19,11 +29,12 @@ fn assert_close(what: &str, found: &Tensor, wanted: &Tensor, tolerance: f64) {
 
 #[test]
 fn opacities_and_their_exact_derivatives() {
-    let file = TensorFile::read("tests/vectors/raw2alpha.safetensors").unwrap();
+    let file = read("raw2alpha");
     let get = |name: String| file.get(&name).unwrap().clone();
     let shift = get("act_shift".to_owned()).to_vec().unwrap()[0];
     for (dtype, tolerance) in [(DType::F64, 1e-14), (DType::F32, 2e-6)] {
-        for step in [0.00625, 0.05, 0.5, 1.0] {
+        let steps = file.tensors.keys().filter_map(|name| name.strip_prefix("alpha_")?.parse::<f64>().ok());
+        for step in steps {
             let tape = Tape::new();
             let raw = tape.leaf(get("raw".to_owned()).cast(dtype).unwrap());
             let alpha = raw.density_to_alpha(shift, step);
@@ -42,7 +53,9 @@ fn opacities_and_their_exact_derivatives() {
 }
 
 /// The points of a stored box's samples in the coordinates of `grid_sample`, `[1, samples, 3]`.
-fn sample_points(file: &TensorFile, step: f64) -> Tensor {
+fn sample_points(file: &TensorFile) -> Tensor {
+    let number = |name: &str| file.metadata[name].parse::<f64>().unwrap();
+    let step = number("stepsize") * number("dx");
     let get = |name: &str| file.get(name).unwrap().to_vec().unwrap();
     let (low, high) = (get("xyz_min"), get("xyz_max"));
     let (origins, directions) = (get("rays_o"), get("rays_d"));
@@ -51,7 +64,7 @@ fn sample_points(file: &TensorFile, step: f64) -> Tensor {
         let (o, d) = (&origins[3 * *ray as usize..][..3], &directions[3 * *ray as usize..][..3]);
         let norm = d.iter().map(|d| d * d).sum::<f64>().sqrt();
         let entry = |a: usize| ((low[a] - o[a]) / d[a]).min((high[a] - o[a]) / d[a]);
-        let enter = (0..3).map(entry).fold(0.1, f64::max);
+        let enter = (0..3).map(entry).fold(number("near"), f64::max);
         points.extend([2, 1, 0].map(|a| {
             let x = o[a] + d[a] * enter + d[a] / norm * step * k;
             (x - low[a]) / (high[a] - low[a]) * 2.0 - 1.0
@@ -61,15 +74,16 @@ fn sample_points(file: &TensorFile, step: f64) -> Tensor {
     Tensor::from_vec(points, [1, count, 3])
 }
 
-/// A direction with its sines and cosines at four frequencies.
-fn view_embedding(directions: &[f64]) -> Tensor {
+/// A direction with its sines and cosines at frequencies that double, `width` numbers.
+fn view_embedding(directions: &[f64], width: usize) -> Tensor {
+    let levels = (width / 3 - 1) / 2;
     let rows = directions.chunks(3).flat_map(|v| {
-        let angles: Vec<f64> = v.iter().flat_map(|v| [1.0, 2.0, 4.0, 8.0].map(|f| f * v)).collect();
+        let angles: Vec<f64> = v.iter().flat_map(|v| (0..levels as i32).map(move |k| 2f64.powi(k) * v)).collect();
         [v.to_vec(), angles.iter().map(|a| a.sin()).collect(), angles.iter().map(|a| a.cos()).collect()].concat()
     });
     let values: Vec<f64> = rows.collect();
-    let count = values.len() / 27;
-    Tensor::from_vec(values, [count, 27])
+    let count = values.len() / width;
+    Tensor::from_vec(values, [count, width])
 }
 
 /// Rows where a number is above a threshold.
@@ -80,63 +94,69 @@ fn above(x: &Var, threshold: f64) -> Vec<u32> {
 
 #[test]
 fn a_rendered_voxel_field_and_all_its_gradients() {
-    let file = TensorFile::read("tests/vectors/render.safetensors").unwrap();
+    let file = read("render");
     let get = |name: &str| file.get(name).unwrap().clone();
+    let number = |name: &str| file.metadata[name].parse::<f64>().unwrap();
+    let (threshold, rays) = (number("fast_color_thres"), get("rays_o").dims()[0]);
+    let [channels, x, y, z] = get("features").dims()[..] else { panic!("channels and three axes") };
     let tape = Tape::new();
     let leaf = |name: &str| tape.leaf(get(name));
     let pick = |from: &[u32], which: &[u32]| which.iter().map(|&i| from[i as usize]).collect::<Vec<_>>();
-    let points = sample_points(&file, 0.02);
+    let points = sample_points(&file);
     let count = points.dims()[1];
     let settings = GridSampling { align_corners: true, ..GridSampling::default() };
 
     // opacity of all samples; those that are seen, ray by ray
     let density = leaf("density");
-    let raw = density.reshape([1, 1, 9, 11, 8]).grid_sample(&tape.constant(points.clone()), settings).reshape([count]);
-    let alpha = raw.density_to_alpha(get("act_shift").to_vec().unwrap()[0], 0.0125);
-    let seen = above(&alpha, 1e-7);
-    let ray = pick(get("sample_ray_id").slice(), &seen);
-    let step = pick(get("sample_step_id").slice(), &seen);
-    let offsets = tape.constant(list(&segment_offsets(&ray, 96).unwrap()));
+    let raw = density.reshape([1, 1, x, y, z]).grid_sample(&tape.constant(points.clone()), settings).reshape([count]);
+    let alpha = raw.density_to_alpha(get("act_shift").to_vec().unwrap()[0], number("delta"));
+    let seen = above(&alpha, threshold);
+    let numbers = |name: &str| get(name).to_vec().unwrap().into_iter().map(|k| k as u32).collect::<Vec<u32>>();
+    let ray = pick(&numbers("sample_ray_id"), &seen);
+    let step = pick(&numbers("sample_step_id"), &seen);
+    let offsets = tape.constant(list(&segment_offsets(&ray, rays).unwrap()));
     let alpha = alpha.index_select(&tape.constant(list(&seen))).unwrap();
     let weight = alpha.ray_weights(&offsets, Some(1e-3)).unwrap();
     let left = alpha.ray_transmittance(&offsets, Some(1e-3)).unwrap();
     assert_close("alphainv_last", left.value().unwrap(), &get("alphainv_last"), 1e-13);
 
     // colour of those that matter
-    let counted = above(&weight, 1e-7);
+    let counted = above(&weight, threshold);
     assert!(counted.len() < seen.len(), "some samples must be too faint");
     let (ray, step) = (pick(&ray, &counted), pick(&step, &counted));
     let weight = weight.index_select(&tape.constant(list(&counted))).unwrap().reshape([counted.len(), 1]);
-    let offsets = tape.constant(list(&segment_offsets(&ray, 96).unwrap()));
+    let offsets = tape.constant(list(&segment_offsets(&ray, rays).unwrap()));
     let rows = tape.constant(list(&pick(&seen, &counted)));
     let at = tape.constant(points.reshape([count, 3])).index_select(&rows).unwrap().reshape([1, counted.len(), 3]);
     let features = leaf("features");
-    let looked_up = features.reshape([1, 12, 9, 11, 8]).grid_sample(&at, settings);
-    let views = tape.constant(view_embedding(&get("viewdirs").to_vec().unwrap())).segment_repeat(&offsets).unwrap();
-    let mut x = looked_up.reshape([12, counted.len()]).permute(&[1, 0]).concat(&[&views], 1);
+    let width = get("mlp_0_weight").dims()[1] - channels;
+    let looked_up = features.reshape([1, channels, x, y, z]).grid_sample(&at, settings);
+    let views =
+        tape.constant(view_embedding(&get("viewdirs").to_vec().unwrap(), width)).segment_repeat(&offsets).unwrap();
+    let mut colour = looked_up.reshape([channels, counted.len()]).permute(&[1, 0]).concat(&[&views], 1);
     let layers: Vec<[(String, Var); 2]> = (0..3)
         .map(|i| ["weight", "bias"].map(|kind| format!("mlp_{i}_{kind}")).map(|name| (name.clone(), leaf(&name))))
         .collect();
     for (i, [(_, weight), (_, bias)]) in layers.iter().enumerate() {
-        x = &x.matmul(&weight.permute(&[1, 0])) + bias;
-        x = if i < 2 { x.relu() } else { x.logistic() };
+        colour = &colour.matmul(&weight.permute(&[1, 0])) + bias;
+        colour = if i < 2 { colour.relu() } else { colour.logistic() };
     }
-    let rgb = &(&weight * &x).segment_sum(&offsets).unwrap() + &left.reshape([96, 1]);
+    let rgb = &(&weight * &colour).segment_sum(&offsets).unwrap() + &(&left.reshape([rays, 1]) * number("bg"));
     assert_close("rgb", rgb.value().unwrap(), &get("rgb"), 1e-12);
     let steps = tape.constant(Tensor::from_vec(step.iter().map(|k| f64::from(*k)).collect(), [counted.len(), 1]));
     let depth = (&weight * &steps).segment_sum(&offsets).unwrap();
     assert_close("depth", depth.value().unwrap(), &get("depth"), 1e-12);
 
     // losses and gradients
-    let mask = tape.constant(get("ray_mask").reshape([96, 1]));
-    let mse = &(&mask * &(&rgb - &tape.constant(get("target")))).square().sum_all() * (1.0 / 288.0);
+    let mask = tape.constant(get("ray_mask").reshape([rays, 1]));
+    let mse = &(&mask * &(&rgb - &tape.constant(get("target")))).square().sum_all() * (1.0 / (3.0 * rays as f64));
     assert_close("loss_mse", mse.value().unwrap(), &get("loss_mse"), 1e-12);
     let limit = |x: f64| tape.constant(Tensor::scalar(x, DType::F64));
     let left = left.maximum(&limit(1e-5)).minimum(&limit(1.0 - 1e-5));
     let right = &(&left * -1.0) + 1.0;
-    let entropy = &(&(&left * &left.ln()) + &(&right * &right.ln())).sum_all() * (-1.0 / 96.0);
+    let entropy = &(&(&left * &left.ln()) + &(&right * &right.ln())).sum_all() * (-1.0 / rays as f64);
     assert_close("loss_entropy", entropy.value().unwrap(), &get("loss_entropy"), 1e-12);
-    let slopes = (&mse + &(&entropy * 0.01)).backward().unwrap();
+    let slopes = (&mse + &(&entropy * number("entropy_weight"))).backward().unwrap();
     assert_close("g_density", slopes.wrt(&density).unwrap(), &get("g_density"), 1e-9);
     assert_close("g_features", slopes.wrt(&features).unwrap(), &get("g_features"), 1e-10);
     for (name, parameter) in layers.iter().flatten() {

@@ -133,6 +133,13 @@ fn dynamic(name: &str) {
     }
 }
 
+/// Files that have no test of their own, as others may bring.
+#[test]
+fn all_other_files() {
+    let known = ["dynamic_elastic", "dynamic_newtonian", "dynamic_plasticine"];
+    File::others("dynamic_", &known).iter().for_each(|name| dynamic(name));
+}
+
 #[test]
 fn an_elastic_body_from_parameters_to_pixels() {
     dynamic("dynamic_elastic");

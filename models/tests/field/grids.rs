@@ -35,13 +35,16 @@ fn lookups_and_their_gradients() {
         // opacity over a length of 1, and the gradient of its sum
         let shift = file.number("act_shift");
         let raw = place.leaf(&tape, &file.tensor("density_at"));
-        let alpha = raw.density_to_alpha(shift, 1.0);
-        place.close_var("alpha", &alpha, file.get("alpha_delta_1"));
-        place.close_var("alpha", &raw.density_to_alpha(shift, 0.5), file.get("alpha_delta_0.5"));
-        if file.has("g_raw_from_alpha_delta_1") {
-            let loss = contract(&alpha, &file.tensor("cot_density"));
-            let found = loss.backward().unwrap().wrt(&raw).unwrap().to_vec().unwrap();
-            place.close_gradient("g_raw", &found, file.get("g_raw_from_alpha_delta_1"));
+        let lengths = file.names().filter_map(|name| name.strip_prefix("alpha_delta_")?.parse::<f64>().ok());
+        for length in lengths.collect::<Vec<f64>>() {
+            let alpha = raw.density_to_alpha(shift, length);
+            place.close_var("alpha", &alpha, file.get(&format!("alpha_delta_{length}")));
+            let name = format!("g_raw_from_alpha_delta_{length}");
+            if file.has(&name) {
+                let loss = contract(&alpha, &file.tensor("cot_density"));
+                let found = loss.backward().unwrap().wrt(&raw).unwrap().to_vec().unwrap();
+                place.close_gradient("g_raw", &found, file.get(&name));
+            }
         }
     }
 }

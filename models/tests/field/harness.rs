@@ -1,12 +1,16 @@
 //! Vector files, the places where a test runs, and comparisons.
 
 use std::collections::HashMap;
-use std::path::PathBuf;
+use std::path::Path;
 use std::sync::OnceLock;
 
 use gradreel::{DType, Device, Result, Tape, Tensor, Var};
 use safetensors::{Dtype, SafeTensors};
 use serde_json::Value;
+
+use crate::find;
+
+const OWN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/vectors");
 
 /// A file of vectors: this project's, or one of the same name in the folder that `GRADREEL_VECTORS` names.
 pub struct File {
@@ -16,10 +20,7 @@ pub struct File {
 
 impl File {
     pub fn load(name: &str) -> Self {
-        let own = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/vectors");
-        let folder = std::env::var_os("GRADREEL_VECTORS").map_or(own, PathBuf::from);
-        let path = folder.join(format!("{name}.safetensors"));
-        let bytes = std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+        let bytes = std::fs::read(find::path(Path::new(OWN), find::DYNAMICS, &format!("{name}.safetensors"))).unwrap();
         let (_, header) = SafeTensors::read_metadata(&bytes).unwrap();
         let metadata = header.metadata().clone().unwrap_or_default();
         let metadata = metadata.into_iter().map(|(key, text)| (key, serde_json::from_str(&text).unwrap())).collect();
@@ -37,6 +38,12 @@ impl File {
             (name, (values, view.shape().to_vec()))
         });
         Self { tensors: tensors.collect(), metadata }
+    }
+
+    /// The names of all files of vectors that begin so, but for those with a test of their own.
+    pub fn others(prefix: &str, known: &[&str]) -> Vec<String> {
+        let names = find::names(Path::new(OWN), find::DYNAMICS, prefix);
+        names.into_iter().filter(|name| !known.contains(&name.as_str())).collect()
     }
 
     pub fn get(&self, name: &str) -> &[f64] {
@@ -157,19 +164,16 @@ impl Place {
         self.close(what, &found.value().unwrap().to_vec().unwrap(), wanted);
     }
 
-    /// Relative difference in the Euclidean norm.
+    /// Difference in the Euclidean norm, relative to what is wanted; zeros up to rounding are measured by rounding.
     #[track_caller]
     pub fn close_gradient(&self, what: &str, found: &[f64], wanted: &[f64]) {
         assert_eq!(found.len(), wanted.len(), "{} on {}", what, self.name);
         let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|x| x * x).sum::<f64>().sqrt();
         let apart = norm(&mut found.iter().zip(wanted).map(|(a, b)| a - b));
-        let relative = apart / norm(&mut wanted.iter().copied()).max(1e-300);
-        assert!(
-            relative <= self.gradient,
-            "{what} on {}: relative difference {relative:.3e}, allowed {:.1e}",
-            self.name,
-            self.gradient
-        );
+        let size = norm(&mut wanted.iter().copied());
+        let rounding = if self.dtype == DType::F64 { 1e-15 } else { 1e-9 };
+        let allowed = if size < 1e-15 { rounding } else { self.gradient * size };
+        assert!(apart <= allowed, "{what} on {}: off by {apart:.3e} of {size:.3e}, allowed {allowed:.1e}", self.name);
     }
 }
 

@@ -24,10 +24,10 @@ fn views_count_by_their_angle() {
         c2w: [0, 1, 2].map(|row| [0, 1, 2, 3].map(|column| m[4 * row + column])),
     };
     let cameras: Vec<Camera> = c2w.iter().map(camera).collect();
-    let all = [
-        ("cams", camera_angles(&cameras, file.triple("cams_centre"), primary)),
-        ("ring16", view_angles(&file.points("ring16_dirs"), primary)),
-    ];
+    let mut all = vec![("cams", camera_angles(&cameras, file.triple("cams_centre"), primary))];
+    let rings = file.names().filter_map(|name| name.strip_suffix("_dirs"));
+    all.extend(rings.map(|ring| (ring, view_angles(&file.points(&format!("{ring}_dirs")), primary))));
+    assert!(all.len() > 1, "a ring of views");
     let mut place = places().remove(0);
     place.value = 1e-12;
     for (name, angles) in all {

@@ -4,6 +4,7 @@ use gradreel::optim::Params;
 use gradreel::{Tape, Tensor};
 use gradreel_models::field::{RadianceField, RadianceSizes, entropy};
 use gradreel_models::render::{RadianceSettings, Rays, Samples, Sampling, render_radiance};
+use gradreel_models::video::Camera;
 
 use crate::grids::grid_of;
 use crate::harness::{File, Place, channels_first, places};
@@ -61,6 +62,30 @@ pub fn compare_gradients(
             place.close_gradient(&name, &found, file.get(&name));
         }
     }
+}
+
+#[test]
+fn rays_through_the_middles_of_pixels() {
+    let file = File::load("rays");
+    let [cameras, height, width, _] = file.dims("rays_d")[..] else { panic!("cameras, rows, columns, three") };
+    let k = file.get("intrinsic").as_chunks::<3>().0;
+    let camera = |m: &[f64]| Camera {
+        id: 0,
+        width,
+        height,
+        fx: k[0][0],
+        fy: k[1][1],
+        cx: k[0][2],
+        cy: k[1][2],
+        c2w: [0, 1, 2].map(|row| [0, 1, 2, 3].map(|column| m[4 * row + column])),
+    };
+    let all: Vec<Camera> = file.get("c2w").chunks(12).map(camera).collect();
+    assert_eq!(all.len(), cameras);
+    let rays = Rays::of_cameras(&all);
+    let place = places()[0].allowing([1e-12, 0.0], [0.0; 2]);
+    place.close("origins", rays.origins.as_flattened(), file.get("rays_o"));
+    place.close("directions", rays.directions.as_flattened(), file.get("rays_d"));
+    place.close("unit directions", rays.unit_directions().as_flattened(), file.get("viewdirs"));
 }
 
 #[test]

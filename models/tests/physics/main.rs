@@ -4,6 +4,8 @@ mod conservation;
 mod decomposition;
 mod derivatives;
 mod failures;
+#[path = "../../../tests/vectors/find.rs"]
+mod find;
 mod flip;
 mod gpu;
 mod gradients;

@@ -17,6 +17,18 @@ pub enum Kind {
 }
 
 impl Kind {
+    /// The material of a file, by the parameters that it has.
+    pub fn of(file: &Vectors) -> Self {
+        match file.material().as_deref() {
+            Some("viscous_fluid") => Self::Newtonian,
+            None if file.has("J_trial") => Self::Newtonian,
+            _ if file.has_number("friction_alpha") => Self::Sand,
+            _ if file.has_number("eta") && file.scalar("eta") > 0.0 => Self::NonNewtonian,
+            _ if file.has_number("yield_stress") => Self::Plasticine,
+            _ => Self::Elastic,
+        }
+    }
+
     pub fn law(self) -> Law {
         let name = match self {
             Self::Elastic => "neo_hookean",
@@ -101,6 +113,78 @@ fn volumes<T: Number>(j: &[f64], rest: f64) -> Vec<Vec<T>> {
     };
     (0..9).map(column).collect()
 }
+
+#[test]
+fn projection_and_stress_of_an_elastic_material() {
+    constitutive::<f64>(Kind::Elastic, "constitutive_elastic", [1e-12, 1e-9, 1e-9]);
+    constitutive::<f32>(Kind::Elastic, "constitutive_elastic", [1e-5, 1e-4, 1e-3]);
+}
+
+/// Files that have no test of their own, as others may bring.
+#[test]
+fn all_other_files() {
+    for name in Vectors::others("constitutive_", &KNOWN) {
+        let kind = Kind::of(&Vectors::load(&name));
+        constitutive::<f64>(kind, &name, [1e-9; 3]);
+        constitutive::<f32>(kind, &name, [1e-5, 1e-4, 1e-3]);
+    }
+    for name in Vectors::others("substep_", &KNOWN) {
+        let kind = Kind::of(&Vectors::load(&name));
+        substep::<f64>(kind, &name, 1e-10, 1e-8);
+        substep::<f32>(kind, &name, 1e-4, 2e-3);
+    }
+    for name in Vectors::others("traj_", &KNOWN) {
+        let kind = Kind::of(&Vectors::load(&name));
+        let (exact, single) = match kind {
+            Kind::Elastic | Kind::Newtonian => ([1e-12; 4], 1e-4),
+            Kind::Plasticine | Kind::NonNewtonian => (PLASTIC, 5e-4),
+            Kind::Sand => (PLASTIC, 6e-3),
+        };
+        trajectory::<f64>(kind, &name, exact, 1e-7);
+        trajectory::<f32>(kind, &name, SINGLE, single);
+    }
+}
+
+/// What a file's parameters say of its material is what its test takes it for.
+#[test]
+fn every_file_says_what_it_is_of() {
+    for name in KNOWN {
+        let kind = Kind::of(&Vectors::load(name));
+        let told =
+            ["elastic", "nonnewtonian", "newtonian", "plasticine", "sand"].into_iter().find(|n| name.contains(n));
+        let wanted = match told.unwrap() {
+            "elastic" => Kind::Elastic,
+            "nonnewtonian" => Kind::NonNewtonian,
+            "newtonian" => Kind::Newtonian,
+            "plasticine" => Kind::Plasticine,
+            _ => Kind::Sand,
+        };
+        assert_eq!(kind, wanted, "{name}");
+    }
+}
+
+/// Files with a test of their own.
+const KNOWN: [&str; 19] = [
+    "constitutive_elastic",
+    "constitutive_newtonian",
+    "constitutive_nonnewtonian",
+    "constitutive_plasticine",
+    "constitutive_sand",
+    "substep_elastic_slip_tilted",
+    "substep_elastic_sticky",
+    "substep_newtonian_sticky",
+    "substep_nonnewtonian_cylinder",
+    "substep_plasticine_separate",
+    "substep_sand_sticky",
+    "traj_elastic",
+    "traj_elastic_slip_cylinder",
+    "traj_elastic_soft_alpha",
+    "traj_newtonian",
+    "traj_nonnewtonian",
+    "traj_plasticine",
+    "traj_sand",
+    "traj_sand_separate_cohesion",
+];
 
 fn constitutive<T: Number>(kind: Kind, name: &str, [on_f, on_tau, on_gradient]: [f64; 3]) {
     let file = Vectors::load(name);

@@ -1,11 +1,15 @@
 //! Small bodies and vector files for the tests.
 
 use std::collections::HashMap;
-use std::path::PathBuf;
+use std::path::Path;
 
 use gradreel_models::physics::{Collider, Contact, Number, Values, World};
-use safetensors::SafeTensors;
+use safetensors::{Dtype, SafeTensors};
 use serde_json::Value;
+
+use crate::find;
+
+const OWN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/vectors");
 
 /// A file of vectors: this project's, or one of the same name in the folder that `GRADREEL_VECTORS` names.
 pub struct Vectors {
@@ -15,19 +19,26 @@ pub struct Vectors {
 
 impl Vectors {
     pub fn load(name: &str) -> Self {
-        let own = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/vectors");
-        let folder = std::env::var_os("GRADREEL_VECTORS").map_or(own, PathBuf::from);
-        let path = folder.join(format!("{name}.safetensors"));
-        let bytes = std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+        let bytes = std::fs::read(find::path(Path::new(OWN), find::DYNAMICS, &format!("{name}.safetensors"))).unwrap();
         let (_, header) = SafeTensors::read_metadata(&bytes).unwrap();
         let metadata = header.metadata().clone().unwrap_or_default();
         let metadata = metadata.into_iter().map(|(key, text)| (key, serde_json::from_str(&text).unwrap())).collect();
         let file = SafeTensors::deserialize(&bytes).unwrap();
         let tensors = file.tensors().into_iter().map(|(name, view)| {
-            let values = view.data().chunks_exact(8).map(|b| f64::from_le_bytes(b.try_into().unwrap()));
-            (name, values.collect())
+            let values: Vec<f64> = match view.dtype() {
+                Dtype::F64 => view.data().as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect(),
+                Dtype::F32 => view.data().as_chunks().0.iter().map(|b| f32::from_le_bytes(*b).into()).collect(),
+                other => panic!("{name}: {other:?}"),
+            };
+            (name, values)
         });
         Self { tensors: tensors.collect(), metadata }
+    }
+
+    /// The names of all files of vectors that begin so, but for those with a test of their own.
+    pub fn others(prefix: &str, known: &[&str]) -> Vec<String> {
+        let names = find::names(Path::new(OWN), find::DYNAMICS, prefix);
+        names.into_iter().filter(|name| !known.contains(&name.as_str())).collect()
     }
 
     pub fn get(&self, name: &str) -> &[f64] {
@@ -36,6 +47,16 @@ impl Vectors {
 
     pub fn has(&self, name: &str) -> bool {
         self.tensors.contains_key(name)
+    }
+
+    /// The material among the metadata.
+    pub fn material(&self) -> Option<String> {
+        self.metadata.get("material").map(|name| name.as_str().unwrap().to_owned())
+    }
+
+    /// Whether there is a number of this name, as a tensor or among the metadata.
+    pub fn has_number(&self, name: &str) -> bool {
+        self.tensors.contains_key(name) || self.metadata.contains_key(name)
     }
 
     /// A number, kept as a tensor or among the metadata.
@@ -130,17 +151,21 @@ pub fn close<T: Number>(what: &str, found: &[T], wanted: &[f64], tolerance: f64)
     assert!(worst <= tolerance, "{what}: differs by {worst:.3e}, allowed {tolerance:.1e}");
 }
 
-/// Relative difference in the Euclidean norm.
+/// Difference in the Euclidean norm, relative to what is wanted.
 #[track_caller]
 pub fn close_norm<T: Number>(what: &str, found: &[T], wanted: &[f64], tolerance: f64) {
     assert_eq!(found.len(), wanted.len(), "{what}");
     let square: f64 = found.iter().zip(wanted).map(|(a, b)| (a.to_f64() - b).powi(2)).sum();
-    if square.sqrt() < 1e-15 {
-        return; // zero up to rounding, both
-    }
+    within::<T>(what, square.sqrt(), wanted, tolerance);
+}
+
+/// A distance is a share of the norm of what is wanted at most; zeros up to rounding are measured by rounding.
+#[track_caller]
+fn within<T>(what: &str, distance: f64, wanted: &[f64], tolerance: f64) {
     let norm = wanted.iter().map(|b| b * b).sum::<f64>().sqrt();
-    let relative = square.sqrt() / norm;
-    assert!(relative <= tolerance, "{what}: relative l2 difference {relative:.3e}, allowed {tolerance:.1e}");
+    let rounding = if size_of::<T>() == 4 { 1e-9 } else { 1e-15 };
+    let allowed = if norm < 1e-15 { rounding } else { tolerance * norm };
+    assert!(distance <= allowed, "{what}: off by {distance:.3e} of {norm:.3e}, allowed {allowed:.1e}");
 }
 
 /// The distance of two lists in the Euclidean norm without the worst hundredth of the entries: a few grains of sand that are
@@ -156,6 +181,5 @@ pub fn distance_of_most<T: Number>(what: &str, found: &[T], wanted: &[f64]) -> f
 /// As [`close_norm`], by [`distance_of_most`].
 #[track_caller]
 pub fn close_norm_of_most<T: Number>(what: &str, found: &[T], wanted: &[f64], tolerance: f64) {
-    let relative = distance_of_most(what, found, wanted) / wanted.iter().map(|b| b * b).sum::<f64>().sqrt();
-    assert!(relative <= tolerance, "{what}: relative l2 difference {relative:.3e}, allowed {tolerance:.1e}");
+    within::<T>(what, distance_of_most(what, found, wanted), wanted, tolerance);
 }

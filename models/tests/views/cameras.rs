@@ -1,40 +1,77 @@
 //! The ring of cameras, the places where views are sampled, and the preparation of the input picture.
 
-use gradreel::{Tape, Tensor};
-use gradreel_models::views::{Bicubic, Ring, prepare};
+use std::collections::BTreeMap;
 
-use crate::harness::{close, load};
+use gradreel::{Shape, Tape, Tensor};
+use gradreel_models::layers::listing;
+use gradreel_models::views::{Bicubic, Denoiser, Ring, prepare};
+
+use crate::harness::{Case, close, load, places, setting, size};
+use crate::procedural::weight;
+use crate::sampling;
 
 #[test]
 fn poses_and_projections() {
     let file = load("cameras");
-    let ring = Ring::published(16);
-    let poses: Vec<f64> = (0..16).flat_map(|view| ring.pose(view).concat()).collect();
+    let views = file.get("poses").unwrap().dims()[0];
+    let ring = Ring::published(views);
+    let poses: Vec<f64> = (0..views).flat_map(|view| ring.pose(view).concat()).collect();
     // one sits 4e-8 off at azimuths that are multiples of 90 degrees
-    close("poses", &Tensor::from_vec(poses, [16, 3, 4]), file.get("poses").unwrap(), 2e-7);
-    let azimuths: Vec<f64> = (0..16).map(|view| ring.azimuth(view)).collect();
-    close("azimuths", &Tensor::from_vec(azimuths, [16]), file.get("azimuth_buffer").unwrap(), 1e-6);
+    close("poses", &Tensor::from_vec(poses, [views, 3, 4]), file.get("poses").unwrap(), 2e-7);
+    let azimuths: Vec<f64> = (0..views).map(|view| ring.azimuth(view)).collect();
+    close("azimuths", &Tensor::from_vec(azimuths, [views]), file.get("azimuth_buffer").unwrap(), 1e-6);
 
     let elevations = file.get("in.elevation_input_rad").unwrap().to_vec().unwrap();
-    let told: Vec<f64> = elevations.iter().flat_map(|e| (0..16).flat_map(|view| ring.viewpoint(view, *e))).collect();
-    close("viewpoints", &Tensor::from_vec(told, [4, 16, 4]), file.get("out.viewpoint_embedding").unwrap(), 1e-6);
+    let told: Vec<f64> = elevations.iter().flat_map(|e| (0..views).flat_map(|view| ring.viewpoint(view, *e))).collect();
+    let told = Tensor::from_vec(told, [elevations.len(), views, 4]);
+    close("viewpoints", &told, file.get("out.viewpoint_embedding").unwrap(), 1e-6);
 
-    let size = 4;
-    let voxels: Vec<[f64; 3]> = ring.voxels(size).collect();
+    let (side, width) = (size(&file, "V"), size(&file, "warp_size"));
+    let voxels: Vec<[f64; 3]> = ring.voxels(side).collect();
     let planes: Vec<f64> = (0..3).flat_map(|axis| voxels.iter().map(move |v| v[axis])).collect();
-    close("voxels", &Tensor::from_vec(planes, [1, 3, 4, 4, 4]), file.get("voxel_xyz").unwrap(), 1e-6);
-    let places: Vec<f64> = (0..16)
+    close("voxels", &Tensor::from_vec(planes, [1, 3, side, side, side]), file.get("voxel_xyz").unwrap(), 1e-6);
+    let places: Vec<f64> = (0..views)
         .flat_map(|view| {
             let pose = ring.pose(view);
-            let to = |point: &[f64; 3]| ring.project(&pose, *point, 32).map(|x| x / 15.5 - 1.0);
+            let half = (width as f64 - 1.0) / 2.0;
+            let to = |point: &[f64; 3]| ring.project(&pose, *point, width).map(|x| x / half - 1.0);
             voxels.iter().flat_map(to).collect::<Vec<_>>()
         })
         .enumerate()
         .filter(|(i, _)| i % 3 < 2)
         .map(|(_, x)| x)
         .collect();
-    let places = Tensor::from_vec(places, [16, 4, 4, 4, 2]);
-    close("places", &places, file.get("out.warp_coords_32").unwrap(), 1e-5);
+    let places = Tensor::from_vec(places, [views, side, side, side, 2]);
+    close("places", &places, file.get(&format!("out.warp_coords_{width}")).unwrap(), 1e-5);
+}
+
+/// Cameras of the reduced model, and the first numbers of weights that are made from their paths and a seed.
+#[test]
+fn the_setup_of_a_reduced_model() {
+    let file = load("pipeline_setup");
+    let (views, image) = (size(&file, "views"), size(&file, "image_size"));
+    let ring = Ring::published(views);
+    let poses: Vec<f64> = (0..views).flat_map(|view| ring.pose(view).concat()).collect();
+    close("poses", &Tensor::from_vec(poses, [views, 3, 4]), file.get("poses").unwrap(), 2e-7);
+    let azimuths: Vec<f64> = (0..views).map(|view| ring.azimuth(view)).collect();
+    close("azimuth", &Tensor::from_vec(azimuths, [views]), file.get("azimuth").unwrap(), 1e-6);
+    let intrinsics = (0..views).flat_map(|view| {
+        let camera = ring.camera(view, image);
+        [camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0]
+    });
+    close("Ks", &Tensor::from_vec(intrinsics.collect(), [views, 3, 3]), file.get("Ks").unwrap(), 1e-6);
+
+    let place = &places()[0];
+    let sizes = sampling::sizes(&Case::new(&file, place), 4);
+    let shapes: BTreeMap<String, Shape> = listing(|scope| Denoiser::new(scope, &sizes)).unwrap().into_iter().collect();
+    let seed = setting(&file, "weight_seed");
+    let checks: Vec<_> = file.tensors.iter().filter_map(|(name, x)| Some((name.strip_prefix("check.")?, x))).collect();
+    assert!(!checks.is_empty());
+    for (path, expected) in checks {
+        let shape = shapes.get(path).unwrap_or_else(|| panic!("the model has no {path}"));
+        let found = weight(seed.as_str().unwrap(), path, shape).to_vec().unwrap();
+        assert_eq!(found[..expected.len()], expected.to_vec().unwrap(), "{path}");
+    }
 }
 
 #[test]
@@ -58,22 +95,24 @@ fn the_cameras_of_a_clip_see_what_those_of_the_model_see() {
 #[test]
 fn frustum_points() {
     let file = load("cameras");
-    let ring = Ring::published(16);
-    let of = |depth: usize, width: usize, keep: &dyn Fn(usize) -> bool| -> Vec<f64> {
-        (0..16)
-            .flat_map(|view| {
-                let kept = ring.frustum(view, depth, width).enumerate().filter(|(i, _)| keep(*i)).map(|(_, p)| p);
-                let points: Vec<[f64; 3]> = kept.collect();
-                (0..3).flat_map(|axis| points.iter().map(|p| p[axis]).collect::<Vec<_>>()).collect::<Vec<_>>()
-            })
-            .collect()
-    };
-    let small = Tensor::from_vec(of(6, 4, &|_| true), [16, 3, 6, 4, 4]);
-    close("small", &small, file.get("out.frustum_xyz_hw4_d6").unwrap(), 1e-5);
+    let views = file.get("poses").unwrap().dims()[0];
+    let ring = Ring::published(views);
+    let whole: Vec<_> = file.tensors.iter().filter(|(name, _)| name.starts_with("out.frustum_xyz_")).collect();
+    assert!(!whole.is_empty());
+    for (name, expected) in whole {
+        let [_, _, depth, _, width] = expected.dims()[..] else { panic!("views, axes, depth, rows, columns") };
+        let of_view = |view: usize| {
+            let points: Vec<[f64; 3]> = ring.frustum(view, depth, width).collect();
+            (0..3).flat_map(|axis| points.iter().map(|p| p[axis]).collect::<Vec<_>>()).collect::<Vec<_>>()
+        };
+        let found: Vec<f64> = (0..views).flat_map(of_view).collect();
+        close(name, &Tensor::from_vec(found, expected.dims()), expected, 1e-5);
+    }
+    // some points of the published frustum
     let indices = file.get("in.frustum_full_dhw_index").unwrap().to_vec().unwrap();
     let flat: Vec<usize> = indices.chunks(3).map(|i| ((i[0] * 32.0 + i[1]) * 32.0 + i[2]) as usize).collect();
     let expected = file.get("out.frustum_full_xyz").unwrap().to_vec().unwrap();
-    for view in 0..16 {
+    for view in 0..views {
         let points: Vec<[f64; 3]> = ring.frustum(view, 48, 32).collect();
         for (k, &i) in flat.iter().enumerate() {
             for axis in 0..3 {
@@ -90,17 +129,21 @@ fn a_picture_is_prepared_as_published() {
     let picture = file.get("in.rgba").unwrap();
     let height = picture.dims()[0];
     let rgba: Vec<u8> = picture.to_vec().unwrap().iter().map(|v| *v as u8).collect();
-    for (name, crop) in [("out.crop_50", Some(50)), ("out.crop_none", None)] {
+    let side = size(&file, "image_size");
+    let crops: Vec<&String> = file.tensors.keys().filter(|name| name.starts_with("out.crop_")).collect();
+    assert!(crops.len() > 1, "a crop, and none");
+    for name in crops {
         let expected = file.get(name).unwrap().to_vec().unwrap();
-        let found = prepare(&rgba, height, 64, crop).unwrap().to_vec().unwrap();
-        let pixels = 64 * 64;
+        let crop = name["out.crop_".len()..].parse().ok();
+        let found = prepare(&rgba, height, side, crop).unwrap().to_vec().unwrap();
+        let pixels = side * side;
         let errors: Vec<f64> = (0..3 * pixels).map(|i| (found[i % 3 * pixels + i / 3] - expected[i]).abs()).collect();
         let (worst, mean) =
             (errors.iter().fold(0.0f64, |m, e| m.max(*e)), errors.iter().sum::<f64>() / errors.len() as f64);
         assert!(worst <= 0.016 && mean < 0.002, "{name}: worst {worst}, mean {mean}");
     }
-    assert!(prepare(&rgba[..4 * height - 4], height, 64, None).is_err());
-    assert!(prepare(&vec![0; 400], 10, 64, Some(50)).unwrap_err().to_string().contains("foreground"));
+    assert!(prepare(&rgba[..4 * height - 4], height, side, None).is_err());
+    assert!(prepare(&vec![0; 400], 10, side, Some(side - 14)).unwrap_err().to_string().contains("foreground"));
 }
 
 #[test]

@@ -6,6 +6,7 @@
 //! So is the same from a file, which `models/tests/views/write_checkpoint.py` writes with PyTorch:
 //! `GRADREEL_CHECKPOINT=FILE cargo test --release -p gradreel-models --test views -- --ignored --nocapture fullsize_file`
 
+use std::sync::LazyLock;
 use std::time::Instant;
 
 use gradreel::{DType, Device, Tape, Tensor, Var};
@@ -15,20 +16,27 @@ use gradreel_models::views::{
     Training, Unet, UnetSizes, VolumePath, VolumeSizes,
 };
 
-use crate::harness::load;
+use crate::harness::{load, setting};
 use crate::procedural::{Source, input};
 
-const SEED: &str = "nvs-full";
+/// The seed of the file.
+fn seed() -> &'static str {
+    static SEED: LazyLock<String> = LazyLock::new(|| {
+        let seed = setting(&load("fullsize_procedural"), "weight_seed");
+        seed.as_str().expect("a text").to_owned()
+    });
+    &SEED
+}
 
 /// Largest error relative to the largest number of a tensor: the tolerance of the vectors.
 const TOLERANCE: f64 = 1e-3;
 
 fn source() -> Source {
-    Source { seed: SEED, tape: Tape::new() }
+    Source { seed: seed(), tape: Tape::new() }
 }
 
 fn given(tape: &Tape, name: &str, shape: impl Into<gradreel::Shape>) -> Var {
-    tape.constant(input(SEED, name, shape))
+    tape.constant(input(seed(), name, shape))
 }
 
 /// Every `steps[i]`-th element along each axis, from the first.
@@ -111,7 +119,7 @@ fn fullsize_training() {
     let count: usize = training.params().iter().map(|(_, weight)| weight.len()).sum();
     println!("{count} numbers trained, {}", peak());
     assert_eq!(count, 57_321_472 + 131_584 + 48_567_552);
-    let made = |name: &str, shape: &[usize]| input(SEED, name, shape);
+    let made = |name: &str, shape: &[usize]| input(seed(), name, shape);
     let batch = Batch {
         latents: made("training.latents", &[1, 16, 4, 32, 32]),
         embeddings: made("training.embeddings", &[1, 1, 768]),

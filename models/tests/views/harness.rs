@@ -3,13 +3,13 @@
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::Path;
 
 use gradreel::io::TensorFile;
-use gradreel::{DType, Device, Result, Shape, Tape, Tensor, Var};
+use gradreel::{DType, Device, ErrorKind, Gradients, Result, Shape, Tape, Tensor, Var};
 use gradreel_models::layers::{Init, Scope, Weights};
 
-use crate::procedural;
+use crate::{find, procedural};
 
 /// Where a comparison runs.
 #[derive(Clone)]
@@ -49,9 +49,28 @@ pub struct Tolerance {
 
 /// A file of vectors: this project's, or one of the same name in the folder that `GRADREEL_VECTORS` names.
 pub fn load(name: &str) -> TensorFile {
-    let own = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/vectors/views");
-    let folder = std::env::var_os("GRADREEL_VECTORS").map_or(own, PathBuf::from);
-    TensorFile::read(folder.join(format!("{name}.safetensors"))).unwrap()
+    let own = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/vectors/views"));
+    TensorFile::read(find::path(own, find::VIEWS, &format!("{name}.safetensors"))).unwrap()
+}
+
+/// A hyper-parameter of a file.
+pub fn setting(file: &TensorFile, name: &str) -> serde_json::Value {
+    let settings: serde_json::Value = serde_json::from_str(&file.metadata["hyperparameters"]).unwrap();
+    settings[name].clone()
+}
+
+/// A hyper-parameter of a file that is a count.
+pub fn size(file: &TensorFile, name: &str) -> usize {
+    setting(file, name).as_u64().unwrap_or_else(|| panic!("no count {name}")) as usize
+}
+
+/// A gradient; of what nothing depends on it is zero.
+pub fn gradient(gradients: &Gradients, leaf: &Var) -> Tensor {
+    match gradients.wrt(leaf) {
+        Ok(gradient) => gradient.clone(),
+        Err(error) if error.kind() == ErrorKind::NoGradient => Tensor::zeros(leaf.shape().clone(), leaf.dtype()),
+        Err(error) => panic!("{error}"),
+    }
 }
 
 /// One evaluation: inputs and weights as leaves of a tape.
@@ -104,13 +123,17 @@ impl<'a> Case<'a> {
 
     /// A hyper-parameter.
     pub fn setting(&self, name: &str) -> serde_json::Value {
-        let settings: serde_json::Value = serde_json::from_str(&self.file.metadata["hyperparameters"]).unwrap();
-        settings[name].clone()
+        setting(self.file, name)
     }
 
     /// A hyper-parameter that is a count.
     pub fn size(&self, name: &str) -> usize {
-        self.setting(name).as_u64().unwrap_or_else(|| panic!("no count {name}")) as usize
+        size(self.file, name)
+    }
+
+    /// The sizes of any tensor of the file.
+    pub fn dims(&self, name: &str) -> &[usize] {
+        self.file.get(name).unwrap().dims()
     }
 
     /// A hyper-parameter that is four counts.
@@ -173,7 +196,7 @@ pub fn check(name: &str, strip: &str, tolerance: Tolerance, run: impl Fn(&Case<'
             let leaf = full.and_then(|full| leaves.get(&full)).or_else(|| leaves.get(short));
             let leaf = leaf.unwrap_or_else(|| panic!("{name}: nothing asked for {key}"));
             let context = format!("{name} {} {key}", place.name);
-            close(&context, gradients.wrt(leaf).unwrap(), expected, tolerance.gradient);
+            close(&context, &gradient(&gradients, leaf), expected, tolerance.gradient);
         }
     }
 }

@@ -43,9 +43,9 @@ fn spatial_transformer() {
 #[test]
 fn depth_attention() {
     check("depth_transformer", "", SINGLE, |case| {
-        let [inner, channels, ..] = case.shape("proj_in.0.weight")[..] else { panic!("a kernel") };
+        let [_, channels, ..] = case.shape("proj_in.0.weight")[..] else { panic!("a kernel") };
         let context = case.shape("proj_context.1.weight")[0];
-        let sizes = DepthAttentionSizes { channels, head: inner / 4, context };
+        let sizes = DepthAttentionSizes { channels, head: case.size("head_dim"), context };
         let layer = DepthAttention::new(&case.scope(), sizes)?;
         Ok(vec![("out.y".into(), layer.forward(&case.input("x"), Some(&case.input("context"))))])
     });

@@ -2,10 +2,13 @@
 //! values and gradients, in `f64` and `f32` on the CPU and in `f32` on a GPU.
 
 mod cameras;
+#[path = "../../../tests/vectors/find.rs"]
+mod find;
 mod fullsize;
 mod harness;
 mod keys;
 mod layers;
+mod mesh_dialects;
 mod mesh_files;
 mod mesh_folder;
 mod meshes;

@@ -9,8 +9,8 @@ fn denoiser() {
     let tolerance = Tolerance { value: 5e-5, gradient: 1e-3 };
     check("unet_small", "model.diffusion_model.", tolerance, |case| {
         let sizes = UnetSizes {
-            inputs: 8,
-            outputs: 4,
+            inputs: case.dims("in.x")[1],
+            outputs: case.dims("out.eps")[1],
             base: case.size("mc"),
             multipliers: case.sizes("mult"),
             heads: case.size("heads"),

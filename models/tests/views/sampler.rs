@@ -81,7 +81,7 @@ fn the_stored_steps_with_guidance() {
     let file = load("denoise_step");
     for place in places() {
         let case = Case::new(&file, &place);
-        let sizes = sampling::sizes(&case);
+        let sizes = sampling::sizes(&case, case.dims("in.x")[2]);
         let given = |name: &str| case.given(name).value().unwrap().to_device(&Device::Cpu).unwrap();
         let scaled = case.given("in.x_input");
         if scaled.device() != Device::Cpu {
@@ -91,9 +91,9 @@ fn the_stored_steps_with_guidance() {
         let subject =
             Subject { embedding: given("in.clip_embed"), latent, elevation: case.numbers("elevation")[0], seen: None };
         let ensemble = Ensemble::new(&case, &sizes, &Device::Cpu, 2).unwrap();
-        for turn in ["a", "last"] {
+        for turn in sampling::turns(&file) {
             let index = case.numbers(&format!("{turn}.index"))[0] as usize;
-            for guidance in [2.0, 1.0] {
+            for guidance in sampling::guidances(&file, &turn) {
                 let settings = SamplerSettings { steps: case.size("ddim_steps"), guidance, seed: 0 };
                 let mut run = at_index(subject.clone(), settings, &given("in.x"), index);
                 run.predict(&ensemble, &mut |_| Ok(())).unwrap();

@@ -29,6 +29,11 @@ fn vector_sizes(case: &Case<'_>) -> SpatialAwareSizes {
     }
 }
 
+/// The cameras of the vectors.
+fn vector_ring(case: &Case<'_>) -> Ring {
+    Ring::published(case.dims("in.poses")[0])
+}
+
 /// The box of the vectors, which is in pixels of 256.
 fn vector_box(case: &Case<'_>) -> Detection {
     let [left, top, right, bottom] = case.numbers("box_xyxy")[..] else { panic!("four sides") };
@@ -38,16 +43,17 @@ fn vector_box(case: &Case<'_>) -> Detection {
 #[test]
 fn attention_gathering_and_weights() {
     check("spatial_aware", "", Tolerance { value: 5e-5, gradient: 5e-4 }, |case| {
-        let (sizes, ring) = (vector_sizes(case), Ring::published(8));
+        let (sizes, ring) = (vector_sizes(case), vector_ring(case));
         let attention = EpipolarAttention::new(&case.scope(), &sizes)?;
-        let maps = attention.forward(&ring, &case.input("features").reshape([1, 8, 16, 8, 8]))?;
-        let volume = case.input("base_volume").reshape([1, 16, 8, 8, 8]);
+        let alone = |name: &str| case.input(name).reshape([&[1][..], case.dims(&format!("in.{name}"))].concat());
+        let maps = attention.forward(&ring, &alone("features"))?;
+        let volume = alone("base_volume");
         let elevation = case.numbers("input_elevation_rad");
         let combined = combine(&ring, &sizes, &volume, &maps, &elevation, &[Some(vector_box(case))])?;
         let of = |x: &Var| x.reshape(&x.dims()[1..]);
         Ok(vec![
             ("mid.fused_features".into(), of(&maps)),
-            ("mid.general_volume".into(), of(&gather(&ring, &maps, 8)?)),
+            ("mid.general_volume".into(), of(&gather(&ring, &maps, case.size("V"))?)),
             ("out.combined".into(), of(&combined)),
         ])
     });
@@ -72,15 +78,18 @@ fn lines_boxes_and_one_neighbour() {
     let file = load("spatial_aware");
     let place = &places()[0];
     let case = Case::new(&file, place);
-    let (sizes, ring) = (vector_sizes(&case), Ring::published(8));
+    let (sizes, ring) = (vector_sizes(&case), vector_ring(&case));
+    let [views, channels, width, _] = case.dims("in.features")[..] else { panic!("views, channels, rows, columns") };
+    let (cells, samples, voxels) = (width * width, sizes.samples, case.size("V"));
+    let first_neighbour = sizes.neighbours[0];
     let numbers = |name: &str| file.get(name).unwrap().to_vec().unwrap();
 
     // stored as row, column, sample
-    let lines = EpipolarLines::new(&ring, [0, 1], 12, 8);
+    let lines = EpipolarLines::new(&ring, [0, first_neighbour.rem_euclid(views as i64) as usize], samples, width);
     let (uv, valid) = (numbers("mid.view0_first_neighbour.uv"), numbers("mid.view0_first_neighbour.valid"));
-    for cell in 0..64 {
-        for sample in 0..12 {
-            let (ours, theirs) = (sample * 64 + cell, cell * 12 + sample);
+    for cell in 0..cells {
+        for sample in 0..samples {
+            let (ours, theirs) = (sample * cells + cell, cell * samples + sample);
             assert_eq!(f64::from(u8::from(lines.valid[ours])), valid[theirs], "cell {cell}, sample {sample}");
             for axis in 0..2 {
                 let (a, b) = (lines.places[ours][axis], uv[2 * theirs + axis]);
@@ -90,27 +99,30 @@ fn lines_boxes_and_one_neighbour() {
     }
 
     let (elevation, seen) = (case.numbers("input_elevation_rad")[0], vector_box(&case));
-    let covered = ring.covered(8, elevation, &seen);
+    let covered = ring.covered(voxels, elevation, &seen);
     let mask: Vec<f64> = covered.iter().map(|inside| f64::from(u8::from(*inside))).collect();
     assert_eq!(mask, numbers("mid.mask"));
     assert!(mask.contains(&0.0) && mask.contains(&1.0));
-    let finer = ring.covered(32, elevation, &seen).into_iter().filter(|inside| *inside).count();
-    assert_eq!(finer as f64, numbers("mid.mask_V32_count")[0]);
+    let told = |name: &str| name.strip_prefix("mid.mask_V")?.strip_suffix("_count")?.parse::<usize>().ok();
+    for (name, finer) in file.tensors.keys().filter_map(|name| Some((name, told(name)?))) {
+        let inside = ring.covered(finer, elevation, &seen).into_iter().filter(|inside| *inside).count();
+        assert_eq!(inside as f64, numbers(name)[0], "{name}");
+    }
     // of ones and nothing else the weights are left
-    let [ones, nothing] = [1.0, 0.0].map(|v| case.tape.constant(Tensor::full(v, [1, 1, 8, 8, 8], DType::F64)));
-    let maps = &nothing.reshape([1, 8, 1, 8, 8]) * 0.0;
+    let ones = case.tape.constant(Tensor::full(1.0, [1, 1, voxels, voxels, voxels], DType::F64));
+    let maps = case.tape.constant(Tensor::zeros([1, views, 1, width, width], DType::F64));
     let phi = |boxes: &[Option<Detection>]| combine(&ring, &sizes, &ones, &maps, &[elevation], boxes).unwrap();
-    close("phi", &phi(&[Some(seen)]).reshape([8, 8, 8]).value().unwrap().clone(), file.get("mid.phi").unwrap(), 1e-6);
+    close("phi", &phi(&[Some(seen)]).reshape([voxels; 3]).value().unwrap().clone(), file.get("mid.phi").unwrap(), 1e-6);
     for without in [&[None][..], &[]] {
         assert!(phi(without).value().unwrap().slice::<f64>().iter().all(|weight| *weight == 1.0));
     }
 
     let plain = Plain(&case);
-    let first = SpatialAwareSizes { neighbours: vec![1], ..sizes };
+    let first = SpatialAwareSizes { neighbours: vec![first_neighbour], ..sizes };
     let attention = EpipolarAttention::new(&Scope::root(&plain), &first).unwrap();
-    let features = case.input("features").reshape([1, 8, 16, 8, 8]);
+    let features = case.input("features").reshape([1, views, channels, width, width]);
     let found = &attention.forward(&ring, &features).unwrap() - &features;
-    let of_view = found.select(1, 0).reshape([16, 8, 8]).permute(&[1, 2, 0]);
+    let of_view = found.select(1, 0).reshape([channels, width, width]).permute(&[1, 2, 0]);
     close("A", of_view.value().unwrap(), file.get("mid.view0_first_neighbour.A").unwrap(), 5e-5);
 }
 

@@ -46,7 +46,7 @@ fn frustum_net() {
 
 fn sizes(case: &Case<'_>) -> VolumeSizes {
     VolumeSizes {
-        latent: 4,
+        latent: case.dims("in.x_noisy")[2],
         features: case.size("enc"),
         time: case.size("time_dim"),
         spatial: case.sizes("sdims"),

@@ -139,13 +139,14 @@ fn a_number_beyond_f16_is_refused_by_name_and_leaves_no_file() {
 
 #[test]
 fn the_small_checkpoints_are_rewritten_bit_for_bit() {
-    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/vectors");
-    let expected = Archive::open(folder.join("tiny_checkpoint_expected.safetensors")).unwrap();
+    let own = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/vectors");
+    let of = |name: &str| crate::find::path(&own, crate::find::VIEWS, name);
+    let expected = Archive::open(of("tiny_checkpoint_expected.safetensors")).unwrap();
     for name in ["tiny_lightning.ckpt", "tiny_legacy_format.ckpt"] {
         let path = scratch(&format!("{name}.safetensors"));
         let told = std::cell::Cell::new((0, 0));
         let keep = |_: &str, entry: &gradreel::io::Entry| entry.stored;
-        Archive::open(folder.join(name)).unwrap().rewrite(&path, keep, |done, all| told.set((done, all))).unwrap();
+        Archive::open(of(name)).unwrap().rewrite(&path, keep, |done, all| told.set((done, all))).unwrap();
         assert!(told.get().0 == told.get().1 && told.get().0 > 0);
         let written = Archive::open(&path).unwrap();
         assert!(written.names().eq(expected.names()));
@@ -160,7 +161,7 @@ fn the_small_checkpoints_are_rewritten_bit_for_bit() {
         }
     }
     let path = scratch("forbidden.safetensors");
-    let archive = Archive::open(folder.join("tiny_forbidden_call.ckpt")).unwrap();
+    let archive = Archive::open(of("tiny_forbidden_call.ckpt")).unwrap();
     let error = archive.rewrite(&path, |_, entry| entry.stored, |_, _| ()).unwrap_err().to_string();
     assert!(error.contains("bad") && error.contains("never made"), "{error}");
 }
