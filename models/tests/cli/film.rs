@@ -51,7 +51,7 @@ fn options_of_films() {
     scene.write("film/._0.png", "Mac OS X");
     scene.write("film/background.png", fs::read(scene.path("film/0.png")).unwrap());
     let printed = scene.succeeds("check film --fps 24");
-    assert!(printed.contains("14 frames") && printed.contains("background.png are no frames"), "{printed}");
+    assert!(printed.contains("14 frames") && printed.contains("no frames: background.png"), "{printed}");
     fs::remove_file(scene.path("film/4.png")).unwrap();
     scene.refuses("check film --fps 24", &["picture 4 is missing"]);
 }

@@ -85,7 +85,7 @@ fn lines_boxes_and_one_neighbour() {
     let numbers = |name: &str| file.get(name).unwrap().to_vec().unwrap();
 
     // stored as row, column, sample
-    let lines = EpipolarLines::new(&ring, [0, first_neighbour], samples, width);
+    let lines = EpipolarLines::new(&ring, [0, first_neighbour.rem_euclid(views as i64) as usize], samples, width);
     let (uv, valid) = (numbers("mid.view0_first_neighbour.uv"), numbers("mid.view0_first_neighbour.valid"));
     for cell in 0..cells {
         for sample in 0..samples {
