@@ -186,8 +186,8 @@ pub(super) fn of_law(given: &[Named], law: &Law, option: &str) -> Result<BTreeMa
                 .found(found)
         };
         let value = amount.in_unit(parameter.unit).map_err(|found| {
-            let example = format!("{option} {name}={} {}", parameter.start, parameter.unit);
-            refused(found).fix(format!("give for example `{}`", example.trim_end_matches([' ', '-'])))
+            let unit = if parameter.unit == "-" { String::new() } else { parameter.unit.replace(' ', "·") };
+            refused(found).fix(format!("give for example `{option} {name}={}{unit}`", parameter.start))
         })?;
         if values.insert(name.clone(), value).is_some() {
             return Err(refused("two values".into()).fix("give one"));

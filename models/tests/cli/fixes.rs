@@ -6,8 +6,8 @@ use std::path::Path;
 
 use crate::scene::Scene;
 
-/// Options of other programs that messages tell how to use.
-const OTHERS: [&str; 3] = ["input_path", "output_path", "output_type"];
+/// Options of other programs that messages tell how to use, or that are called.
+const OTHERS: [&str; 6] = ["input_path", "output_path", "output_type", "short", "porcelain", "untracked-files"];
 
 /// Names of the options of a command and of those below it.
 fn options(scene: &Scene, command: &str, found: &mut BTreeSet<String>) {

@@ -12,12 +12,13 @@ fn a_place_that_cannot_be_written_is_refused_before_the_clip_is_read() {
     fs::create_dir(scene.path("full")).unwrap();
     scene.write("full/notes.txt", "mine");
     let long = "x".repeat(300);
+    let nested = format!("new/{long}/run");
     for (out, parts) in [
         ("README.md", ["README.md", "not a folder"]),
         ("README.md/below", ["README.md", "not a folder"]),
         ("full", ["full", "not empty"]),
         (long.as_str(), ["xxx", "--out"]),
-        (&format!("new/{long}/run"), ["xxx", "--out"]),
+        (nested.as_str(), ["xxx", "--out"]),
     ] {
         scene.refuses(&format!("reconstruct nowhere --out {out}"), &parts);
         scene.refuses(&format!("bench ablation nowhere --out {out}"), &parts);

@@ -80,7 +80,7 @@ fn settings_that_were_edited_meanwhile() {
     for (before, after, named) in [
         ("dx = 0.05", "dx = 0.03", "geometry.dx: 0.05 → 0.03"),
         ("density = 1000.0", "density = 900.0", "world.density: 1000.0 → 900.0"),
-        ("hull_coverage = 0.30000001192092896", "hull_coverage = 0.4", "geometry.hull_coverage: 0.3 → 0.4"),
+        ("hull_coverage = 0.3\n", "hull_coverage = 0.4\n", "geometry.hull_coverage: 0.3 → 0.4"),
         ("spin = false", "spin = true", "estimate.spin: false → true"),
     ] {
         assert!(written.contains(before), "no {before} in {written}");

@@ -51,7 +51,7 @@ fn a_section_is_added_and_then_replaced_in_place() {
 fn damaged_markers_are_refused() {
     let good = replaced("", &section("one", "x"), &measured()).unwrap();
     let [begin, end] = ["<!-- begin: one -->", "<!-- end: one -->"];
-    let swapped = good.replace(begin, "#").replace(end, begin).replace('#', end);
+    let swapped = good.replace(begin, "\u{1}").replace(end, begin).replace('\u{1}', end);
     for text in [good.replace(begin, ""), good.replace(end, ""), format!("{good}{good}"), swapped] {
         let error = replaced(&text, &section("one", "y"), &measured()).unwrap_err();
         assert_eq!(error.kind(), ErrorKind::Input);
