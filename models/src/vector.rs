@@ -10,6 +10,17 @@ pub(crate) fn dot(a: Vector, b: Vector) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
+/// `√(a·a)`
+pub(crate) fn norm(a: Vector) -> f64 {
+    dot(a, a).sqrt()
+}
+
+/// `a/‖a‖`; zero for zero.
+pub(crate) fn unit(a: Vector) -> Vector {
+    let length = norm(a).max(f64::MIN_POSITIVE);
+    a.map(|x| x / length)
+}
+
 pub(crate) fn plus(a: Vector, b: Vector) -> Vector {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
@@ -30,6 +41,10 @@ pub(crate) fn times(m: &Matrix, x: Vector) -> Vector {
 
 pub(crate) fn product(a: Matrix, b: Matrix) -> Matrix {
     a.map(|row| std::array::from_fn(|j| (0..3).map(|k| row[k] * b[k][j]).sum()))
+}
+
+pub(crate) fn transposed(m: Matrix) -> Matrix {
+    std::array::from_fn(|i| m.map(|row| row[i]))
 }
 
 /// The rotation by `|turn|` radians about the axis `turn` (Rodrigues).

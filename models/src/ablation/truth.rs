@@ -9,6 +9,7 @@ use serde_json::Value;
 use crate::identify::{FAMILIES, VELOCITY, law_of};
 use crate::physics::{Law, Map, Parameter};
 use crate::scenes::SceneFile;
+use crate::vector::{minus, norm};
 
 /// The truth about a clip.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -123,9 +124,8 @@ impl Truth {
         }
         let found = VELOCITY.map(|name| estimates.get(name).copied());
         if let ([Some(x), Some(y), Some(z)], Some(truth)) = (found, self.velocity) {
-            let length = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
-            if length(truth) > 0.0 {
-                errors.insert("velocity".into(), length([x - truth[0], y - truth[1], z - truth[2]]) / length(truth));
+            if norm(truth) > 0.0 {
+                errors.insert("velocity".into(), norm(minus([x, y, z], truth)) / norm(truth));
             }
         }
         errors

@@ -7,6 +7,7 @@ use gradreel::{Error, ErrorKind, Result};
 use rayon::prelude::*;
 
 use crate::field::Inflated;
+use crate::vector::unit;
 use crate::video::{Camera, Clip, Frame};
 
 /// Most voxels of the box around an object.
@@ -90,8 +91,7 @@ pub(crate) fn meeting_point<'a>(
     let mut right = Mat::from_fn(3, 1, |i, _| pull * towards[i]);
     for (camera, [u, v]) in pixels {
         let (origin, direction) = camera.ray(u, v);
-        let norm = direction.iter().map(|d| d * d).sum::<f64>().sqrt();
-        let d = direction.map(|x| x / norm);
+        let d = unit(direction);
         for i in 0..3 {
             for j in 0..3 {
                 let projector = f64::from(u8::from(i == j)) - d[i] * d[j];

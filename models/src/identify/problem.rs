@@ -12,6 +12,7 @@ use crate::identify::{Bound, Config, Free, RangePenalty, Unknowns};
 use crate::particles::Particles;
 use crate::physics::{Body, Collider, Law, Parameter, Remat, Schedule, World, rollout};
 use crate::render::{Rays, Robust, Splat, Surface, Target, Trajectory, render};
+use crate::vector::norm;
 use crate::video::Clip;
 
 /// How far the step may exceed what the unknowns ask for before it is made smaller; the recommended step leaves more room
@@ -160,7 +161,6 @@ impl<'a> Problem<'a> {
     /// A schedule for `frames` frames that is stable for these unknowns: for the sound in the material, and for the speed that
     /// the highest particle can reach before the ground stops it.
     pub fn schedule(&self, unknowns: &Unknowns, frames: usize) -> Schedule {
-        let norm = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
         let time = self.observed.frame_dt * frames.saturating_sub(1) as f64;
         let (start, gravity) = (norm(unknowns.velocity), norm(self.world.gravity));
         let highest = self.particles.positions.iter().fold(f64::NEG_INFINITY, |high, x| high.max(x[1]));

@@ -5,7 +5,7 @@ use faer::linalg::solvers::Solve;
 use gradreel::{DType, Result, Tensor};
 
 use crate::particles::Particles;
-use crate::vector::{EYE, cross, minus, plus, product, rotation, times};
+use crate::vector::{EYE, cross, minus, plus, product, rotation, times, transposed};
 
 type Vector = [f64; 3];
 type Matrix = [Vector; 3];
@@ -63,7 +63,7 @@ impl Gyration {
     /// momentum `L` stays, and it turns about `R I⁻¹ Rᵀ L` (Euler), not about one axis unless that is a principal one.
     pub fn turned(&self, spin: Vector, frame_dt: f64, frames: usize) -> Vec<Matrix> {
         let momentum = times(&self.inertia, spin);
-        let rate = |turned: &Matrix| times(turned, times(&self.inverse, times(&transposed(turned), momentum)));
+        let rate = |turned: &Matrix| times(turned, times(&self.inverse, times(&transposed(*turned), momentum)));
         let after = |turned: Matrix, rate: Vector, dt: f64| product(rotation(rate.map(|w| w * dt)), turned);
         let dt = frame_dt / STEPS as f64;
         let mut turned = EYE;
@@ -82,10 +82,6 @@ impl Gyration {
     pub fn place(&self, turned: &Matrix, x: Vector) -> Vector {
         plus(self.centre, times(turned, minus(x, self.centre)))
     }
-}
-
-fn transposed(m: &Matrix) -> Matrix {
-    std::array::from_fn(|i| std::array::from_fn(|j| m[j][i]))
 }
 
 /// The inverse of an inertia, which is positive definite.
@@ -126,7 +122,7 @@ mod tests {
         let momentum = times(&gyration.inertia, spin);
         let all = gyration.turned(spin, 1.0 / 24.0, 14);
         let energy = |turned: &Matrix| {
-            let own = times(&transposed(turned), momentum);
+            let own = times(&transposed(*turned), momentum);
             dot(own, times(&gyration.inverse, own))
         };
         for turned in &all {
@@ -136,7 +132,7 @@ mod tests {
         let ahead = 1e-3;
         let small = gyration.turned(spin, ahead, 3);
         let angle = |m: &Matrix| [m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]].map(|a| 0.5 * a);
-        let between = |a: &Matrix, b: &Matrix| angle(&product(*b, transposed(a))).map(|w| w / ahead);
+        let between = |a: &Matrix, b: &Matrix| angle(&product(*b, transposed(*a))).map(|w| w / ahead);
         let (first, second) = (between(&small[0], &small[1]), between(&small[1], &small[2]));
         let change = times(&gyration.inverse, cross(momentum, spin));
         for k in 0..3 {

@@ -4,7 +4,7 @@ use faer::{Mat, Side};
 use gradreel::scalar::{Mat3, Program, Scalar};
 
 use super::material::{Given, Material, Point};
-use crate::vector::{EYE, product};
+use crate::vector::{EYE, product, unit};
 
 type Matrix = [[f64; 3]; 3];
 
@@ -146,7 +146,7 @@ impl Probe {
 fn directions() -> Vec<[f64; 3]> {
     let all = (0..27).map(|k| [k / 9, k / 3 % 3, k % 3].map(|digit| f64::from(digit) - 1.0));
     // of two that are opposite, the later one
-    all.skip(14).map(|d| d.map(|x| x / d.iter().map(|x| x * x).sum::<f64>().sqrt())).collect()
+    all.skip(14).map(unit).collect()
 }
 
 /// `Σ m(p, q) v_p v_q`

@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use crate::vector::unit;
 use crate::video::Camera;
 
 /// Rays with unit directions, in metres.
@@ -20,8 +21,7 @@ impl Rays {
         let ray = |i: usize| {
             let (u, v) = ((i % camera.width) as f64 + 0.5, (i / camera.width) as f64 + 0.5);
             let (origin, direction) = camera.ray(u, v);
-            let norm = direction.iter().map(|d| d * d).sum::<f64>().sqrt();
-            (origin, direction.map(|d| d / norm))
+            (origin, unit(direction))
         };
         let (origins, directions) = (0..pixels).into_par_iter().map(ray).unzip();
         Self { origins, directions }
@@ -40,11 +40,7 @@ impl Rays {
 
     /// The directions, each of length 1.
     pub fn unit_directions(&self) -> Vec<[f64; 3]> {
-        let unit = |d: &[f64; 3]| {
-            let length = d.iter().map(|x| x * x).sum::<f64>().sqrt();
-            d.map(|x| x / length)
-        };
-        self.directions.iter().map(unit).collect()
+        self.directions.iter().copied().map(unit).collect()
     }
 
     /// Some of the rays, in this order.

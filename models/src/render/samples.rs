@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use crate::field::DenseGrid;
 use crate::render::Rays;
+use crate::vector::norm;
 
 /// Rays per work item.
 const RAYS: usize = 256;
@@ -77,7 +78,7 @@ impl Crossing {
             leave = leave.min(a.max(b));
         }
         let (enter, leave) = (enter.clamp(sampling.near, sampling.far), leave.clamp(sampling.near, sampling.far));
-        let length = direction.iter().map(|d| d * d).sum::<f64>().sqrt();
+        let length = norm(direction);
         let steps = ((leave - enter) * length / (sampling.step * grid.spacing)).ceil().max(1.0);
         Self {
             start: [0, 1, 2].map(|axis| origin[axis] + direction[axis] * enter),

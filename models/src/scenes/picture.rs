@@ -4,7 +4,7 @@ use super::file::Camera;
 use super::setup::Setup;
 use crate::physics::{Collider, Region};
 use crate::report::animation::Picture;
-use crate::vector::{bounds, cross, dot, minus, plus};
+use crate::vector::{bounds, cross, dot, minus, plus, unit};
 
 const BACKGROUND: [f64; 3] = [244.0, 246.0, 249.0];
 const FLOOR: [f64; 3] = [222.0, 226.0, 232.0];
@@ -229,9 +229,4 @@ fn surface(collider: &Collider, spacing: f64) -> Vec<[f64; 3]> {
         }
     }
     points
-}
-
-fn unit(a: [f64; 3]) -> [f64; 3] {
-    let length = dot(a, a).sqrt().max(f64::MIN_POSITIVE);
-    a.map(|x| x / length)
 }

@@ -8,7 +8,7 @@ use super::file::{Barrier, Ground, Obstacle, Precision, SceneFile, Substance, To
 use super::fill::body;
 use crate::nearest::nearest;
 use crate::physics::{Collider, Contact, Lattice, Law, Map, Region, Schedule, Values, World, is_thin, materials};
-use crate::vector::{bounds, cross, minus, plus, rotation, times};
+use crate::vector::{bounds, cross, minus, norm, plus, rotation, times, unit};
 
 /// The heaviest particle \[kg\]: sums of more in `f32` would not be finite.
 const HEAVIEST: f64 = 1e20;
@@ -192,14 +192,13 @@ impl Setup {
             .filter(|(index, _)| used(*index))
             .map(|(_, stuff)| stuff.law.wave_speed(&stuff.parameters, stuff.density))
             .fold(0.0, f64::max);
-        let norm = |v: &[f64; 3]| v.iter().map(|v| v * v).sum::<f64>().sqrt();
-        let start = self.velocities.iter().map(norm).fold(0.0, f64::max);
+        let start = self.velocities.iter().copied().map(norm).fold(0.0, f64::max);
         let [low, high] = bounds(self.positions.iter().copied());
         let floor = file.ground.as_ref().map_or(low[1], |ground| ground.height_m.min(low[1]));
         // Not farther than the duration allows.
-        let g = norm(&self.world.gravity);
+        let g = norm(self.world.gravity);
         let fallen = (2.0 * g * (high[1] - floor)).sqrt().min(g * time.duration_s);
-        let pushed = self.world.colliders.iter().map(|c| norm(&c.motion.velocity)).fold(0.0, f64::max);
+        let pushed = self.world.colliders.iter().map(|c| norm(c.motion.velocity)).fold(0.0, f64::max);
         let speed = (start.powi(2) + fallen.powi(2)).sqrt().max(pushed);
         self.speeds = [sound, speed];
         let frame_dt = 1.0 / time.frames_per_s;
@@ -375,11 +374,10 @@ fn obstacle(given: &Obstacle) -> Result<Collider> {
     let fault = |what: &str| Err(Error::new(ErrorKind::Input, what));
     let (region, centre) = match given.shape {
         Barrier::Plane { point_m, normal } => {
-            let length = normal.iter().map(|n| n * n).sum::<f64>().sqrt();
-            if length == 0.0 {
-                return fault("the normal of a plane has no direction");
+            if !(norm(normal) > 0.0 && norm(normal).is_finite()) {
+                return fault("the normal of a plane has no length that can be used");
             }
-            (Region::Plane { point: point_m, normal: normal.map(|n| n / length) }, point_m)
+            (Region::Plane { point: point_m, normal: unit(normal) }, point_m)
         }
         Barrier::Box { centre_m, size_m } => {
             (Region::Cuboid { centre: centre_m, half: size_m.map(|s| s / 2.0) }, centre_m)
