@@ -210,7 +210,7 @@ fn the_plan_tells_the_mass_of_a_ball_much_smaller_than_a_cell() {
         approx::assert_relative_eq!(frame["mass_kg"].as_f64().unwrap(), ball, max_relative = 1e-6);
     }
     let [start, end] = [0, 1].map(|k| totals["frames"][k]["centre_m"][1].as_f64().unwrap());
-    approx::assert_relative_eq!(start - end, 0.5 * 9.8 * 0.05_f64.powi(2), max_relative = 0.02);
+    approx::assert_relative_eq!(start - end, 0.5 * 9.8 * 0.05_f64.powi(2), max_relative = 0.03);
 }
 
 #[test]
@@ -236,12 +236,14 @@ fn a_folder_that_cannot_be_one_is_refused_before_the_scene_is_read() {
     std::fs::write(within.join("README.md"), "text").unwrap();
     std::fs::create_dir(within.join("full")).unwrap();
     std::fs::write(within.join("full/mine.txt"), "text").unwrap();
+    let long = "long".repeat(100);
+    let below = format!("full/{long}");
     for (out, words) in [
         ("README.md", "is not a folder"),
         ("README.md/below", "is not a folder"),
         ("full", "is not empty"),
-        (&"long".repeat(100), "cannot make the folder"),
-        (&format!("full/{}", "long".repeat(100)), "cannot make the folder"),
+        (long.as_str(), "cannot make the folder"),
+        (below.as_str(), "cannot make the folder"),
     ] {
         let text = refused(&["there-is-no-such-scene.toml", "--out", out], within);
         assert!(text.contains(words) && text.contains("--out"), "{out}: {text}");

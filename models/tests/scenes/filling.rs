@@ -48,7 +48,7 @@ fn shapes_that_hold_nothing_or_too_much_are_refused() {
     let refused = |shape: Shape| fill(&shape, SPACING, 0, Path::new(".")).unwrap_err().to_string();
     let centre_m = [0.0; 3];
     assert!(refused(Shape::Sphere { centre_m, radius_m: -1.0 }).contains("radius_m"));
-    assert!(refused(Shape::Torus { centre_m, ring_radius_m: 0.2, tube_radius_m: 1e-7 }).contains("holds no particle"));
+    assert!(refused(Shape::Torus { centre_m, ring_radius_m: 0.2, tube_radius_m: 1e-12 }).contains("holds no particle"));
     assert!(refused(Shape::Box { centre_m, size_m: [1e3; 3] }).contains("too large for this grid"));
     let missing = Shape::Mesh { file: "missing.obj".into(), scale: 1.0, translate_m: [0.0; 3] };
     assert!(refused(missing).contains("missing.obj"));
