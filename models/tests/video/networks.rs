@@ -246,6 +246,15 @@ fn files_that_are_damaged() {
 }
 
 #[test]
+fn what_a_download_left_is_named() {
+    let scene = Scene::new();
+    scene.refuses(b"", &["an empty file"]);
+    scene.refuses(b"version https://git-lfs.github.com/spec/v1\noid sha256:4d\nsize 9\n", &["Git LFS", "git lfs pull"]);
+    scene.refuses(b"<!DOCTYPE html><html><title>Sign in</title></html>", &["a web page, \"Sign in\""]);
+    scene.refuses(b"{\"error\": \"not found\"}", &["JSON text"]);
+}
+
+#[test]
 fn settings_of_networks() {
     let scene = Scene::new();
     let missing = MattingSettings { model: scene.path("none.onnx"), ..plain() };

@@ -5,6 +5,7 @@ use std::fmt::Display;
 use std::ops::RangeInclusive;
 use std::path::Path;
 
+use gradreel::io::foreign;
 use gradreel::{Error, ErrorKind, Result};
 use rten::{DataType, Dimension, LoadErrorKind, Model, Value, ValueType};
 
@@ -36,6 +37,9 @@ impl<'a> Network<'a> {
             return Err(unreadable(path, "a folder or a device").fix(fix));
         }
         let bytes = text::bytes(path, "the matting network", fix, MOST_BYTES)?;
+        if let Some(error) = foreign(&bytes, "an ONNX file with a network for matting (--matting FILE)") {
+            return Err(error.at(path.display()));
+        }
         onnx::check(&bytes).map_err(|found| unreadable(path, found).fix("copy or export the file again"))?;
         let model = Model::load(bytes).map_err(|e| {
             unreadable(path, &e).fix(match e.kind() {
