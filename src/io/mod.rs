@@ -23,4 +23,3 @@ pub(crate) use bytes::Bytes;
 pub use element::Stored;
 pub use foreign::foreign;
 pub use safetensors::TensorFile;
-pub use source::read_regular;

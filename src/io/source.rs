@@ -27,7 +27,7 @@ pub(super) enum Source {
 impl Source {
     /// Opens a file. A small one is read, a large one is read in parts.
     pub fn open(path: &Path) -> Result<Self> {
-        let (file, len) = regular(path, TENSORS)?;
+        let (file, len) = regular(path)?;
         let source = Self::Disk { file, len, path: path.to_owned() };
         match len <= READ_AT_ONCE {
             true => Ok(source.read(0..len)?.into_owned().into()),
@@ -41,7 +41,7 @@ impl Source {
     /// Nobody changes or shortens the file as long as the source, or a tensor that lies in it, lives: the bytes are handed out
     /// as `&[u8]`, and a page that is gone ends the process.
     pub unsafe fn map(path: &Path) -> Result<Self> {
-        let (file, len) = regular(path, TENSORS)?;
+        let (file, len) = regular(path)?;
         if len == 0 {
             return Ok(Vec::new().into());
         }
@@ -98,39 +98,12 @@ impl From<Vec<u8>> for Source {
     }
 }
 
-/// Reads a file of at most `largest` bytes whole; `what` is what it holds, in a clause such as "read the network".
-///
-/// ```
-/// let path = std::env::temp_dir().join("gradreel-read-regular");
-/// std::fs::write(&path, "seven")?;
-/// assert_eq!(gradreel::io::read_regular(&path, 5, "read the number")?, b"seven");
-/// assert!(gradreel::io::read_regular(&path, 4, "read the number").is_err());
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
-///
-/// # Errors
-/// [`ErrorKind::Input`] for a file that is missing or larger, and for what is no regular file, such as a folder, a pipe or a
-/// device, which may have no end.
-pub fn read_regular(path: impl AsRef<Path>, largest: usize, what: &str) -> Result<Vec<u8>> {
-    let path = path.as_ref();
-    let (file, len) = regular(path, what)?;
-    if len > largest {
-        return Err(Error::new(ErrorKind::Input, format!("cannot {what}"))
-            .at(path.display())
-            .found(format!("{len} bytes"))
-            .wanted(format!("at most {largest}"))
-            .fix("give the path of another file"));
-    }
-    let source = Source::Disk { file, len, path: path.to_owned() };
-    Ok(source.read(0..len)?.into_owned())
-}
-
 /// Opens what is a file: a device may have no end, and a pipe may never be written.
-fn regular(path: &Path, what: &str) -> Result<(File, usize)> {
-    let fault = |e: std::io::Error| Error::io(path, what, &e).fix("give the path of a file that can be read");
+fn regular(path: &Path) -> Result<(File, usize)> {
+    let fault = |e: std::io::Error| Error::io(path, TENSORS, &e).fix("give the path of a file that can be read");
     let about = fs::metadata(path).map_err(fault)?;
     if !about.is_file() {
-        return Err(Error::new(ErrorKind::Input, format!("cannot {what}"))
+        return Err(Error::new(ErrorKind::Input, format!("cannot {TENSORS}"))
             .at(path.display())
             .found(if about.is_dir() { "a folder" } else { "a device, a pipe or a socket" })
             .wanted("a regular file")
@@ -170,7 +143,7 @@ mod tests {
     fn a_file_that_became_shorter_is_an_error() {
         let path = std::env::temp_dir().join(format!("gradreel-{}-shorter", std::process::id()));
         fs::write(&path, vec![7; 100_000]).unwrap();
-        let (file, len) = regular(&path, TENSORS).unwrap();
+        let (file, len) = regular(&path).unwrap();
         let source = Source::Disk { file, len, path: path.clone() };
         assert_eq!(source.read(99_998..100_000).unwrap()[..], [7, 7]);
         File::options().write(true).open(&path).unwrap().set_len(10).unwrap();

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use gradreel::ErrorKind;
-use gradreel::io::{Archive, TensorFile, npy, read_regular};
+use gradreel::io::{Archive, TensorFile, npy};
 
 use crate::build::{state, tensor, zip};
 
@@ -77,7 +77,6 @@ fn what_is_no_regular_file_is_refused_at_once() {
             Archive::open(path).unwrap_err(),
             TensorFile::read(path).unwrap_err(),
             npy::read(path).unwrap_err(),
-            read_regular(path, 1 << 20, "read it").unwrap_err(),
             // SAFETY: nothing is mapped.
             unsafe { Archive::open_mapped(path) }.unwrap_err(),
         ];

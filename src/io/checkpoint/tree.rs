@@ -186,7 +186,6 @@ impl<'g> Tree<'g> {
 }
 
 /// The text of a constant; an empty one of what is a constant and is not kept.
-#[expect(clippy::option_option, reason = "no constant, and one that is not kept, differ")]
 fn text_of(value: &Value<'_>) -> Option<Option<String>> {
     Some(match value {
         Value::None => Some("None".to_owned()),
