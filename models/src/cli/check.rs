@@ -9,7 +9,7 @@ use crate::cli::output::say;
 use crate::cli::reconstruct::{check_body, far_ground, usable};
 use crate::identify::{Config, WorldConfig};
 use crate::monocular::clip_of_film;
-use crate::video::{Film, FilmSettings, OpenOptions, inspect_and_open};
+use crate::video::{Film, FilmSettings, OpenOptions, WARNING, inspect_and_open};
 
 /// Arguments of `gradreel check`.
 #[derive(clap::Args)]
@@ -45,11 +45,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         // what a reconstruction refuses of a clip that can be opened
         let ready = usable(&mut clip, &config).and_then(|()| check_body(&clip, &config));
         match ready.and_then(|()| far_ground(&clip, config.world.ground)) {
-            Ok(far) => {
-                clip.assumptions.extend(far.map(|far| {
-                    format!("{far}: reconstruct needs the height of the ground (--ground), or --ground auto")
-                }))
-            }
+            Ok(far) => clip.assumptions.extend(far.map(|far| {
+                format!("{WARNING}{far}: reconstruct needs the height of the ground (--ground), or --ground auto")
+            })),
             Err(error) => inventory.problems.push(error.to_string()),
         }
         inventory.assumptions = clip.assumptions;

@@ -13,6 +13,9 @@ use super::layout::{Kind, Layout};
 use super::plausible;
 use super::select::{Selection, select};
 
+/// How a line among [`Clip::assumptions`] begins that warns of what is hardly so.
+pub(crate) const WARNING: &str = "warning: ";
+
 /// Most memory of a clip \[bytes\], and what a pixel needs: the image as read, colour, coverage and weight.
 const MOST_BYTES: u64 = 8 << 30;
 const BYTES_PER_PIXEL: u64 = 4 + 4 * (3 + 1 + 1);

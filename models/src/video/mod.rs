@@ -72,6 +72,7 @@ mod scale;
 mod select;
 
 pub use camera::Camera;
+pub(crate) use clip::WARNING;
 pub use clip::{Around, Clip, Flight, Frame, OpenOptions, PixelRect};
 pub use film::{Film, FilmSettings, MattingSettings};
 pub use foreground::Foreground;
