@@ -8,6 +8,7 @@
 
 mod constant;
 mod fnv1a;
+mod folder;
 mod nearest;
 mod text;
 mod vector;

@@ -4,12 +4,12 @@ use std::path::PathBuf;
 
 use gradreel::{Error, ErrorKind, Result};
 
-use crate::cli::film::FilmArguments;
+use crate::cli::film::{ChoiceArguments, FilmArguments};
 use crate::cli::output::say;
-use crate::cli::reconstruct::{check_body, far_ground, usable};
-use crate::identify::{Config, WorldConfig};
-use crate::monocular::clip_of_film;
-use crate::video::{Film, FilmSettings, OpenOptions, WARNING, inspect_and_open};
+use crate::cli::reconstruct::{check_is_clip, check_motion, check_start, far_ground, options, read_config, ready};
+use crate::cli::seen::Seen;
+use crate::identify::Config;
+use crate::video::{Clip, Film, WARNING, inspect_and_open};
 
 /// Arguments of `gradreel check`.
 #[derive(clap::Args)]
@@ -17,6 +17,14 @@ use crate::video::{Film, FilmSettings, OpenOptions, WARNING, inspect_and_open};
 pub(super) struct Arguments {
     /// A film, or the folder of a clip in one of the layouts below
     clip: PathBuf,
+    /// Settings as TOML, as `gradreel reconstruct` takes them
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Print what is found as JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    choice: ChoiceArguments,
     #[command(flatten)]
     film: FilmArguments,
 }
@@ -36,38 +44,73 @@ A film is a GIF, a video file (decoded by ffmpeg) or a folder of numbered PNG or
 
 /// Prints what is there, what is missing and what will be assumed.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
-    if Film::is_at(&arguments.clip) {
-        return film(arguments);
-    }
-    let (mut inventory, clip) = inspect_and_open(&arguments.clip, &OpenOptions::default())?;
-    if let Some(mut clip) = clip.filter(|clip| clip.frame_count() > 1) {
-        let config = Config::default();
-        // what a reconstruction refuses of a clip that can be opened
-        let ready = usable(&mut clip, &config).and_then(|()| check_body(&clip, &config));
-        match ready.and_then(|()| far_ground(&clip, config.world.ground)) {
-            Ok(far) => clip.assumptions.extend(far.map(|far| {
-                format!("{WARNING}{far}: reconstruct needs the height of the ground (--ground), or --ground auto")
-            })),
-            Err(error) => inventory.problems.push(error.to_string()),
+    let looked = settings(arguments).and_then(|config| match Film::is_at(&arguments.clip) {
+        true => film(arguments, &config),
+        false => calibrated(arguments, &config),
+    });
+    match looked {
+        Ok(complete) => complete,
+        Err(error) => {
+            if arguments.json {
+                Seen::refused(&arguments.clip, &error).print()?;
+            }
+            Err(error)
         }
-        inventory.assumptions = clip.assumptions;
     }
-    say!("{inventory}");
-    if inventory.is_complete() {
-        return Ok(());
-    }
-    Err(Error::new(ErrorKind::Input, "the clip is not complete")
-        .at(arguments.clip.display())
-        .found(format!("{} problems, listed above", inventory.problems.len()))
-        .fix("correct the problems listed above, or choose complete cameras and frames with --cameras and --frames"))
 }
 
-/// Prints what a film shows: it is made a clip, which is all that a reconstruction would ask of it.
-fn film(arguments: &Arguments) -> Result<()> {
-    let mut settings = FilmSettings::default();
-    arguments.film.apply(&mut settings);
-    let gravity = WorldConfig::default().gravity;
-    let clip = clip_of_film(&arguments.clip, &settings, &OpenOptions::default(), gravity)?;
+/// The settings with which a reconstruction would open the clip.
+fn settings(arguments: &Arguments) -> Result<Config> {
+    let mut config = match &arguments.config {
+        None => Config::default(),
+        Some(path) => read_config(path)?,
+    };
+    check_is_clip(&arguments.clip)?;
+    arguments.film.check_is_of(&arguments.clip)?;
+    arguments.choice.apply(&mut config.clip)?;
+    arguments.film.apply(&mut config.clip.film)?;
+    Ok(config)
+}
+
+/// Prints what the folder of a calibrated clip holds; the inner result is an error if it cannot be used.
+fn calibrated(arguments: &Arguments, config: &Config) -> Result<Result<()>> {
+    let (mut inventory, mut clip) = inspect_and_open(&arguments.clip, &options(config))?;
+    // a single frame is good for views around another clip
+    if let Some(clip) = clip.as_mut().filter(|clip| clip.frame_count() > 1) {
+        inventory.problems.extend(start(clip, config).err().map(|error| error.to_string()));
+        inventory.assumptions.clone_from(&clip.assumptions);
+    }
+    match (arguments.json, &clip) {
+        (true, Some(clip)) => Seen::of_opened(clip, &inventory, &arguments.clip).print()?,
+        (true, None) => Seen::of_inventory(&inventory, &arguments.clip).print()?,
+        (false, _) => say!("{inventory}"),
+    }
+    if inventory.is_complete() {
+        return Ok(Ok(()));
+    }
+    Ok(Err(Error::new(ErrorKind::Input, "the clip is not complete")
+        .at(arguments.clip.display())
+        .found(format!("{} problems, listed above", inventory.problems.len()))
+        .fix("correct the problems listed above, or choose complete cameras and frames with --cameras and --frames")))
+}
+
+/// What a reconstruction does with a clip that was opened, before it begins.
+fn start(clip: &mut Clip, config: &Config) -> Result<()> {
+    check_motion(clip, config)?;
+    check_start(clip, config)?;
+    if let Some(far) = far_ground(clip, config.world.ground)?.filter(|_| !config.world.find_ground) {
+        let said = format!("{WARNING}{far}: reconstruct needs the height of the ground (--ground), or --ground auto");
+        clip.assumptions.push(said);
+    }
+    Ok(())
+}
+
+/// Prints what a film shows: it is made a clip as a reconstruction would do it, which refuses whatever that refuses.
+fn film(arguments: &Arguments, config: &Config) -> Result<Result<()>> {
+    let clip = ready(&arguments.clip, config)?;
+    if arguments.json {
+        return Seen::of(&clip, &arguments.clip).print().map(Ok);
+    }
     let camera = &clip.cameras[0];
     say!("film {} ({})", clip.name, arguments.clip.display());
     say!(
@@ -77,10 +120,14 @@ fn film(arguments: &Arguments) -> Result<()> {
         camera.height,
         clip.frame_dt()
     );
-    clip.assumptions.iter().for_each(|line| say!("  assumed: {line}"));
+    clip.said().for_each(|line| say!("  {line}"));
     if let Some(flight) = clip.flight {
         say!("  the object starts with {:.3?} m/s at {:.3?} m", flight.velocity, flight.centre);
     }
-    say!("  ready to open");
-    Ok(())
+    let warnings = clip.assumptions.iter().filter(|line| line.starts_with(WARNING)).count();
+    match warnings {
+        0 => say!("  ready to open"),
+        _ => say!("  ready to open, but for what the warning says"),
+    }
+    Ok(Ok(()))
 }

@@ -1,9 +1,58 @@
-//! Options that say what is known of a film.
+//! Options that say which clip is used, and what is known of a film.
 
-use std::path::PathBuf;
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+
+use gradreel::{Error, ErrorKind, Result};
 
 use crate::cli::source::whole;
-use crate::video::{FilmSettings, MattingSettings};
+use crate::identify::ClipConfig;
+use crate::video::{Film, FilmSettings, MattingSettings};
+
+/// What the command line chooses of a clip.
+#[derive(clap::Args)]
+pub(super) struct ChoiceArguments {
+    /// Use these cameras only, for example 0,3,5
+    #[arg(long, value_delimiter = ',', value_name = "NUMBERS")]
+    cameras: Option<Vec<i64>>,
+    /// Use the first so many frames only
+    #[arg(long, value_name = "COUNT")]
+    frames: Option<usize>,
+    /// Number of the first frame to use
+    #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
+    first_frame: Option<i64>,
+}
+
+impl ChoiceArguments {
+    /// Whether anything was chosen.
+    pub fn are_given(&self) -> bool {
+        self.cameras.is_some() || self.frames.is_some() || self.first_frame.is_some()
+    }
+
+    /// Lets what was chosen replace what the settings have.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] for no frames at all.
+    pub fn apply(&self, clip: &mut ClipConfig) -> Result<()> {
+        if self.frames == Some(0) {
+            return Err(outside("--frames", 0, "a number of frames from 1 on"));
+        }
+        if let Some(cameras) = &self.cameras {
+            clip.cameras.clone_from(cameras);
+        }
+        clip.frames = self.frames.unwrap_or(clip.frames);
+        clip.first_frame = self.first_frame.or(clip.first_frame);
+        Ok(())
+    }
+}
+
+fn outside(option: &str, found: impl std::fmt::Display, wanted: impl std::fmt::Display) -> Error {
+    Error::new(ErrorKind::Input, format!("the value of {option} is outside its range"))
+        .at(option)
+        .found(found)
+        .wanted(wanted)
+        .fix("correct it, or leave it out")
+}
 
 /// Heading of these options.
 const FILM: &str = "Films (a GIF, a video, or a folder of pictures from one camera)";
@@ -12,10 +61,10 @@ const FILM: &str = "Films (a GIF, a video, or a folder of pictures from one came
 #[derive(clap::Args)]
 pub(super) struct FilmArguments {
     /// Frames per second, if the file does not say or is slow motion
-    #[arg(long, value_name = "RATE", help_heading = FILM)]
+    #[arg(long, value_name = "RATE", help_heading = FILM, allow_negative_numbers = true)]
     fps: Option<f64>,
     /// Angle of view along the longer side of the image [default: what the file says of its lens, or 50]
-    #[arg(long, value_name = "DEGREES", help_heading = FILM)]
+    #[arg(long, value_name = "DEGREES", help_heading = FILM, allow_negative_numbers = true)]
     field_of_view: Option<f64>,
     /// How far the camera looks down [default: found with the fall, about 10]
     #[arg(long, value_name = "DEGREES", help_heading = FILM, allow_negative_numbers = true)]
@@ -38,27 +87,64 @@ pub(super) struct FilmArguments {
 }
 
 impl FilmArguments {
-    /// Whether anything was said.
-    pub fn are_given(&self) -> bool {
-        let numbers = [self.fps, self.field_of_view, self.elevation];
-        numbers.iter().any(Option::is_some) || self.says_what_tells()
+    /// The options that were given.
+    fn given(&self) -> Vec<&'static str> {
+        let options = [
+            (self.fps.is_some(), "--fps"),
+            (self.field_of_view.is_some(), "--field-of-view"),
+            (self.elevation.is_some(), "--elevation"),
+            (self.masks.is_some(), "--masks"),
+            (self.background.is_some(), "--background"),
+            (self.matting.is_some(), "--matting"),
+        ];
+        options.into_iter().filter(|(given, _)| *given).map(|(_, name)| name).collect()
     }
 
-    fn says_what_tells(&self) -> bool {
-        [&self.masks, &self.background, &self.matting].iter().any(|path| path.is_some())
+    /// Whether anything was said.
+    pub fn are_given(&self) -> bool {
+        !self.given().is_empty()
+    }
+
+    /// Refuses what is said of a film where the clip is none.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] with the options that were given.
+    pub fn check_is_of(&self, path: &Path) -> Result<()> {
+        if !self.are_given() || Film::is_at(path) || !path.exists() {
+            return Ok(());
+        }
+        Err(Error::new(ErrorKind::Input, "calibrated cameras take no options of films")
+            .at(path.display())
+            .found(self.given().join(", "))
+            .wanted("these options with a GIF, a video, or a folder of pictures without a list of cameras")
+            .fix("leave them out: times, lenses and masks are those that the clip's folder says (clip.toml, masks/)"))
     }
 
     /// Lets what was said replace what the settings have.
-    pub fn apply(&self, film: &mut FilmSettings) {
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] for a number outside its range: 0 is none that a person gives.
+    pub fn apply(&self, film: &mut FilmSettings) -> Result<()> {
+        let ranges: [(&str, Option<f64>, RangeInclusive<f64>, &str); 3] = [
+            ("--fps", self.fps, 0.1..=1e6, "0.1 to 1e6 frames per second"),
+            ("--field-of-view", self.field_of_view, 1.0..=150.0, "1 to 150 degrees"),
+            ("--elevation", self.elevation, -85.0..=85.0, "-85 to 85 degrees"),
+        ];
+        for (option, value, range, wanted) in ranges {
+            if let Some(value) = value.filter(|value| !range.contains(value)) {
+                return Err(outside(option, value, wanted));
+            }
+        }
         film.frames_per_s = self.fps.unwrap_or(film.frames_per_s);
         film.field_of_view = self.field_of_view.unwrap_or(film.field_of_view);
         film.elevation = self.elevation.or(film.elevation);
-        if self.says_what_tells() {
+        if self.masks.is_some() || self.background.is_some() || self.matting.is_some() {
             film.masks = self.masks.as_deref().map(whole);
             film.background = self.background.as_deref().map(whole);
             // what the settings say of the network's pictures goes on to hold
             let settings = film.matting.take().unwrap_or_default();
             film.matting = self.matting.as_deref().map(|file| MattingSettings { model: whole(file), ..settings });
         }
+        Ok(())
     }
 }

@@ -93,7 +93,7 @@ pub(super) fn imagined(clip: &mut Clip, run: &mut Run, progress: &Progress) -> R
     synthesize::within(&folder, run.folder.path(PICTURE), weights, elevation, imagine, progress)?;
     put_around(clip, folder)?;
     run.state.notes.retain(|note| !note.starts_with("assumed: shape:"));
-    clip.assumptions.iter().for_each(|line| run.note(format!("assumed: {line}")));
+    clip.said().for_each(|line| run.note(line));
     run.save()
 }
 

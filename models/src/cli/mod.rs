@@ -8,6 +8,7 @@ mod imagine;
 mod output;
 mod reconstruct;
 mod resimulate;
+mod seen;
 mod simulate;
 mod source;
 mod synthesize;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use gradreel::{Error, ErrorKind, Result};
 
-use crate::cli::film::FilmArguments;
+use crate::cli::film::{ChoiceArguments, FilmArguments};
 use crate::cli::imagine::{self, ImagineArguments};
 use crate::cli::output::say;
 use crate::field::{bounding_sphere, hull};
@@ -34,15 +34,6 @@ pub(super) struct Arguments {
     /// Settings as TOML; what it does not name keeps its default (see config.toml of any run)
     #[arg(long, value_name = "FILE", conflicts_with = "resume")]
     config: Option<PathBuf>,
-    /// Use these cameras only, for example 0,3,5
-    #[arg(long, value_delimiter = ',', value_name = "NUMBERS", conflicts_with = "resume")]
-    cameras: Option<Vec<i64>>,
-    /// Use the first so many frames only
-    #[arg(long, value_name = "COUNT", conflicts_with = "resume")]
-    frames: Option<usize>,
-    /// Number of the first frame to use
-    #[arg(long, value_name = "NUMBER", conflicts_with = "resume")]
-    first_frame: Option<i64>,
     /// What the object is made of: elastic, plasticine, newtonian, non_newtonian or sand, auto to let each of these try,
     /// or the name of a law [default: elastic]
     #[arg(long, value_name = "NAME", conflicts_with = "resume")]
@@ -71,6 +62,8 @@ pub(super) struct Arguments {
     /// No progress on stderr
     #[arg(long, short)]
     quiet: bool,
+    #[command(flatten)]
+    choice: ChoiceArguments,
     #[command(flatten)]
     film: FilmArguments,
     #[command(flatten)]
@@ -123,7 +116,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             clip.frame_count(),
             run.folder.root().display()
         );
-        clip.assumptions.iter().for_each(|line| eprintln!("  assumed: {line}"));
+        clip.said().for_each(|line| eprintln!("  {line}"));
     }
     let found = reconstruct(&clip, &mut run, &progress).map_err(|error| go_on(error, &run))?;
     publish(&found, &run, &clip, &progress)?;
@@ -136,9 +129,8 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
         None => Config::default(),
         Some(path) => read_config(path)?,
     };
-    if let Some(cameras) = &arguments.cameras {
-        config.clip.cameras.clone_from(cameras);
-    }
+    arguments.film.check_is_of(&arguments.clip)?;
+    arguments.choice.apply(&mut config.clip)?;
     if let Some(material) = &arguments.material {
         config.material.name.clone_from(material);
     }
@@ -146,10 +138,8 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     start.extend(arguments.start.iter().cloned());
     arguments.young.map(|value| start.insert("young".into(), value));
     arguments.poisson.map(|value| start.insert("poisson".into(), value));
-    config.clip.first_frame = arguments.first_frame.or(config.clip.first_frame);
-    arguments.film.apply(&mut config.clip.film);
+    arguments.film.apply(&mut config.clip.film)?;
     arguments.imagine.apply(&mut config);
-    config.clip.frames = arguments.frames.unwrap_or(config.clip.frames);
     config.world.density = arguments.density.unwrap_or(config.world.density);
     match arguments.ground {
         Some(Height::Given(height)) => (config.world.ground, config.world.find_ground) = (height, false),
@@ -163,11 +153,7 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     config.material.held =
         (!config.chooses_family()).then_some(config.held(&law)?.into_iter().map(str::to_owned).collect());
     // the clip first: one that cannot be used leaves no trace
-    let mut clip = open(&arguments.clip, &config)?;
-    imagine::given(&mut clip, &config)?;
-    check_shrink(&clip, config.clip.shrink)?;
-    check_body(&clip, &config)?;
-    check_ground(&clip, &config)?;
+    let clip = ready(&arguments.clip, &config)?;
     let folder = match &arguments.out {
         Some(folder) => RunFolder::create(folder)?,
         None => RunFolder::create_free(Path::new("runs"), &clip.name)?,
@@ -183,10 +169,10 @@ pub(super) fn read_config(path: &Path) -> Result<Config> {
 }
 
 fn resume(arguments: &Arguments) -> Result<(Run, Clip)> {
-    if arguments.film.are_given() {
-        return Err(Error::new(ErrorKind::Input, "what is known of the film belongs to the run")
+    if arguments.film.are_given() || arguments.choice.are_given() {
+        return Err(Error::new(ErrorKind::Input, "what is used of the clip, and known of it, belongs to the run")
             .at("--resume")
-            .found("options about the film, too")
+            .found("options about the clip, too")
             .fix("leave them out to go on with the run, or begin another one"));
     }
     let folder = arguments.out.as_deref().unwrap_or(Path::new("."));
@@ -197,8 +183,23 @@ fn resume(arguments: &Arguments) -> Result<(Run, Clip)> {
     Ok((run, clip))
 }
 
+/// A clip with which a reconstruction can begin: whatever refuses one that cannot is here.
+pub(super) fn ready(path: &Path, config: &Config) -> Result<Clip> {
+    let mut clip = open(path, config)?;
+    check_start(&mut clip, config)?;
+    check_ground(&clip, config)?;
+    Ok(clip)
+}
+
+/// Puts given views around a clip, and refuses it if no body can be found in its first frame.
+pub(super) fn check_start(clip: &mut Clip, config: &Config) -> Result<()> {
+    imagine::given(clip, config)?;
+    check_shrink(clip, config.clip.shrink)?;
+    check_body(clip, config)
+}
+
 /// Refuses cameras and masks that contradict each other, and voxels that are too many.
-pub(super) fn check_body(clip: &Clip, config: &Config) -> Result<()> {
+fn check_body(clip: &Clip, config: &Config) -> Result<()> {
     let sphere = bounding_sphere(clip, 0)?;
     let spacing = if config.geometry.dx > 0.0 { 0.5 * config.geometry.dx } else { sphere.radius / 20.0 };
     hull(clip, 0, &sphere, spacing, config.geometry.hull_coverage, half_of_imagined(clip)).map(|_| ())
@@ -242,26 +243,38 @@ fn check_shrink(clip: &Clip, shrink: usize) -> Result<()> {
         .fix("choose a smaller factor in the file of --config, or 0 for an automatic one"))
 }
 
-pub(super) fn open(path: &Path, config: &Config) -> Result<Clip> {
-    let options = OpenOptions {
+/// What the settings choose of a clip.
+pub(super) fn options(config: &Config) -> OpenOptions {
+    OpenOptions {
         cameras: Some(config.clip.cameras.clone()).filter(|cameras| !cameras.is_empty()),
         first_frame: config.clip.first_frame,
         max_frames: Some(config.clip.frames).filter(|&frames| frames > 0),
-    };
+    }
+}
+
+pub(super) fn open(path: &Path, config: &Config) -> Result<Clip> {
+    let options = options(config);
     let gravity = config.world.gravity;
+    check_is_clip(path)?;
+    if let (true, Some(camera)) = (Film::is_at(path), config.clip.cameras.iter().find(|camera| **camera != 0)) {
+        return Err(Error::new(ErrorKind::Input, format!("camera {camera} is not in the clip"))
+            .at(path.display())
+            .found("a film of a single camera, number 0")
+            .fix("leave the choice of cameras out"));
+    }
     let mut clip = match Film::is_at(path) {
         true => monocular::clip_of_film(path, &config.clip.film, &options, gravity)?,
         false => Clip::open(path, &options)?,
     };
-    if let Some(imagined) = &config.clip.imagined {
-        clip.imagine(imagined)?;
-    }
-    usable(&mut clip, config)?;
+    check_motion(&mut clip, config)?;
     Ok(clip)
 }
 
-/// Finds the fall that a single camera saw, and refuses a clip without motion.
-pub(super) fn usable(clip: &mut Clip, config: &Config) -> Result<()> {
+/// Finds the fall that a single camera saw in a clip that was opened, and refuses a clip without motion.
+pub(super) fn check_motion(clip: &mut Clip, config: &Config) -> Result<()> {
+    if let Some(imagined) = &config.clip.imagined {
+        clip.imagine(imagined)?;
+    }
     if clip.flight.is_none() {
         monocular::sight(clip, config.world.gravity)?;
     }
@@ -272,6 +285,30 @@ pub(super) fn usable(clip: &mut Clip, config: &Config) -> Result<()> {
             .fix("raise --frames, or add images to the clip"));
     }
     Ok(())
+}
+
+/// Refuses a path at which there is neither a film nor a folder nor the list of a clip.
+///
+/// # Errors
+/// [`ErrorKind::Input`] that says what is missing.
+pub(super) fn check_is_clip(path: &Path) -> Result<()> {
+    let refused = |what: &str, found: String| {
+        Err(Error::new(ErrorKind::Input, what)
+            .at(path.display())
+            .found(found)
+            .wanted(
+                "a GIF, a video file, a folder of numbered PNG or JPEG pictures, or the folder of a calibrated clip",
+            )
+            .fix("give the path of such a file or folder (see `gradreel check --help`)"))
+    };
+    let ending = path.extension().map(|ending| ending.to_string_lossy().into_owned());
+    match ending {
+        _ if !path.exists() && Film::is_name(path) => refused("there is no such film", "nothing".to_owned()),
+        Some(ending) if path.is_file() && !Film::is_name(path) && ending != "json" => {
+            refused("the film has no format that is read", format!("a file that ends in .{ending}"))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn summarise(found: &Reconstruction, run: &Run) {

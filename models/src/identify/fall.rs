@@ -87,6 +87,8 @@ mod tests {
             velocity_with_distance: [0.002, -0.004, 0.001],
             gravity: [0.0, -9.8, 0.0],
             frames: 4,
+            distance: 2.0,
+            diameter: 0.2,
             deviation: 0.05,
             scales_world: false,
         };

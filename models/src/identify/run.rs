@@ -62,7 +62,7 @@ impl State {
         Self {
             clip: ClipIdentity::of(clip),
             clip_path: Some(clip.root.canonicalize().unwrap_or_else(|_| clip.root.clone())),
-            notes: clip.assumptions.iter().map(|line| format!("assumed: {line}")).collect(),
+            notes: clip.said().collect(),
             ..Self::default()
         }
     }

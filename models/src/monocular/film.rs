@@ -6,7 +6,7 @@ use gradreel::{Error, ErrorKind, Result};
 use ndarray::azip;
 
 use super::free_fall::Down;
-use super::{ground, locate};
+use super::{ground, half_extent, locate};
 use crate::vector::times;
 use crate::video::{Camera, Clip, Film, FilmSettings, Flight, Frame, OpenOptions};
 
@@ -84,6 +84,7 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
             ));
     };
     let metres = strength / fall.gravity;
+    let diameter = 2.0 * metres * half_extent(&clip);
     let lowest = ground::below(&clip.cameras[0], &clip.frames[0], &clip.times, &fall);
     // camera axes in the world, which turns about x: y goes up
     let [_, cosine, sine] = fall.down.map(|x| -x);
@@ -102,6 +103,8 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
         velocity_with_distance: fall.velocity_with_distance(&rotation, metres),
         gravity,
         frames: fall.frames,
+        distance: metres,
+        diameter,
         deviation: fall.deviation,
         scales_world: true,
     });
@@ -116,12 +119,54 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
         100.0 * fall.deviation,
         fall.frames
     ));
+    say(format!("size: the object is {} across", length(diameter)));
+    if let Some(warning) = implausible(diameter, film.frames_per_s) {
+        say(warning);
+    }
     say(match lowest {
         Some(_) => format!("ground: {:.3} m below the camera, where the fall ends", -ground),
         None => "ground: none is seen; the object falls to the end of the film".to_owned(),
     });
     say("shape: as deep as it is wide, part by part".to_owned());
     Ok(clip)
+}
+
+/// Sizes of objects that are believed without a word \[m\], and the one that is nearest to all of them.
+const SIZES: [f64; 2] = [0.01, 2.0];
+const USUAL: f64 = 0.15;
+
+/// Frame rates that cameras have \[1/s\].
+const RATES: [f64; 12] = [15.0, 24.0, 25.0, 30.0, 50.0, 60.0, 100.0, 120.0, 240.0, 480.0, 960.0, 1000.0];
+
+/// What there is to say of an object whose size is hardly that of a thing that falls in front of a camera: lengths go with the square of
+/// the time between frames, so that another frame rate would make it another one.
+fn implausible(diameter: f64, frames_per_s: f64) -> Option<String> {
+    if (SIZES[0]..=SIZES[1]).contains(&diameter) {
+        return None;
+    }
+    let of = |rate: &f64| diameter * (frames_per_s / rate).powi(2);
+    let off = |rate: &f64| (of(rate) / USUAL).ln().abs();
+    let rate = RATES
+        .into_iter()
+        .min_by(|a, b| off(a).total_cmp(&off(b)))
+        .filter(|rate| (SIZES[0]..=SIZES[1]).contains(&of(rate)) && *rate != frames_per_s);
+    let fit = match rate {
+        Some(rate) => format!("with --fps {rate:.0} it would be {}", length(of(&rate))),
+        None => format!("no usual frame rate makes it {} to {}", length(SIZES[0]), length(SIZES[1])),
+    };
+    Some(format!(
+        "warning: an object of {} is hardly what falls there: is {frames_per_s:.4} 1/s the rate at which it was filmed? {fit}",
+        length(diameter)
+    ))
+}
+
+/// A length in a unit that suits it.
+fn length(metres: f64) -> String {
+    match metres {
+        ..0.0995 => format!("{:.1} cm", 100.0 * metres),
+        ..1e4 => format!("{metres:.2} m"),
+        _ => format!("{metres:.2e} m"),
+    }
 }
 
 /// A difference of coverage that is one.
@@ -147,3 +192,23 @@ fn complete(frames: &mut [Frame], hueless: Vec<Frame>, flight: usize) -> bool {
 
 /// Where the ground is put that is never reached, below the start, as a share of the distance.
 const FAR_BELOW: f64 = -2.0;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rate_that_would_fit_is_proposed() {
+        assert_eq!(implausible(0.01, 24.0), None);
+        assert_eq!(implausible(2.0, 24.0), None);
+        // 8 m at 24 1/s are 8 (24/240)² = 0.08 m at 240 1/s, and 0.32 m at 120 1/s
+        let told = implausible(8.0, 24.0).unwrap();
+        assert!(told.starts_with("warning: an object of 8.00 m") && told.contains("--fps 240"), "{told}");
+        assert!(told.contains("8.0 cm"), "{told}");
+        // 1 mm at 240 1/s is 0.001 (240/24)² = 0.1 m at 24 1/s
+        let told = implausible(0.001, 240.0).unwrap();
+        assert!(told.contains("0.1 cm") && told.contains("--fps 24 it would be 0.10 m"), "{told}");
+        assert!(implausible(1e9, 24.0).unwrap().contains("no usual frame rate"));
+        assert!(implausible(f64::NAN, 24.0).is_some());
+    }
+}

@@ -21,7 +21,8 @@ pub(super) fn below(camera: &Camera, frames: &[Frame], times: &[f64], fall: &Fre
     let body = Body::of(camera, &frames[0])?;
     let up = fall.down.map(|x| -x);
     let lowest = body.points.iter().map(|p| dot(*p, up)).fold(f64::INFINITY, f64::min);
-    let landed = (fall.frames..frames.len()).take(LANDED);
+    let counts = |k: &usize| frames[*k].weight.iter().any(|weight| *weight > 0.0);
+    let landed = (fall.frames..frames.len()).filter(counts).take(LANDED);
     let heights = landed.filter_map(|k| {
         let edge = lower_edge(&frames[k])?;
         let at = fall.at(times[k] - times[0]);

@@ -26,8 +26,10 @@ const ROUNDS: usize = 3;
 /// Those of [`FreeFall::fit`].
 pub fn locate(clip: &Clip, down: Down) -> Result<Option<FreeFall>> {
     let (camera, frames) = (&clip.cameras[0], &clip.frames[0]);
-    let times = clip.times.iter().map(|t| t - clip.times[0]);
-    let sightings: Vec<Sighting> = frames.iter().zip(times).map_while(|(f, t)| Sighting::of(camera, f, t)).collect();
+    // frames of which nothing counts are passed over
+    let counting = frames.iter().enumerate().filter(|(_, frame)| frame.weight.iter().any(|weight| *weight > 0.0));
+    let sighted = |(k, frame): (usize, &Frame)| Some((k, Sighting::of(camera, frame, clip.times[k] - clip.times[0])?));
+    let (numbers, sightings): (Vec<usize>, Vec<Sighting>) = counting.map_while(sighted).unzip();
     if sightings.len() < Flight::LEAST_FRAMES {
         return Ok(None);
     }
@@ -38,7 +40,7 @@ pub fn locate(clip: &Clip, down: Down) -> Result<Option<FreeFall>> {
         let bias: Vec<[f64; 3]> = sightings.iter().map(|s| body.bias(camera, path, s.time)).collect();
         fall = FreeFall::longest(camera, &sightings, &bias, down)?;
     }
-    Ok(fall)
+    Ok(fall.map(|fall| FreeFall { frames: numbers[fall.frames - 1] + 1, ..fall }))
 }
 
 /// A body as one frame suggests it.

@@ -50,6 +50,8 @@ pub fn sight(clip: &mut Clip, gravity: [f64; 3]) -> Result<()> {
         velocity_with_distance: fall.velocity_with_distance(&turn, distance),
         gravity,
         frames: fall.frames,
+        distance,
+        diameter: 2.0 * distance * half_extent(clip),
         deviation: fall.deviation,
         scales_world: false,
     });
@@ -60,4 +62,9 @@ pub fn sight(clip: &mut Clip, gravity: [f64; 3]) -> Result<()> {
         fall.frames
     ));
     Ok(())
+}
+
+/// Half of the larger extent of what the first frame of a clip shows, as a share of its distance.
+fn half_extent(clip: &Clip) -> f64 {
+    locate::Body::of(&clip.cameras[0], &clip.frames[0][0]).map_or(0.0, |body| body.half_extent())
 }

@@ -13,9 +13,6 @@ use super::layout::{Kind, Layout};
 use super::plausible;
 use super::select::{Selection, select};
 
-/// How a line among [`Clip::assumptions`] begins that warns of what is hardly so.
-pub(crate) const WARNING: &str = "warning: ";
-
 /// Most memory of a clip \[bytes\], and what a pixel needs: the image as read, colour, coverage and weight.
 const MOST_BYTES: u64 = 8 << 30;
 const BYTES_PER_PIXEL: u64 = 4 + 4 * (3 + 1 + 1);
@@ -59,7 +56,7 @@ pub struct Clip {
     pub foreground: Vec<Foreground>,
     /// Whether each camera is one that nobody filmed with: its images were imagined from those of others.
     pub imagined: Vec<bool>,
-    /// What had to be assumed about axes, unit and times.
+    /// What had to be assumed about axes, unit and times. Lines that begin with `warning: ` say what is hardly so.
     pub assumptions: Vec<String>,
     /// Where the object is and how it flies, where a single camera saw it fall (see [`crate::monocular`]).
     pub flight: Option<Flight>,
@@ -91,12 +88,19 @@ pub struct Flight {
     pub gravity: [f64; 3],
     /// The frames that show it, from the first on.
     pub frames: usize,
+    /// How far away the middle of the object is in the first frame, along the camera's axis \[m\].
+    pub distance: f64,
+    /// How large the object is there, across the line of sight, along the longer side of what is seen of it \[m\].
+    pub diameter: f64,
     /// Standard deviation of the object's distance as a share of it: that of every length.
     pub deviation: f64,
     /// Whether the world's metres, those of the ground among them, follow from this fall; otherwise the camera is calibrated, and only the
     /// object may be nearer or farther.
     pub scales_world: bool,
 }
+
+/// How a line among [`Clip::assumptions`] begins that warns of what is hardly so.
+pub(crate) const WARNING: &str = "warning: ";
 
 /// What to open of a clip; the default is everything.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -182,6 +186,14 @@ impl Clip {
         }
     }
 
+    /// What is said of the clip, line by line: `warning: …` for what is hardly so, `assumed: …` for all else.
+    pub fn said(&self) -> impl Iterator<Item = String> + '_ {
+        self.assumptions.iter().map(|line| match line.starts_with(WARNING) {
+            true => line.clone(),
+            false => format!("assumed: {line}"),
+        })
+    }
+
     /// The first frame with the views around it, the real ones first; `None` if there are none.
     pub fn all_around(&self) -> Option<Self> {
         let first = |frames: &Vec<Frame>| vec![frames[0].clone()];
@@ -231,7 +243,7 @@ impl Clip {
             let size = [images[0].width, images[0].height];
             layout.check_size(id, &layout.file(Kind::Image, id, numbers[0]), (size[0], size[1]))?;
             for (&number, image) in numbers.iter().zip(images) {
-                same_size(&layout.file(Kind::Image, id, number), image, id, size)?;
+                same_size(&layout.file(Kind::Image, id, number), (image.width, image.height), id, size)?;
             }
             sources.push(Source::choose(layout, id, &numbers, images)?);
             let view = &layout.views[&id];

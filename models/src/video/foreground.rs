@@ -9,6 +9,7 @@ use ndarray::{Array2, Array3};
 use super::clip::Frame;
 use super::image::Image;
 use super::layout::{EXCLUDED, Format, Kind, Layout, PLATE};
+use super::mask::Mask;
 use super::matte::{self, Light};
 use super::select::ranges;
 
@@ -70,7 +71,7 @@ impl Source {
         let read = |frame: i64| -> Result<Image> {
             let path = layout.file(Kind::Image, camera, frame);
             let image = Image::read_frame(&path)?;
-            same_size(&path, &image, camera, size)?;
+            same_size(&path, (image.width, image.height), camera, size)?;
             Ok(image)
         };
         let plate = if foreground == Foreground::Plate { Some(read(PLATE)?) } else { None };
@@ -98,7 +99,7 @@ impl Source {
         let mask = |kind: Kind| -> Result<Image> {
             let path = layout.file(kind, camera, frame);
             let mask = Image::read_frame(&path)?;
-            same_size(&path, &mask, camera, [w, h])?;
+            same_size(&path, (mask.width, mask.height), camera, [w, h])?;
             if kind == Kind::MaskAlpha && !mask.has_alpha {
                 return Err(Error::new(ErrorKind::Input, "the mask has no alpha channel")
                     .at(path.display())
@@ -111,7 +112,12 @@ impl Source {
         let (rgb, alpha) = match (self.foreground, &self.plate) {
             (Foreground::MaskAlpha, _) => on_white(&mask(Kind::MaskAlpha)?),
             (Foreground::MaskOnWhite, _) => matte::from_white(&mask(Kind::MaskOnWhite)?),
-            (Foreground::Mask, _) => masked(image, &mask(Kind::Mask)?),
+            (Foreground::Mask, _) => {
+                let path = layout.file(Kind::Mask, camera, frame);
+                let mask = Mask::read(&path)?;
+                same_size(&path, (mask.width, mask.height), camera, [w, h])?;
+                masked(image, &mask)
+            }
             (Foreground::Plate, Some(plate)) => matte::against_plate(image, plate, &self.weight, &self.light),
             _ => on_white(image),
         };
@@ -184,13 +190,13 @@ fn place(layout: &Layout) -> PathBuf {
 }
 
 /// Refuses an image whose size differs from that of its camera.
-pub(super) fn same_size(path: &Path, image: &Image, camera: i64, [width, height]: [usize; 2]) -> Result<()> {
-    if (image.width, image.height) == (width, height) {
+pub(super) fn same_size(path: &Path, found: (usize, usize), camera: i64, [width, height]: [usize; 2]) -> Result<()> {
+    if found == (width, height) {
         return Ok(());
     }
     Err(Error::new(ErrorKind::Input, format!("an image of camera {camera} has another size than the others"))
         .at(path.display())
-        .found(format!("{} × {} pixels", image.width, image.height))
+        .found(format!("{} × {} pixels", found.0, found.1))
         .wanted(format!("{width} × {height} pixels, like the first image of this camera"))
         .fix("export all images of a camera at one size"))
 }
@@ -207,12 +213,11 @@ pub(super) fn on_white(image: &Image) -> (Vec<[f32; 3]>, Vec<f32>) {
         .unzip()
 }
 
-/// Composites an image on white with the brightness of a mask.
-pub(super) fn masked(image: &Image, mask: &Image) -> (Vec<[f32; 3]>, Vec<f32>) {
-    let pixels = image.pixels.iter().zip(&mask.pixels);
-    let one = |(&[r, g, b, a], &[mr, mg, mb, ma]): (&[u8; 4], &[u8; 4])| {
-        let grey = (u32::from(mr) + u32::from(mg) + u32::from(mb)) as f32 / (3.0 * 255.0);
-        let alpha = grey * f32::from(ma) / 255.0 * f32::from(a) / 255.0;
+/// Composites an image on white with what a mask covers of it.
+pub(super) fn masked(image: &Image, mask: &Mask) -> (Vec<[f32; 3]>, Vec<f32>) {
+    let pixels = image.pixels.iter().zip(&mask.coverage);
+    let one = |(&[r, g, b, a], &covered): (&[u8; 4], &u8)| {
+        let alpha = f32::from(covered) / 255.0 * f32::from(a) / 255.0;
         ([r, g, b].map(|v| alpha * f32::from(v) / 255.0 + (1.0 - alpha)), alpha)
     };
     pixels.map(one).unzip()

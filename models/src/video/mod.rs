@@ -36,7 +36,8 @@
 //! # Films
 //!
 //! A GIF, a video file or a folder of numbered pictures without such a list is a [`Film`] of one camera that nobody calibrated;
-//! [`crate::monocular`] makes a clip of it. The object is told by given masks, a given matting network ([`MattingSettings`]), the pictures'
+//! [`crate::monocular`] makes a clip of it. Each frame has its own time; pictures of a phone are turned as their Exif data say; of
+//! several objects the largest is taken. The object is told by given masks, a given matting network ([`MattingSettings`]), the pictures'
 //! transparency, a given background, a plain one, or by what each pixel shows while the object is elsewhere.
 //!
 //! # PAC-NeRF
@@ -65,9 +66,12 @@ mod foreground;
 mod image;
 mod inspect;
 mod layout;
+mod mask;
 mod matrix;
 mod matte;
+mod orientation;
 mod plausible;
+mod samples;
 mod scale;
 mod select;
 

@@ -26,6 +26,66 @@ fn a_film_is_looked_at() {
     scene.refuses("check film", &["film", "--fps"]);
 }
 
+/// What a person asks of a film, `check` and `reconstruct` take alike.
+#[test]
+fn options_of_films() {
+    let scene = film();
+    let printed = scene.succeeds("check film --fps 24 --first-frame 1 --frames 8 --config quick.toml");
+    assert!(printed.contains("8 frames") && printed.contains(" across"), "{printed}");
+    for command in ["check", "reconstruct"] {
+        let refuses = |arguments: &str, parts: &[&str]| scene.refuses(&format!("{command} {arguments}"), parts);
+        refuses("nothing.mp4", &["no such film", "nothing.mp4"]);
+        refuses("quick.toml", &["quick.toml", "a file that ends in .toml"]);
+        for value in ["0", "-24", "nan", "1e300"] {
+            refuses(&format!("film --fps {value}"), &["--fps", "0.1 to 1e6"]);
+        }
+        refuses("film --fps 24 --field-of-view 0", &["--field-of-view", "1 to 150"]);
+        refuses("film --fps 24 --masks film/0.png", &["0.png", "a file"]);
+        refuses("film --fps 24 --frames 0", &["--frames"]);
+        refuses("film --fps 24 --first-frame -1", &["frame -1"]);
+        refuses("film --fps 24 --first-frame 99", &["no frame 99"]);
+        refuses("film --fps 24 --frames 1", &["film"]);
+        refuses("film --fps 24 --cameras 3", &["camera 3"]);
+    }
+    // beside frames there are a note of the computer, a background and a gap
+    scene.write("film/._0.png", "Mac OS X");
+    scene.write("film/background.png", fs::read(scene.path("film/0.png")).unwrap());
+    let printed = scene.succeeds("check film --fps 24");
+    assert!(printed.contains("14 frames") && printed.contains("background.png are no frames"), "{printed}");
+    fs::remove_file(scene.path("film/4.png")).unwrap();
+    scene.refuses("check film --fps 24", &["picture 4 is missing"]);
+}
+
+#[test]
+fn options_of_films_are_none_of_calibrated_clips() {
+    let scene = Scene::with_clip(&[0, 3], 3);
+    for options in ["--fps 24", "--masks clip", "--field-of-view 40 --elevation 3"] {
+        let named = options.split_whitespace().next().unwrap();
+        scene.refuses(&format!("check clip {options}"), &["calibrated", named]);
+        scene.refuses(&format!("reconstruct clip --out out {options}"), &["calibrated", named]);
+    }
+}
+
+#[test]
+fn what_is_seen_is_json_too() {
+    let scene = film();
+    let printed = scene.succeeds("check film --fps 24 --json");
+    let seen: serde_json::Value = serde_json::from_str(&printed).unwrap();
+    assert_eq!((&seen["name"], &seen["ready"]), (&"film".into(), &true.into()));
+    assert_eq!((&seen["frames"], &seen["cameras"], &seen["pixels"][0]), (&14.into(), &1.into(), &192.into()));
+    let number = |name: &str| seen[name].as_f64().unwrap();
+    assert!((number("fps") - 24.0).abs() < 1e-9, "{printed}");
+    // the bird is about 0.3 m long and 1.9 m away
+    assert!(number("diameter_m") > 0.1 && number("diameter_m") < 0.6 && number("distance_m") > 1.0, "{printed}");
+    let output = scene.run("check film --json");
+    let seen: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(output.status.code() == Some(2) && seen["ready"] == false, "{seen}");
+    assert!(seen["problems"][0].as_str().unwrap().contains("--fps"), "{seen}");
+    scene.copy_clip("clip", &[0, 3], 3);
+    let seen: serde_json::Value = serde_json::from_str(&scene.succeeds("check clip --json")).unwrap();
+    assert_eq!((&seen["cameras"], &seen["frames"], &seen["ready"]), (&2.into(), &3.into(), &true.into()));
+}
+
 /// The bird has less green than red and blue, its surroundings as much; the weights undo the usual normalisation, too.
 #[test]
 fn a_network_tells_the_object() {

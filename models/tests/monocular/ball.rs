@@ -103,13 +103,18 @@ pub fn floor(column: usize, row: usize) -> [u8; 4] {
 
 /// Writes pictures as a GIF.
 pub fn write_gif(path: &Path, pictures: &[Vec<u8>]) {
+    // 24 a second in hundredths: 4, 4, 4, 4, 4, 5 …
+    write_gif_with(path, pictures, |k| if k % 6 == 5 { 5 } else { 4 });
+}
+
+/// The same with other delays \[0.01 s\].
+pub fn write_gif_with(path: &Path, pictures: &[Vec<u8>], delay: impl Fn(usize) -> u16) {
     let file = std::fs::File::create(path).unwrap();
     let side = SIDE as u16;
     let mut encoder = gif::Encoder::new(file, side, side, &[]).unwrap();
     for (k, picture) in pictures.iter().enumerate() {
         let mut frame = gif::Frame::from_rgba_speed(side, side, &mut picture.clone(), 1);
-        // 24 a second in hundredths: 4, 4, 4, 4, 4, 5 …
-        frame.delay = if k % 6 == 5 { 5 } else { 4 };
+        frame.delay = delay(k);
         frame.dispose = gif::DisposalMethod::Background;
         encoder.write_frame(&frame).unwrap();
     }
@@ -124,6 +129,23 @@ pub fn write_folder(folder: &Path, pictures: &[Vec<u8>]) {
         encoder.set_color(png::ColorType::Rgba);
         encoder.write_header().unwrap().write_image_data(picture).unwrap();
     }
+}
+
+/// Writes a PNG file of 8 bits of any kind, with Exif data.
+pub fn write_png(
+    path: &Path,
+    [width, height]: [usize; 2],
+    colour: png::ColorType,
+    exif: Option<Vec<u8>>,
+    bytes: &[u8],
+) {
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    let mut info = png::Info::with_size(width as u32, height as u32);
+    info.color_type = colour;
+    info.bit_depth = png::BitDepth::Eight;
+    info.exif_metadata = exif.map(Into::into);
+    let encoder = png::Encoder::with_info(std::fs::File::create(path).unwrap(), info).unwrap();
+    encoder.write_header().unwrap().write_image_data(bytes).unwrap();
 }
 
 /// A folder of the test's own that goes away with it.

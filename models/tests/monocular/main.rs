@@ -5,3 +5,5 @@ mod ball;
 mod bad_films;
 mod fall;
 mod films;
+mod kinds;
+mod times;

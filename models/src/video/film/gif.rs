@@ -4,18 +4,25 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-use gif::{ColorOutput, DecodeOptions, DisposalMethod, MemoryLimit};
+use gif::{ColorOutput, DecodeOptions, DecodingError, DisposalMethod, MemoryLimit};
 use gradreel::{Error, ErrorKind, Result};
 
-use super::{Decoded, MOST_BYTES, Wanted, check_bytes};
+use super::pile::{Pile, check_size};
+use super::{Clock, Decoded, Wanted};
 use crate::video::image::Image;
 
 /// A delay of a hundredth of a second or less is shown as a tenth, as browsers do.
 const SHORTEST: u32 = 2;
 
-/// Decodes the wanted frames; the rate is the mean over the whole file.
+/// Delays are counted in this \[s\].
+const UNIT: f64 = 0.01;
+
+/// Most bytes of a frame.
+const MOST_BYTES: u64 = 1 << 29;
+
+/// Decodes the wanted frames, each with the time at which it is shown. A file that is cut off has the frames that are whole.
 pub(super) fn read(path: &Path, wanted: Wanted) -> Result<Decoded> {
-    let broken = |e: gif::DecodingError| {
+    let broken = |e: DecodingError| {
         Error::new(ErrorKind::Input, "cannot decode the GIF")
             .at(path.display())
             .found(e)
@@ -25,16 +32,25 @@ pub(super) fn read(path: &Path, wanted: Wanted) -> Result<Decoded> {
     let file = File::open(path).map_err(|e| Error::io(path, "open the film", &e))?;
     let mut options = DecodeOptions::new();
     options.set_color_output(ColorOutput::RGBA);
-    options.set_memory_limit(MemoryLimit::Bytes(std::num::NonZeroU64::new(MOST_BYTES as u64).expect("not 0")));
+    options.set_memory_limit(MemoryLimit::Bytes(std::num::NonZeroU64::new(MOST_BYTES).expect("not 0")));
     let mut decoder = options.read_info(BufReader::new(file)).map_err(broken)?;
-    let (width, height) = (usize::from(decoder.width()), usize::from(decoder.height()));
-    check_bytes(path, width, height, 1)?;
+    let size @ (width, height) = (usize::from(decoder.width()), usize::from(decoder.height()));
+    check_size(path, size)?;
     let mut canvas = vec![[0u8; 4]; width * height];
-    let mut images = Vec::new();
+    let mut pile = Pile::default();
     let (mut count, mut hundredths) = (0usize, 0u64);
-    while let Some(frame) = decoder.read_next_frame().map_err(broken)? {
-        let delay = u32::from(frame.delay);
-        hundredths += u64::from(if delay < SHORTEST { 10 } else { delay });
+    let mut shown = Vec::new();
+    let mut said = Vec::new();
+    while pile.images.len() < wanted.count {
+        let frame = match decoder.read_next_frame() {
+            Ok(Some(frame)) => frame,
+            Ok(None) => break,
+            Err(error) if count > 0 && is_end(&error) => {
+                said.push(format!("the file is cut off, or lacks its last byte: it has {count} whole frames"));
+                break;
+            }
+            Err(error) => return Err(broken(error)),
+        };
         let before = (frame.dispose == DisposalMethod::Previous).then(|| canvas.clone());
         let (left, top) = (usize::from(frame.left), usize::from(frame.top));
         let (across, down) = (usize::from(frame.width), usize::from(frame.height));
@@ -44,10 +60,14 @@ pub(super) fn read(path: &Path, wanted: Wanted) -> Result<Decoded> {
                 canvas[to] = [pixel[0], pixel[1], pixel[2], pixel[3]];
             }
         }
-        if count >= wanted.first && images.len() < wanted.count {
-            check_bytes(path, width, height, images.len() + 1)?;
-            images.push(Image { width, height, pixels: canvas.clone(), has_alpha: true });
+        if count >= wanted.first {
+            shown.push(UNIT * hundredths as f64);
+            pile.add(path, wanted, Image { width, height, pixels: canvas.clone(), has_alpha: true })?;
+        } else {
+            pile.count(path, size)?;
         }
+        let delay = u32::from(frame.delay);
+        hundredths += u64::from(if delay < SHORTEST { 10 } else { delay });
         match (frame.dispose, before) {
             (DisposalMethod::Background, _) => {
                 (0..across * down).filter_map(|i| place(i % across, i / across)).for_each(|to| canvas[to] = [0; 4]);
@@ -57,6 +77,18 @@ pub(super) fn read(path: &Path, wanted: Wanted) -> Result<Decoded> {
         }
         count += 1;
     }
-    let frames_per_s = (count > 0).then(|| 100.0 * count as f64 / hundredths as f64);
-    Ok(Decoded { images, frames_per_s, few_colours: true })
+    // shrunk pictures have more colours
+    let few_colours = pile.halvings == 0;
+    let decoded = Decoded::of(pile);
+    said.extend_from_slice(&decoded.said);
+    Ok(Decoded { clock: Some(Clock { shown, unit: UNIT }), few_colours, said, ..decoded })
+}
+
+/// Whether the file ends before it should.
+fn is_end(error: &DecodingError) -> bool {
+    match error {
+        DecodingError::UnexpectedEof => true,
+        DecodingError::Io(error) => error.kind() == std::io::ErrorKind::UnexpectedEof,
+        _ => false,
+    }
 }

@@ -6,7 +6,8 @@ use std::path::Path;
 
 use exif::{In, Reader, Tag};
 
-use super::{pictures, stream};
+use super::pictures::Series;
+use super::stream;
 
 /// The diagonal of a frame of 35 mm film \[mm\].
 const DIAGONAL: f64 = 43.27;
@@ -18,7 +19,7 @@ const BELIEVED: std::ops::RangeInclusive<f64> = 5.0..=2000.0;
 /// video file. Both state the focal length with which 35 mm film shows as much along the diagonal.
 pub(super) fn focal(path: &Path) -> Option<f64> {
     let equivalent = match path.is_dir() {
-        true => of_picture(&mut BufReader::new(File::open(pictures::list(path).ok()?.first()?).ok()?)),
+        true => of_picture(&mut BufReader::new(File::open(Series::of(path).ok()?.files.first()?).ok()?)),
         false => stream::tag(path, "camera.focal_length.35mm_equivalent").and_then(|text| text.trim().parse().ok()),
     };
     equivalent.filter(|focal| BELIEVED.contains(focal)).map(|focal| focal / DIAGONAL)

@@ -6,10 +6,13 @@ use gradreel::{Error, ErrorKind, Result};
 use ndarray::{Array2, Array3};
 use rayon::prelude::*;
 
-use super::{Decoded, FilmSettings, Wanted, backdrop, corrected, lost, network, pictures};
+use super::pictures::Series;
+use super::pile::{check_size, halved_with, shrunk};
+use super::{Decoded, FilmSettings, Wanted, backdrop, corrected, lost, network, objects};
 use crate::video::clip::Frame;
 use crate::video::foreground::{Foreground, masked, on_white};
 use crate::video::image::Image;
+use crate::video::mask::Mask;
 use crate::video::matte::{self, Light, Matte};
 
 /// How far the border of a plain background may be from its median in every channel, and the share of it that is not farther.
@@ -46,19 +49,20 @@ struct Told {
 
 /// The object in the pictures of a film, and what tells it: given masks, a given network, the pictures' own transparency, a given
 /// background, a plain one (white, or a colour), or what stays the same while the object moves.
-pub(super) fn frames(path: &Path, pictures: &Decoded, settings: &FilmSettings, wanted: Wanted) -> Result<Found> {
-    let images = &pictures.images;
-    let (width, height) = (images[0].width, images[0].height);
-    if let Some((k, other)) =
-        images.iter().enumerate().find(|(_, image)| (image.width, image.height) != (width, height))
-    {
-        return Err(Error::new(ErrorKind::Input, "the frames of the film differ in size")
-            .at(path.display())
-            .found(format!("{} × {} pixels in frame {}", other.width, other.height, wanted.first + k))
-            .wanted(format!("{width} × {height} pixels, like the first"))
-            .fix("export all frames at one size"));
+pub(super) fn frames(path: &Path, pictures: Decoded, settings: &FilmSettings, wanted: Wanted) -> Result<Found> {
+    let (width, height) = (pictures.images[0].width, pictures.images[0].height);
+    let Told { foreground, mut mattes, mut hueless, mut said } = mattes(&pictures, settings, wanted)?;
+    drop(pictures);
+    let all: Vec<Vec<bool>> =
+        mattes.iter().map(|(_, alpha)| alpha.iter().map(|alpha| *alpha > 0.5).collect()).collect();
+    if let Some(alone) = objects::alone(&mut mattes, width, height, &path.display().to_string())? {
+        for ((matte, (_, left)), all) in hueless.iter_mut().flatten().zip(&mattes).zip(&all) {
+            objects::leave_out_of(matte, left, all, [width, height]);
+        }
+        mattes.truncate(alone.frames);
+        hueless.iter_mut().for_each(|hueless| hueless.truncate(alone.frames));
+        said.push(alone.said);
     }
-    let Told { foreground, mattes, hueless, said } = mattes(pictures, settings, wanted)?;
     let lost = lost::frames(path, &mattes, foreground, wanted)?;
     let frame = |(k, (rgb, alpha)): (usize, Matte)| match lost.contains(&k) {
         true => lost::nothing(width, height),
@@ -87,9 +91,10 @@ fn mattes(pictures: &Decoded, settings: &FilmSettings, wanted: Wanted) -> Result
         (images.par_iter().map(|image| matte::against_plate(image, plate, &weight, &light)).collect(), None)
     };
     let only = |foreground, mattes| Ok(Told { foreground, mattes, hueless: None, said: vec![] });
-    let under = |masks: &[Image]| images.iter().zip(masks).map(|(image, mask)| masked(image, mask)).collect();
+    let under = |masks: &[Mask]| images.iter().zip(masks).map(|(image, mask)| masked(image, mask)).collect();
     if let Some(folder) = &settings.masks {
-        return only(Foreground::Mask, under(&masks(folder, images, wanted)?));
+        let (masks, said) = masks(folder, pictures, wanted)?;
+        return Ok(Told { foreground: Foreground::Mask, mattes: under(&masks), hueless: None, said });
     }
     if let Some(settings) = &settings.matting {
         let (masks, said) = network::masks(settings, images)?;
@@ -100,8 +105,8 @@ fn mattes(pictures: &Decoded, settings: &FilmSettings, wanted: Wanted) -> Result
     }
     let (foreground, (mattes, hueless)) = if let Some(file) = &settings.background {
         let plate = Image::read_any(file)?;
-        same_size(file, &plate, &images[0])?;
-        (Foreground::Plate, against(&plate))
+        same_size(file, (plate.width, plate.height), pictures.size)?;
+        (Foreground::Plate, against(&shrunk(plate, pictures.halvings)))
     } else {
         match plain(images) {
             Some(colour) if colour.iter().all(|v| *v >= WHITE) => {
@@ -143,31 +148,41 @@ fn median_of(mut values: Vec<u8>) -> u8 {
     *values.select_nth_unstable(middle).1
 }
 
-fn masks(folder: &Path, images: &[Image], wanted: Wanted) -> Result<Vec<Image>> {
-    let files = pictures::list(folder)?;
-    let chosen: Vec<_> = files.iter().skip(wanted.first).take(images.len()).collect();
-    if chosen.len() < images.len() {
+/// A mask for each picture, and what there is to say of their names.
+fn masks(folder: &Path, pictures: &Decoded, wanted: Wanted) -> Result<(Vec<Mask>, Vec<String>)> {
+    let count = pictures.images.len();
+    let series = Series::of(folder)?;
+    let chosen = series.chosen(folder, Wanted { count, ..wanted })?;
+    if chosen.len() < count {
         return Err(Error::new(ErrorKind::Input, "the film has more frames than masks")
             .at(folder.display())
-            .found(format!("{} PNG or JPEG files", files.len()))
-            .wanted(format!("one for each of the frames {} to {}", wanted.first, wanted.first + images.len() - 1))
+            .found(format!("{} PNG or JPEG files", series.files.len()))
+            .wanted(format!("one for each of the frames {} to {}", wanted.first, wanted.first + count - 1))
             .fix("add the missing masks, numbered as the frames are, or take fewer frames (--frames)"));
     }
-    let read = |file: &&std::path::PathBuf| {
-        let mask = Image::read_any(file)?;
-        same_size(file, &mask, &images[0])?;
-        Ok(mask)
+    let read = |file: &std::path::PathBuf| {
+        check_size(file, Image::frame_size(file)?)?;
+        let mask = Mask::read(file)?;
+        same_size(file, (mask.width, mask.height), pictures.size)?;
+        Ok((0..pictures.halvings).fold(mask, |mask, _| halved(&mask)))
     };
-    chosen.iter().map(read).collect()
+    Ok((chosen.iter().map(read).collect::<Result<_>>()?, series.said))
 }
 
-fn same_size(file: &Path, image: &Image, wanted: &Image) -> Result<()> {
-    if (image.width, image.height) == (wanted.width, wanted.height) {
+/// A mask of half the sides.
+fn halved(mask: &Mask) -> Mask {
+    let mean = |four: [u8; 4]| ((four.iter().map(|v| u32::from(*v)).sum::<u32>() + 2) / 4) as u8;
+    let coverage = halved_with(&mask.coverage, (mask.width, mask.height), mean);
+    Mask { width: (mask.width / 2).max(1), height: (mask.height / 2).max(1), coverage }
+}
+
+fn same_size(file: &Path, found: (usize, usize), wanted: (usize, usize)) -> Result<()> {
+    if found == wanted {
         return Ok(());
     }
     Err(Error::new(ErrorKind::Input, "the picture has another size than the film")
         .at(file.display())
-        .found(format!("{} × {} pixels", image.width, image.height))
-        .wanted(format!("{} × {} pixels", wanted.width, wanted.height))
+        .found(format!("{} × {} pixels", found.0, found.1))
+        .wanted(format!("{} × {} pixels", wanted.0, wanted.1))
         .fix("export it at the film's size"))
 }

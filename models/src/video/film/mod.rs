@@ -4,12 +4,16 @@ mod backdrop;
 mod corrected;
 mod gif;
 mod grain;
+mod holds;
 mod lens;
 mod lost;
 mod matting;
 mod network;
+mod objects;
 mod onnx;
+mod pace;
 mod pictures;
+mod pile;
 mod resample;
 mod runtime;
 mod stream;
@@ -19,18 +23,22 @@ use std::path::{Path, PathBuf};
 use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
+use self::holds::Even;
 use self::matting::Found;
 pub use self::network::MattingSettings;
+use self::pace::{Clock, Pace};
+use self::pile::Pile;
 use super::clip::{Frame, OpenOptions};
 use super::foreground::Foreground;
 use super::image::Image;
 use super::layout::Format;
 
 /// Endings of the files that are given to ffmpeg.
-const VIDEOS: [&str; 12] = ["mp4", "mov", "m4v", "mkv", "webm", "avi", "mpg", "mpeg", "ogv", "wmv", "3gp", "ts"];
+const VIDEOS: [&str; 13] =
+    ["mp4", "mov", "m4v", "mkv", "webm", "avi", "mpg", "mpeg", "ogv", "wmv", "3gp", "ts", "apng"];
 
-/// Most bytes of decoded pictures.
-const MOST_BYTES: usize = 1 << 30;
+/// Frame rates that are believed \[1/s\].
+const RATES: std::ops::RangeInclusive<f64> = 0.1..=1e6;
 
 /// What is known of a film besides its pictures; what is not given is read from the file or assumed, and said.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -57,11 +65,7 @@ impl FilmSettings {
     /// [`ErrorKind::Input`] naming the first that does not.
     pub fn check(&self) -> Result<()> {
         let rules = [
-            (
-                self.frames_per_s == 0.0 || (0.1..=1e6).contains(&self.frames_per_s),
-                "frames_per_s",
-                "0, or 0.1 to 1e6 1/s",
-            ),
+            (self.frames_per_s == 0.0 || RATES.contains(&self.frames_per_s), "frames_per_s", "0, or 0.1 to 1e6 1/s"),
             (
                 self.field_of_view == 0.0 || (1.0..=150.0).contains(&self.field_of_view),
                 "field_of_view",
@@ -116,10 +120,25 @@ pub struct Film {
 /// Pictures as they were decoded.
 struct Decoded {
     images: Vec<Image>,
-    /// Frame rate that the file states \[1/s\].
-    frames_per_s: Option<f64>,
-    /// Whether it is a GIF: pictures have few colours, and delays are whole hundredths of a second.
+    /// Width and height in the file.
+    size: (usize, usize),
+    /// How often the sides were halved.
+    halvings: u32,
+    /// When each is shown, if the film says.
+    clock: Option<Clock>,
+    /// Whether the pictures have few colours: those of a GIF.
     few_colours: bool,
+    /// What there is to say of the file.
+    said: Vec<String>,
+}
+
+impl Decoded {
+    /// Pictures of which nothing else is known.
+    fn of(pile: Pile) -> Self {
+        let said = pile.said().into_iter().collect();
+        let Pile { images, size, halvings, .. } = pile;
+        Self { images, size, halvings, clock: None, few_colours: false, said }
+    }
 }
 
 /// Which pictures are decoded: so many from this one on.
@@ -133,10 +152,14 @@ impl Film {
     /// Whether a path is a film: a GIF or video file, or a folder of pictures without a list of cameras.
     pub fn is_at(path: &Path) -> bool {
         if path.is_dir() {
-            return Format::ALL.iter().all(|format| !format.is_at(path))
-                && !pictures::list(path).unwrap_or_default().is_empty();
+            return Format::ALL.iter().all(|format| !format.is_at(path)) && pictures::are_in(path);
         }
-        path.is_file() && (ending(path) == "gif" || VIDEOS.contains(&ending(path).as_str()))
+        path.is_file() && Self::is_name(path)
+    }
+
+    /// Whether a path is called like a GIF or video file.
+    pub(crate) fn is_name(path: &Path) -> bool {
+        ending(path) == "gif" || VIDEOS.contains(&ending(path).as_str())
     }
 
     /// Decodes a film and finds the object in every picture.
@@ -146,10 +169,15 @@ impl Film {
     /// asked for, or in which nothing tells the object from the background; [`ErrorKind::Io`] for files that cannot be read.
     pub fn read(path: &Path, settings: &FilmSettings, options: &OpenOptions) -> Result<Self> {
         settings.check()?;
-        let wanted = Wanted {
-            first: options.first_frame.map_or(0, |first| first.max(0) as usize),
-            count: options.max_frames.unwrap_or(usize::MAX),
+        let first = options.first_frame.unwrap_or(0);
+        let Ok(first) = usize::try_from(first) else {
+            return Err(Error::new(ErrorKind::Input, "no frame is selected")
+                .at(path.display())
+                .found(format!("frame {first} as the first"))
+                .wanted("a number from 0 on: the frames of a film are counted from there")
+                .fix("choose another first frame (--first-frame)"));
         };
+        let wanted = Wanted { first, count: options.max_frames.unwrap_or(usize::MAX) };
         let mut decoded = match ending(path).as_str() {
             _ if path.is_dir() => pictures::read(path, wanted)?,
             "gif" => gif::read(path, wanted)?,
@@ -161,61 +189,75 @@ impl Film {
                 .found(format!("no frame {} in the film", wanted.first))
                 .fix("choose an earlier first frame"));
         }
-        let mut assumptions = Vec::new();
-        let frames_per_s = match (settings.frames_per_s, decoded.frames_per_s) {
-            (0.0, Some(rate)) => {
-                let delay = 100.0 / rate;
-                let cut_off = match decoded.few_colours && (delay - delay.round()).abs() < 1e-9 {
-                    true => format!(
-                        " (it counts whole hundredths of a second: more than {:.4} may be meant)",
-                        100.0 / (delay + 1.0)
-                    ),
-                    false => String::new(),
-                };
-                assumptions.push(format!(
-                    "time: {rate:.4} frames per second, as the file says{cut_off}; give --fps if it is slow motion"
-                ));
-                rate
-            }
-            (0.0, None) => {
-                return Err(Error::new(ErrorKind::Input, "the film does not say how fast it is")
-                    .at(path.display())
-                    .wanted("a frame rate: the fall of the object gives its size only together with time")
-                    .fix("give it as --fps 24, for example"));
-            }
-            (rate, _) => rate,
-        };
+        let (interval, pace, mut assumptions) = time(path, settings, decoded.clock.as_ref())?;
+        assumptions.append(&mut decoded.said);
         if let Some(smooth) = grain::removed(&decoded.images) {
             assumptions.push("the grain of the pictures is that of a palette of few colours: it was smoothed".into());
             decoded = Decoded { images: smooth, few_colours: false, ..decoded };
         }
-        let Found { foreground, frames, hueless, lost, said } = matting::frames(path, &decoded, settings, wanted)?;
+        let Found { foreground, mut frames, mut hueless, lost, said } =
+            matting::frames(path, decoded, settings, wanted)?;
         assumptions.push(format!("the object is told from the background by {foreground}"));
         assumptions.extend(said);
         if !lost.is_empty() {
             let numbers: Vec<String> = lost.iter().map(|k| (wanted.first + k).to_string()).collect();
             assumptions.push(format!("nothing in frame {} counts: the object was not found there", numbers.join(", ")));
         }
+        if let Some(pace) = pace {
+            let mut even = Even::of(&frames, &pace, wanted.first);
+            if even.is_change(frames.len()) {
+                hueless = hueless.map(|hueless| even.frames(&hueless));
+                frames = even.frames(&frames);
+                assumptions.append(&mut even.said);
+            }
+        }
         let name = path.canonicalize().unwrap_or_else(|_| path.to_path_buf());
         let name = name.file_stem().map_or_else(|| "film".into(), |name| name.to_string_lossy().into_owned());
         let focal = if ending(path) == "gif" { None } else { lens::focal(path) };
+        let frames_per_s = 1.0 / interval;
         Ok(Self { name, frames, hueless, first: wanted.first, frames_per_s, focal, foreground, assumptions })
     }
 }
 
-fn ending(path: &Path) -> String {
-    path.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default()
+/// The interval of a film's frames \[s\], for how many intervals each is shown if the film says, and what there is to say of it.
+fn time(path: &Path, settings: &FilmSettings, clock: Option<&Clock>) -> Result<(f64, Option<Pace>, Vec<String>)> {
+    if settings.frames_per_s > 0.0 {
+        return Ok((1.0 / settings.frames_per_s, None, vec![]));
+    }
+    let unknown = |found: &str| {
+        Error::new(ErrorKind::Input, "the film does not say how fast it is")
+            .at(path.display())
+            .found(found)
+            .wanted("a frame rate: the fall of the object gives its size only together with time")
+            .fix("give it as --fps 24, for example")
+    };
+    let clock = clock.ok_or_else(|| unknown("pictures without times"))?;
+    let pace = match clock.pace() {
+        Some(pace) if RATES.contains(&(1.0 / pace.interval)) => pace,
+        Some(pace) => return Err(unknown(&format!("frames {:e} s apart", pace.interval))),
+        None if clock.shown.len() < 2 => return Err(unknown("a single frame")),
+        None => return Err(unknown("times that do not advance from frame to frame")),
+    };
+    let rate = 1.0 / pace.interval;
+    let delay = pace.interval / clock.unit;
+    let cut_off = match clock.unit > 0.005 && (delay - delay.round()).abs() < 1e-6 {
+        true => format!(
+            " (it counts whole hundredths of a second: more than {:.4} may be meant)",
+            1.0 / (clock.unit * (delay + 1.0))
+        ),
+        false => String::new(),
+    };
+    let mut said =
+        vec![format!("time: {rate:.4} frames per second, as the file says{cut_off}; give --fps if it is slow motion")];
+    if pace.off > 0.0 {
+        said.push(format!(
+            "time: frames are uneven, up to {:.4} s off this rate from one to the next",
+            pace.off * pace.interval
+        ));
+    }
+    Ok((pace.interval, Some(pace), said))
 }
 
-/// Refuses pictures that would not fit into the memory set aside.
-fn check_bytes(path: &Path, width: usize, height: usize, count: usize) -> Result<()> {
-    let bytes = width.saturating_mul(height).saturating_mul(4 * count.max(1));
-    if width > 0 && height > 0 && bytes <= MOST_BYTES {
-        return Ok(());
-    }
-    Err(Error::new(ErrorKind::Input, "the film is too large")
-        .at(path.display())
-        .found(format!("{count} frames of {width} × {height} pixels"))
-        .wanted(format!("at most {} MiB of decoded pictures", MOST_BYTES >> 20))
-        .fix("take fewer frames (--first-frame, --frames), or export the film smaller: 480 pixels are plenty"))
+fn ending(path: &Path) -> String {
+    path.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default()
 }

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::resample;
 use super::runtime::{self, Network, SIDES};
 use crate::video::image::Image;
+use crate::video::mask::Mask;
 
 /// Where a network leaves the size of its pictures open, their sides are multiples of this: networks halve them five times.
 const MULTIPLE: usize = 32;
@@ -67,7 +68,7 @@ impl MattingSettings {
 }
 
 /// The masks of pictures of one size, white where the network sees the object, and what there is to say of it.
-pub(super) fn masks(settings: &MattingSettings, images: &[Image]) -> Result<(Vec<Image>, Vec<String>)> {
+pub(super) fn masks(settings: &MattingSettings, images: &[Image]) -> Result<(Vec<Mask>, Vec<String>)> {
     let path = &settings.model;
     runtime::guarded(path, || {
         let network = Network::read(path, settings.open([images[0].width, images[0].height]))?;
@@ -98,7 +99,7 @@ enum Scale {
 }
 
 /// The mask of a picture, and what the network's numbers were.
-fn mask(network: &Network<'_>, settings: &MattingSettings, image: &Image) -> Result<(Image, Scale)> {
+fn mask(network: &Network<'_>, settings: &MattingSettings, image: &Image) -> Result<(Mask, Scale)> {
     let film = [image.width, image.height];
     let plane = |c: usize| {
         let channel: Vec<f32> = image.pixels.iter().map(|pixel| f32::from(pixel[c]) / 255.0).collect();
@@ -119,6 +120,6 @@ fn mask(network: &Network<'_>, settings: &MattingSettings, image: &Image) -> Res
         Scale::Other => (value - low) / (high - low).max(f32::MIN_POSITIVE),
     };
     let shares: Vec<f32> = values.into_iter().map(share).collect();
-    let grey = resample::resized(&shares, sides, film).into_iter().map(|share| (255.0 * share).round() as u8);
-    Ok((Image { pixels: grey.map(|v| [v, v, v, 255]).collect(), has_alpha: false, ..*image }, scale))
+    let coverage = resample::resized(&shares, sides, film).into_iter().map(|share| (255.0 * share).round() as u8);
+    Ok((Mask { width: image.width, height: image.height, coverage: coverage.collect() }, scale))
 }

@@ -9,9 +9,13 @@ use gradreel::{Error, ErrorKind, Result};
 use rten::{DataType, Dimension, LoadErrorKind, Model, Value, ValueType};
 
 use super::onnx;
+use crate::text;
 
 /// Sides of the pictures that a network may see \[pixels\].
 pub(super) const SIDES: RangeInclusive<usize> = 16..=4096;
+
+/// Most bytes of a network.
+const MOST_BYTES: u64 = 4 << 30;
 
 /// Memory for the recursion through the largest network that is let through \[bytes\].
 const STACK: usize = 256 << 20;
@@ -27,9 +31,11 @@ pub(super) struct Network<'a> {
 impl<'a> Network<'a> {
     /// Reads a network; `open` says which width and height it sees where it leaves them open.
     pub fn read(path: &'a Path, open: [usize; 2]) -> Result<Self> {
-        let bytes = std::fs::read(path).map_err(|e| {
-            Error::io(path, "read the matting network", &e).fix("give the path of an ONNX file (--matting FILE)")
-        })?;
+        let fix = "give the path of an ONNX file (--matting FILE)";
+        if path.exists() && !path.is_file() {
+            return Err(unreadable(path, "a folder or a device").fix(fix));
+        }
+        let bytes = text::bytes(path, "the matting network", fix, MOST_BYTES)?;
         onnx::check(&bytes).map_err(|found| unreadable(path, found).fix("copy or export the file again"))?;
         let model = Model::load(bytes).map_err(|e| {
             unreadable(path, &e).fix(match e.kind() {

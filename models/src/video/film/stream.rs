@@ -6,14 +6,24 @@ use std::process::{Command, Stdio};
 
 use gradreel::{Error, ErrorKind, Result};
 
-use super::{Decoded, Wanted, check_bytes};
+use super::pile::{Pile, check_size};
+use super::{Clock, Decoded, Wanted};
 use crate::video::image::Image;
 
-/// Decodes the wanted frames at the stream's mean rate, turned the way the file says they were filmed.
+/// Rate at which pictures leave the decoder, whose own times count \[1/s\].
+const RATE: u32 = 25;
+
+/// Times of containers are counted in this, or finer \[s\].
+const UNIT: f64 = 0.001;
+
+/// Most text that is kept of what ffmpeg says besides times \[bytes\].
+const MOST_SAID: usize = 1 << 16;
+
+/// Decodes the wanted frames, each with its own time, turned the way the file says they were filmed.
 pub(super) fn read(path: &Path, wanted: Wanted) -> Result<Decoded> {
-    let rate = rate(path)?;
-    let frames = format!("select=gte(n\\,{})", wanted.first);
-    let filter = format!("fps={rate},{frames}");
+    // every frame of the stream once: its time goes to stderr, and the decoder is given even times, which drop and repeat nothing
+    let print = "metadata=mode=add:key=shown:value=1,metadata=mode=print:file=pipe\\\\:2";
+    let filter = format!("select=gte(n\\,{}),{print},settb=1/{RATE},setpts=N,fps={RATE}", wanted.first);
     let mut command = decoder("ffmpeg", path);
     command.args(["-vf", &filter, "-f", "image2pipe", "-c:v", "pam", "-pix_fmt", "rgba"]);
     if wanted.count < usize::MAX {
@@ -25,31 +35,51 @@ pub(super) fn read(path: &Path, wanted: Wanted) -> Result<Decoded> {
         .stderr(Stdio::piped())
         .spawn()
         .map_err(|e| missing(path, "ffmpeg", &e))?;
-    let errors = child.stderr.take().map(|mut stderr| {
-        std::thread::spawn(move || {
-            let mut text = String::new();
-            // what it has said up to an unreadable byte is enough
-            let _ = stderr.read_to_string(&mut text);
-            text
-        })
-    });
+    let told = child.stderr.take().map(|stderr| std::thread::spawn(move || told(BufReader::new(stderr))));
     let mut pipe = BufReader::new(child.stdout.take().expect("piped"));
-    let mut images = Vec::new();
+    let mut pile = Pile::default();
     let read = loop {
-        match picture(path, &mut pipe, images.len()) {
-            Ok(Some(image)) => images.push(image),
+        match picture(path, &mut pipe).and_then(|image| image.map(|image| pile.add(path, wanted, image)).transpose()) {
+            Ok(Some(())) => {}
             Ok(None) => break Ok(()),
             Err(error) => break Err(error),
         }
     };
     drop(pipe);
     let status = child.wait().map_err(|e| Error::io(path, "decode the film", &e))?;
-    let said = errors.and_then(|thread| thread.join().ok()).unwrap_or_default();
+    let (times, said) = told.and_then(|thread| thread.join().ok()).unwrap_or_default();
     read?;
     if !status.success() {
         return Err(undecodable(path, &said));
     }
-    Ok(Decoded { images, frames_per_s: Some(rate), few_colours: false })
+    let count = pile.images.len();
+    let shown = match times.get(..count).map(|times| times.iter().copied().collect::<Option<Vec<f64>>>()) {
+        Some(Some(shown)) => shown,
+        // a stream without times of its own
+        _ => {
+            let rate = rate(path)?;
+            (0..count).map(|k| k as f64 / rate).collect()
+        }
+    };
+    Ok(Decoded { clock: Some(Clock { shown, unit: UNIT }), ..Decoded::of(pile) })
+}
+
+/// The times of the frames that are passed on, and what else ffmpeg says.
+fn told(mut stderr: impl BufRead) -> (Vec<Option<f64>>, String) {
+    let (mut times, mut said) = (Vec::new(), String::new());
+    let mut line = Vec::new();
+    // what it has said up to an error is enough
+    while stderr.by_ref().take(MOST_SAID as u64).read_until(b'\n', &mut line).is_ok_and(|read| read > 0) {
+        let text = String::from_utf8_lossy(&line);
+        if text.starts_with("frame:") {
+            let time = text.split_once("pts_time:").and_then(|(_, time)| time.trim().parse::<f64>().ok());
+            times.push(time.filter(|time| time.is_finite()));
+        } else if !text.starts_with("shown=") && said.len() < MOST_SAID {
+            said.push_str(&text);
+        }
+        line.clear();
+    }
+    (times, said)
 }
 
 /// One of ffmpeg's programs on a local file, and nothing but files: a playlist must not open a connection.
@@ -104,7 +134,7 @@ fn undecodable(path: &Path, said: &str) -> Error {
 }
 
 /// The next picture of a sequence of PAM images; `None` at its end.
-fn picture(path: &Path, pipe: &mut impl BufRead, before: usize) -> Result<Option<Image>> {
+fn picture(path: &Path, pipe: &mut impl BufRead) -> Result<Option<Image>> {
     let (mut width, mut height) = (0, 0);
     let failed = |e: std::io::Error| Error::io(path, "read what ffmpeg decoded", &e);
     loop {
@@ -121,9 +151,21 @@ fn picture(path: &Path, pipe: &mut impl BufRead, before: usize) -> Result<Option
             _ => {}
         }
     }
-    check_bytes(path, width, height, before + 1)?;
+    check_size(path, (width, height))?;
     let mut bytes = vec![0; width * height * 4];
     pipe.read_exact(&mut bytes).map_err(failed)?;
     let pixels = bytes.chunks_exact(4).map(|p| [p[0], p[1], p[2], p[3]]).collect();
     Ok(Some(Image { width, height, pixels, has_alpha: true }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_told_from_errors() {
+        let text = "frame:0    pts:1024    pts_time:0.0833333\nshown=1\n[h264] error\nframe:1 pts:NOPTS pts_time:NOPTS\nshown=1\n";
+        let (times, said) = told(text.as_bytes());
+        assert_eq!((times, said.as_str()), (vec![Some(0.0833333), None], "[h264] error\n"));
+    }
 }

@@ -1,10 +1,12 @@
 //! Which file holds which image, and frames in folders by the number in their names.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::{Component, Path, PathBuf};
 
 use gradreel::{Error, ErrorKind, Result};
+
+use crate::folder::entries;
+pub(super) use crate::folder::name as last;
 
 /// What an image file shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -143,10 +145,8 @@ pub(super) fn mask_beside(root: &Path, image: &Path) -> Option<PathBuf> {
 
 /// The images of a folder by the last number in their names, and how many have none.
 pub(super) fn numbered(folder: &Path) -> Result<(BTreeMap<i64, PathBuf>, usize)> {
-    let entries = fs::read_dir(folder).map_err(|e| Error::io(folder, "list the folder of frames", &e))?;
     let (mut found, mut without) = (BTreeMap::new(), 0);
-    for entry in entries {
-        let path = entry.map_err(|e| Error::io(folder, "list the folder of frames", &e))?.path();
+    for path in entries(folder, "the folder of frames")? {
         if !is_image(&path) || !path.is_file() {
             continue;
         }
@@ -176,11 +176,6 @@ pub(super) fn last_number(path: &Path) -> Option<i64> {
         return None;
     }
     stem[before.len()..end].parse().ok()
-}
-
-/// The last component of a path, for messages.
-pub(super) fn last(path: &Path) -> String {
-    path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
 }
 
 /// Frames of cameras whose files are numbered alike: per camera the frames and their times in frame intervals, the files

@@ -1,7 +1,6 @@
 //! Spring-Gaus, real captures: one calibration of a few cameras, and many sequences of several objects.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use gradreel::{Error, ErrorKind, Result};
@@ -11,6 +10,7 @@ use super::files::{Files, Kind, inside, last};
 use super::poses::from_opencv;
 use super::world::{Clock, Up};
 use super::{MAX_CAMERAS, Reading, View, json, malformed};
+use crate::folder::entries;
 use crate::vector::rotation;
 use crate::video::matrix;
 
@@ -102,15 +102,7 @@ pub(super) fn read(root: &Path, sequence: Option<&Path>) -> Result<(Reading, Str
 /// The sequence of a folder that has only one.
 fn only_sequence(root: &Path) -> Result<PathBuf> {
     let folder = root.join("dynamic/sequences");
-    let inside = |folder: &Path| -> Result<Vec<PathBuf>> {
-        let failed = |e: std::io::Error| Error::io(folder, "list the sequences", &e).fix("give the whole data set");
-        let mut paths = Vec::new();
-        for entry in fs::read_dir(folder).map_err(failed)? {
-            paths.push(entry.map_err(failed)?.path());
-        }
-        paths.sort();
-        Ok(paths)
-    };
+    let inside = |folder: &Path| entries(folder, "the sequences").map_err(|e| e.fix("give the whole data set"));
     let mut found = Vec::new();
     for object in inside(&folder)?.iter().filter(|path| path.is_dir()) {
         found.extend(inside(object)?.into_iter().filter(|path| path.extension().is_some_and(|e| e == "json")));

@@ -116,10 +116,14 @@ pub(crate) fn from_white(image: &Image) -> Matte {
     (rgb, alpha)
 }
 
+/// The connected pieces of what a matte shows, as lists of pixels.
+pub(super) fn pieces(alpha: &[f32], width: usize, height: usize) -> Vec<Vec<usize>> {
+    outline::pieces(&Mask { width, height, inside: alpha.iter().map(|a| *a > 0.5).collect() }, true)
+}
+
 /// The largest connected piece of what a matte shows.
 pub(super) fn largest_piece(alpha: &[f32], width: usize, height: usize) -> Vec<bool> {
-    let mask = Mask { width, height, inside: alpha.iter().map(|a| *a > 0.5).collect() };
-    let largest = outline::pieces(&mask, true).into_iter().max_by_key(Vec::len).unwrap_or_default();
+    let largest = pieces(alpha, width, height).into_iter().max_by_key(Vec::len).unwrap_or_default();
     let mut inside = vec![false; alpha.len()];
     largest.into_iter().for_each(|pixel| inside[pixel] = true);
     inside

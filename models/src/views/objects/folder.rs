@@ -11,6 +11,7 @@ use super::dice::Dice;
 use super::mesh::ENDINGS;
 use super::{Object, TexturedMesh};
 use crate::fnv1a::fnv1a;
+use crate::folder::entries;
 
 /// How a folder of meshes is used.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -208,16 +209,14 @@ impl Kept {
 fn list(root: &Path, below: &str, found: &mut Vec<(String, u64)>) -> Result<()> {
     let folder = root.join(below);
     let io = |e: std::io::Error| Error::io(&folder, "list the folder of meshes", &e).fix("give a folder with meshes");
-    for entry in std::fs::read_dir(&folder).map_err(io)? {
-        let entry = entry.map_err(io)?;
-        let own = entry.file_name();
+    for path in entries(&folder, "the meshes")? {
         // a name that is no text could not be told to anyone
-        let Some(own) = own.to_str().filter(|name| !name.starts_with('.')) else { continue };
+        let Some(own) = path.file_name().and_then(|name| name.to_str()) else { continue };
         let name = if below.is_empty() { own.to_owned() } else { format!("{below}/{own}") };
-        if entry.file_type().map_err(io)?.is_dir() {
+        if std::fs::symlink_metadata(&path).map_err(io)?.is_dir() {
             list(root, &name, found)?;
         } else if ENDINGS.iter().any(|ending| own.to_lowercase().ends_with(&format!(".{ending}"))) {
-            let length = std::fs::metadata(entry.path()).map(|kind| if kind.is_file() { kind.len() } else { 0 });
+            let length = std::fs::metadata(&path).map(|kind| if kind.is_file() { kind.len() } else { 0 });
             found.push((name, length.unwrap_or(0)));
         }
     }

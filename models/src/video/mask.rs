@@ -1,0 +1,164 @@
+//! Masks as segmentation tools leave them.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use gradreel::{Error, ErrorKind, Result};
+
+use super::samples::{Sample, Samples};
+
+/// A mask whose brightest value is below this, and that has more values than two, is not one.
+const BRIGHT: u16 = 128;
+
+/// A pixel that is less opaque lets the background through.
+const SOLID: u8 = 250;
+
+/// A pixel of a cut-out that is at least so opaque has a colour that says something.
+const OPAQUE: u8 = 128;
+
+/// How much of each pixel the object covers, 0 to 255, row by row.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Mask {
+    pub width: usize,
+    pub height: usize,
+    pub coverage: Vec<u8>,
+}
+
+impl Mask {
+    /// Reads a mask from a PNG or JPEG file. These are masks:
+    ///
+    /// - white on black, with grey between, or a cut-out of the object that is transparent elsewhere;
+    /// - two values, 0 and any other: 0 and 1, 0 and 255 of 16 bits, black and any one colour, a palette of two.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] for a file that cannot be decoded, and for one that shows no object by these rules, with the
+    /// brightest value that it has.
+    pub fn read(path: &Path) -> Result<Self> {
+        let samples = Samples::read(path)?;
+        let coverage = coverage(&samples).map_err(|found| {
+            Error::new(ErrorKind::Input, "the mask is too dark, or of several objects")
+                .at(path.display())
+                .found(found)
+                .wanted(
+                    "255 where the object is and 0 elsewhere; or two values, 0 and any other; or the object cut out",
+                )
+                .fix("multiply its values so that the object is white, and leave other objects out")
+        })?;
+        Ok(Self { width: samples.width, height: samples.height, coverage })
+    }
+}
+
+/// What is covered by these rules, or what was found instead.
+fn coverage(samples: &Samples) -> Result<Vec<u8>, String> {
+    let Samples { pixels, most, labels, .. } = samples;
+    let brightness = |colour: [u16; 3]| colour.into_iter().max().unwrap_or(0);
+    let shares = |share: &dyn Fn(u16) -> u32| -> Vec<u8> {
+        let one = |pixel: &Sample| (share(brightness(pixel.colour)) * u32::from(pixel.alpha) / 255) as u8;
+        pixels.iter().map(one).collect()
+    };
+    let opaque = few(pixels.iter().filter(|pixel| pixel.alpha >= OPAQUE));
+    // black and white with some transparency is a mask all the same; anything else that is transparent is the object cut out
+    let cut_out = pixels.iter().any(|pixel| pixel.alpha < SOLID);
+    if cut_out && opaque != BTreeSet::from([[0; 3], [*most; 3]]) {
+        return Ok(pixels.iter().map(|pixel| pixel.alpha).collect());
+    }
+    let colours = few(pixels.iter());
+    let dark = colours.iter().copied().min_by_key(|colour| (brightness(*colour), *colour)).unwrap_or_default();
+    if colours.len() <= 2 && (dark == [0; 3] || (*labels && colours.len() == 2)) {
+        let object = |pixel: &Sample| if pixel.colour == dark { 0 } else { pixel.alpha };
+        return Ok(pixels.iter().map(object).collect());
+    }
+    if *labels {
+        return Err("several colours of a palette".to_owned());
+    }
+    let brightest = pixels.iter().map(|pixel| brightness(pixel.colour)).max().unwrap_or(0);
+    // 16 bits may hold values of 8
+    let full = if brightest <= 255 { 255 } else { *most };
+    if u32::from(brightest) * 255 < u32::from(BRIGHT) * u32::from(full) {
+        return Err(format!("the brightest value is {brightest} of {most}"));
+    }
+    Ok(shares(&|value| (u32::from(value) * 255 + u32::from(full) / 2) / u32::from(full)))
+}
+
+/// The colours of some pixels; three of them where there are more.
+fn few<'a>(pixels: impl Iterator<Item = &'a Sample>) -> BTreeSet<[u16; 3]> {
+    let mut colours = BTreeSet::new();
+    for pixel in pixels {
+        colours.insert(pixel.colour);
+        if colours.len() > 2 {
+            break;
+        }
+    }
+    colours
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn written(colour: png::ColorType, depth: png::BitDepth, palette: Option<&[u8]>, bytes: &[u8]) -> Vec<u8> {
+        let mut file = Vec::new();
+        let mut encoder = png::Encoder::new(&mut file, 2, 2);
+        encoder.set_color(colour);
+        encoder.set_depth(depth);
+        if let Some(palette) = palette {
+            encoder.set_palette(palette.to_vec());
+        }
+        encoder.write_header().unwrap().write_image_data(bytes).unwrap();
+        file
+    }
+
+    /// The object is the lower right pixel of two by two, in each way to write that.
+    #[test]
+    fn one_mask_in_many_files() {
+        use png::BitDepth::{Eight, One, Sixteen, Two};
+        use png::ColorType::{Grayscale, GrayscaleAlpha, Indexed, Rgb, Rgba};
+        let cut_out = [[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0], [20, 30, 10, 255]].concat();
+        let on_black = [[0, 0, 0, 255], [0, 0, 0, 255], [9, 9, 9, 0], [255, 255, 255, 255]].concat();
+        let blue = [[0, 0, 0], [0, 0, 0], [0, 0, 0], [30, 60, 90]].concat();
+        let dark = [0, 0, 0, 128, 0, 0];
+        let grey = [0, 0, 0, 255, 255, 255, 77, 77, 77];
+        let files: [(&str, png::ColorType, png::BitDepth, Option<&[u8]>, &[u8]); 12] = [
+            ("0 and 255", Grayscale, Eight, None, &[0, 0, 0, 255]),
+            ("0 and 1", Grayscale, Eight, None, &[0, 0, 0, 1]),
+            ("0 and 7", Grayscale, Eight, None, &[0, 0, 0, 7]),
+            ("one bit", Grayscale, One, None, &[0, 0x40]),
+            ("two bits", Grayscale, Two, None, &[0, 0x10]),
+            ("0 and 1 of 16 bits", Grayscale, Sixteen, None, &[0, 0, 0, 0, 0, 0, 0, 1]),
+            ("0 and 255 of 16 bits", Grayscale, Sixteen, None, &[0, 0, 0, 0, 0, 0, 0, 255]),
+            ("a dark palette", Indexed, Eight, Some(&dark), &[0, 0, 0, 1]),
+            ("a grey palette", Indexed, Eight, Some(&grey), &[0, 0, 0, 1]),
+            ("a cut-out", Rgba, Eight, None, &cut_out),
+            ("black, white and transparent", Rgba, Eight, None, &on_black),
+            ("black and blue", Rgb, Eight, None, &blue),
+        ];
+        for (name, colour, depth, palette, bytes) in files {
+            let samples = Samples::decode(&written(colour, depth, palette, bytes), name.as_ref()).unwrap();
+            assert_eq!(coverage(&samples).unwrap(), [0, 0, 0, 255], "{name}");
+        }
+        // shades
+        let soft = written(Grayscale, Eight, None, &[0, 64, 128, 255]);
+        assert_eq!(coverage(&Samples::decode(&soft, "".as_ref()).unwrap()).unwrap(), [0, 64, 128, 255]);
+        let soft = written(Grayscale, Sixteen, None, &[0, 0, 0x40, 0x40, 0x80, 0x80, 0xff, 0xff]);
+        assert_eq!(coverage(&Samples::decode(&soft, "".as_ref()).unwrap()).unwrap(), [0, 64, 128, 255]);
+        let soft = written(Grayscale, Sixteen, None, &[0, 0, 0, 64, 0, 128, 0, 255]);
+        assert_eq!(coverage(&Samples::decode(&soft, "".as_ref()).unwrap()).unwrap(), [0, 64, 128, 255]);
+        let soft = written(GrayscaleAlpha, Eight, None, &[9, 0, 9, 64, 9, 128, 9, 255]);
+        assert_eq!(coverage(&Samples::decode(&soft, "".as_ref()).unwrap()).unwrap(), [0, 64, 128, 255]);
+        let nothing = written(Grayscale, Eight, None, &[0; 4]);
+        assert_eq!(coverage(&Samples::decode(&nothing, "".as_ref()).unwrap()).unwrap(), [0; 4]);
+    }
+
+    #[test]
+    fn what_is_no_mask_is_told() {
+        use png::BitDepth::{Eight, Sixteen};
+        use png::ColorType::{Grayscale, Indexed};
+        let told = |file: Vec<u8>| coverage(&Samples::decode(&file, "".as_ref()).unwrap()).unwrap_err();
+        let labels = written(Grayscale, Eight, None, &[0, 1, 2, 3]);
+        assert!(told(labels).contains("the brightest value is 3 of 255"));
+        let dark = written(Grayscale, Sixteen, None, &[0, 0, 0, 1, 0, 2, 0, 9]);
+        assert!(told(dark).contains("the brightest value is 9 of 65535"));
+        let several = written(Indexed, Eight, Some(&[0, 0, 0, 128, 0, 0, 0, 128, 0]), &[0, 1, 2, 2]);
+        assert!(told(several).contains("palette"));
+    }
+}
