@@ -6,7 +6,7 @@ use gradreel::{Error, ErrorKind, Result};
 
 use crate::cli::film::{ChoiceArguments, FilmArguments};
 use crate::cli::output::say;
-use crate::cli::reconstruct::{check_is_clip, far_ground, options, read_config, ready, seen_whole};
+use crate::cli::reconstruct::{check_is_clip, check_motion, check_start, far_ground, options, read_config, ready};
 use crate::cli::seen::Seen;
 use crate::identify::Config;
 use crate::video::{Clip, Film, WARNING, inspect_and_open};
@@ -72,26 +72,18 @@ fn settings(arguments: &Arguments) -> Result<Config> {
     Ok(config)
 }
 
-/// Prints what the folder of a calibrated clip holds; the inner result is an error if it cannot be opened.
+/// Prints what the folder of a calibrated clip holds; the inner result is an error if it cannot be used.
 fn calibrated(arguments: &Arguments, config: &Config) -> Result<Result<()>> {
-    let (mut inventory, clip) = inspect_and_open(&arguments.clip, &options(config))?;
-    // of a single frame there is a shape, but nothing to reconstruct
-    if let Some(clip) = clip.filter(|clip| clip.frame_count() > 1) {
-        let far =
-            |clip: &Clip| far_ground(clip, config.world.ground).map(|far| far.filter(|_| !config.world.find_ground));
-        match seen_whole(clip, config).and_then(|clip| Ok((far(&clip)?, clip))) {
-            Ok((far, clip)) => {
-                inventory.assumptions = clip.assumptions;
-                inventory.assumptions.extend(far.map(|far| {
-                    format!("{WARNING}{far}: reconstruct needs the height of the ground (--ground), or --ground auto")
-                }));
-            }
-            Err(error) => inventory.problems.push(error.to_string()),
-        }
+    let (mut inventory, mut clip) = inspect_and_open(&arguments.clip, &options(config))?;
+    // a single frame is good for views around another clip
+    if let Some(clip) = clip.as_mut().filter(|clip| clip.frame_count() > 1) {
+        inventory.problems.extend(start(clip, config).err().map(|error| error.to_string()));
+        inventory.assumptions.clone_from(&clip.assumptions);
     }
-    match arguments.json {
-        true => Seen::of_inventory(&inventory, &arguments.clip).print()?,
-        false => say!("{inventory}"),
+    match (arguments.json, &clip) {
+        (true, Some(clip)) => Seen::of_opened(clip, &inventory, &arguments.clip).print()?,
+        (true, None) => Seen::of_inventory(&inventory, &arguments.clip).print()?,
+        (false, _) => say!("{inventory}"),
     }
     if inventory.is_complete() {
         return Ok(Ok(()));
@@ -100,6 +92,17 @@ fn calibrated(arguments: &Arguments, config: &Config) -> Result<Result<()>> {
         .at(arguments.clip.display())
         .found(format!("{} problems, listed above", inventory.problems.len()))
         .fix("correct the problems listed above, or choose complete cameras and frames with --cameras and --frames")))
+}
+
+/// What a reconstruction does with a clip that was opened, before it begins.
+fn start(clip: &mut Clip, config: &Config) -> Result<()> {
+    check_motion(clip, config)?;
+    check_start(clip, config)?;
+    if let Some(far) = far_ground(clip, config.world.ground)?.filter(|_| !config.world.find_ground) {
+        let said = format!("{WARNING}{far}: reconstruct needs the height of the ground (--ground), or --ground auto");
+        clip.assumptions.push(said);
+    }
+    Ok(())
 }
 
 /// Prints what a film shows: it is made a clip as a reconstruction would do it, which refuses whatever that refuses.

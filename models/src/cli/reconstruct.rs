@@ -220,18 +220,17 @@ fn resume(arguments: &Arguments) -> Result<(Run, Clip)> {
 
 /// A clip with which a reconstruction can begin: whatever refuses one that cannot is here.
 pub(super) fn ready(path: &Path, config: &Config) -> Result<Clip> {
-    let clip = seen_whole(opened(path, config)?, config)?;
+    let mut clip = open(path, config)?;
+    check_start(&mut clip, config)?;
     check_ground(&clip, config)?;
     Ok(clip)
 }
 
-/// An opened clip with all that is known of it; refused if no body can be made of it.
-pub(super) fn seen_whole(mut clip: Clip, config: &Config) -> Result<Clip> {
-    usable(&mut clip, config)?;
-    imagine::given(&mut clip, config)?;
-    check_shrink(&clip, config.clip.shrink)?;
-    check_body(&clip, config)?;
-    Ok(clip)
+/// Puts given views around a clip, and refuses it if no body can be found in its first frame.
+pub(super) fn check_start(clip: &mut Clip, config: &Config) -> Result<()> {
+    imagine::given(clip, config)?;
+    check_shrink(clip, config.clip.shrink)?;
+    check_body(clip, config)
 }
 
 /// Refuses cameras and masks that contradict each other, and voxels that are too many.
@@ -288,14 +287,9 @@ pub(super) fn options(config: &Config) -> OpenOptions {
     }
 }
 
-/// A clip in which motion can be seen.
 pub(super) fn open(path: &Path, config: &Config) -> Result<Clip> {
-    let mut clip = opened(path, config)?;
-    usable(&mut clip, config)?;
-    Ok(clip)
-}
-
-fn opened(path: &Path, config: &Config) -> Result<Clip> {
+    let options = options(config);
+    let gravity = config.world.gravity;
     check_is_clip(path)?;
     if let (true, Some(camera)) = (Film::is_at(path), config.clip.cameras.iter().find(|camera| **camera != 0)) {
         return Err(Error::new(ErrorKind::Input, format!("camera {camera} is not in the clip"))
@@ -303,14 +297,16 @@ fn opened(path: &Path, config: &Config) -> Result<Clip> {
             .found("a film of a single camera, number 0")
             .fix("leave the choice of cameras out"));
     }
-    match Film::is_at(path) {
-        true => monocular::clip_of_film(path, &config.clip.film, &options(config), config.world.gravity),
-        false => Clip::open(path, &options(config)),
-    }
+    let mut clip = match Film::is_at(path) {
+        true => monocular::clip_of_film(path, &config.clip.film, &options, gravity)?,
+        false => Clip::open(path, &options)?,
+    };
+    check_motion(&mut clip, config)?;
+    Ok(clip)
 }
 
-/// Says which cameras are imagined, finds the fall that a single camera saw, and refuses a clip without motion.
-fn usable(clip: &mut Clip, config: &Config) -> Result<()> {
+/// Finds the fall that a single camera saw in a clip that was opened, and refuses a clip without motion.
+pub(super) fn check_motion(clip: &mut Clip, config: &Config) -> Result<()> {
     if let Some(imagined) = &config.clip.imagined {
         clip.imagine(imagined)?;
     }

@@ -76,7 +76,13 @@ impl Seen {
         }
     }
 
-    /// What the folder of a calibrated clip holds.
+    /// A calibrated clip that can be opened, and what else keeps a reconstruction from it.
+    pub fn of_opened(clip: &Clip, inventory: &Inventory, path: &Path) -> Self {
+        let ready = inventory.is_complete() && clip.frame_count() > 1;
+        Self { ready, problems: inventory.problems.clone(), ..Self::of(clip, path) }
+    }
+
+    /// What the folder of a calibrated clip holds that cannot be opened.
     pub fn of_inventory(inventory: &Inventory, path: &Path) -> Self {
         let cameras = &inventory.cameras;
         let (warnings, assumptions) = told(&inventory.assumptions);

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use gradreel::Result;
 
-use super::clip::{Clip, OpenOptions};
+use super::clip::{Clip, OpenOptions, WARNING};
 use super::foreground::{Foreground, choose};
 use super::image::Image;
 use super::layout::{EXCLUDED, Format, Kind, Layout, PLATE};
@@ -202,9 +202,10 @@ impl fmt::Display for Inventory {
             let excluded = if camera.has_excluded { ", some pixels excluded" } else { "" };
             writeln!(f, "{excluded}{}", if camera.imagined { ", imagined" } else { "" })?;
         }
-        for (title, lines) in [("assumed", &self.assumptions), ("problem", &self.problems)] {
+        for (title, lines) in [("assumed: ", &self.assumptions), ("problem: ", &self.problems)] {
             for line in lines {
-                writeln!(f, "  {title}: {}", line.replace('\n', "\n    "))?;
+                let title = if line.starts_with(WARNING) { "" } else { title };
+                writeln!(f, "  {title}{}", line.replace('\n', "\n    "))?;
             }
         }
         f.write_str(match (self.is_complete(), self.frame_dt) {

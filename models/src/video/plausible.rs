@@ -5,6 +5,7 @@ use std::path::Path;
 use gradreel::{Error, ErrorKind, Result};
 
 use super::camera::Camera;
+use super::clip::WARNING;
 
 /// Largest coordinate of a camera \[m\]: farther from the origin, single precision loses the object's motion.
 const FARTHEST: f64 = 1e4;
@@ -53,8 +54,9 @@ pub(super) fn camera(camera: &Camera, list: &Path) -> Result<Option<String>> {
             .wanted("a principal point near the middle of the image, in pixels")
             .fix("correct the intrinsics in the list"));
     }
-    Ok((!inside)
-        .then(|| format!("camera {id} looks past its image: {found}; are the intrinsics of another image size?")))
+    Ok((!inside).then(|| {
+        format!("{WARNING}camera {id} looks past its image: {found}; are the intrinsics of another image size?")
+    }))
 }
 
 /// Checks the time between frames \[s\]; returns what is doubtful.
@@ -73,7 +75,7 @@ pub(super) fn interval(dt: f64, list: &Path) -> Result<Option<String>> {
             .wanted(format!("{:?} to {} s between frames", possible.0, possible.1))
             .fix(fix));
     }
-    Ok((!(usual.0..=usual.1).contains(&dt)).then(|| format!("time: {fallen}; {fix}")))
+    Ok((!(usual.0..=usual.1).contains(&dt)).then(|| format!("{WARNING}{fallen}; {fix}")))
 }
 
 /// Two digits, for messages.

@@ -6,10 +6,10 @@ use std::path::Path;
 use gradreel_models::video::{Foreground, inspect};
 use serde_json::{Value, json};
 
-use super::builder::{Builder, has, message};
+use super::builder::{Builder, has, in_square, message};
 use super::rig::{
-    FRAMES, LENS, RATE, camera_folders, colmap, folder, open, paint_mask, places, real_capture, reference, same, save,
-    transforms, transforms_images,
+    FRAMES, LENS, RATE, SIZE, camera_folders, colmap, folder, open, paint_mask, places, real_capture, reference, same,
+    save, transforms, transforms_images,
 };
 
 const MARK: &str = "\u{feff}";
@@ -257,4 +257,82 @@ fn listed_masks_without_times() {
     let clip = open(&builder.root).unwrap();
     assert!(clip.foreground.iter().all(|&foreground| foreground == Foreground::Mask));
     same(&clip, &reference());
+}
+
+/// Writes a mask of the square in one of the ways of segmentation tools; `value` is a sample where the square is or is not.
+fn write_mask(
+    path: &Path,
+    colour: png::ColorType,
+    depth: png::BitDepth,
+    palette: Option<&[u8]>,
+    value: fn(bool) -> Vec<u8>,
+) {
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    let (width, height) = SIZE;
+    let mut encoder = png::Encoder::new(fs::File::create(path).unwrap(), width as u32, height as u32);
+    encoder.set_color(colour);
+    encoder.set_depth(depth);
+    if let Some(palette) = palette {
+        encoder.set_palette(palette.to_vec());
+    }
+    let samples = (0..width * height).flat_map(|i| value(in_square(i % width, i / width)));
+    encoder.write_header().unwrap().write_image_data(&samples.collect::<Vec<u8>>()).unwrap();
+}
+
+#[test]
+fn masks_of_many_kinds() {
+    use png::BitDepth::{Eight, Sixteen};
+    use png::ColorType::{Grayscale, Indexed, Rgba};
+    let wanted = reference();
+    let builder = folder();
+    let root = &builder.root;
+    transforms_images(root, false);
+    save(root, "transforms.json", transforms(seconds).to_string());
+    let paint = |colour, depth, palette: Option<&[u8]>, value| {
+        for (camera, frame) in (0..3).flat_map(|camera| (0..FRAMES).map(move |frame| (camera, frame))) {
+            write_mask(&root.join(format!("masks/c{camera}_{frame:03}.png")), colour, depth, palette, value);
+        }
+    };
+    let classes: &[u8] = &[0, 0, 0, 128, 0, 0, 0, 128, 0];
+    let kinds: [(png::ColorType, png::BitDepth, Option<&[u8]>, fn(bool) -> Vec<u8>); 5] = [
+        (Grayscale, Eight, None, |inside| vec![u8::from(inside)]),
+        (Indexed, Eight, Some(classes), |inside| vec![u8::from(inside)]),
+        (Grayscale, Sixteen, None, |inside| vec![0, if inside { 255 } else { 0 }]),
+        (Grayscale, Sixteen, None, |inside| vec![0, u8::from(inside)]),
+        (Rgba, Eight, None, |inside| if inside { vec![70, 40, 20, 255] } else { vec![70, 40, 20, 0] }),
+    ];
+    for (colour, depth, palette, value) in kinds {
+        paint(colour, depth, palette, value);
+        same(&open(root).unwrap(), &wanted);
+        assert!(inspect(root).unwrap().is_complete());
+    }
+    // numbers of several things: the object is not told, and looking says so, too
+    paint(Grayscale, Eight, None, |inside| vec![u8::from(inside)]);
+    let mut samples = vec![0u8; SIZE.0 * SIZE.1];
+    samples[..3].copy_from_slice(&[1, 2, 3]);
+    let mut encoder =
+        png::Encoder::new(fs::File::create(root.join("masks/c1_002.png")).unwrap(), SIZE.0 as u32, SIZE.1 as u32);
+    encoder.set_color(Grayscale);
+    encoder.write_header().unwrap().write_image_data(&samples).unwrap();
+    has(&message(open(root).unwrap_err()), &["c1_002.png", "the brightest value is 3 of 255"]);
+    let inventory = inspect(root).unwrap();
+    assert!(!inventory.is_complete() && inventory.to_string().contains("c1_002.png"), "{inventory}");
+}
+
+/// Notes that computers leave beside pictures are no frames.
+#[test]
+fn hidden_files_in_folders_of_frames() {
+    let builder = folder();
+    model(&builder);
+    for camera in 0..3 {
+        save(&builder.root, &format!("frames/cam{camera}/._f_0001.png"), "note");
+        save(&builder.root, &format!("frames/cam{camera}/.DS_Store"), "note");
+    }
+    same(&open(&builder.root).unwrap(), &reference());
+    let builder = folder();
+    let (calibration, sequence) = real_capture(&builder.root);
+    save(&builder.root, "dynamic/cameras_calib.json", calibration.to_string());
+    save(&builder.root, "dynamic/sequences/bun/0.json", sequence.to_string());
+    save(&builder.root, "dynamic/sequences/bun/._0.json", "note");
+    assert_eq!(open(&builder.root).unwrap().cameras.len(), 3);
 }

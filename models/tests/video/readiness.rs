@@ -19,7 +19,7 @@ fn apart(dt: f64) -> Builder {
 #[test]
 fn times_that_no_film_has() {
     assert!(apart(1.0 / 240.0).open().is_ok());
-    for dt in [60.0, 1e-300, 1e-8, 1e300, 1.7e308] {
+    for dt in [60.0, 1e-300, 1e-8, 1e300, 8e307] {
         let builder = apart(dt);
         has(&builder.fails(), &["all_data.json", "s between frames"]);
         assert!(!inspect(&builder.root).unwrap().to_string().contains("ready to open"), "{dt}");
@@ -49,7 +49,7 @@ fn places_and_lenses_that_no_film_has() {
     let numbers: [(&str, usize, usize, f64, &str); 6] = [
         ("c2w", 0, 3, 1e308, "1e308"),
         ("c2w", 1, 3, -5e6, "origin"),
-        ("intrinsic", 0, 0, 1.2, "1.2 pixels for 24 pixels"),
+        ("intrinsic", 0, 0, 0.5, "0.5 pixels for 24 pixels"),
         ("intrinsic", 1, 1, 1e200, "angle of view"),
         ("intrinsic", 0, 2, 1e300, "principal point (1e300"),
         ("intrinsic", 1, 2, -500.0, "principal point"),

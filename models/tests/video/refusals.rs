@@ -169,7 +169,8 @@ fn spring_gaus_lists() {
     assert_eq!(open(root).unwrap().frame_count(), 4);
     for (key, value, part) in [
         ("camera", json!("../cam0"), "leaves the clip's folder"),
-        ("camera", json!(3), "camera is missing"),
+        ("camera", json!(3), "no folder"),
+        ("camera", json!([3]), "camera is missing"),
         ("K", json!([[30, 1, 12], [0, 30, 8], [0, 0, 1]]), "skew"),
         ("c2w", json!("here"), "not a list of rows"),
     ] {

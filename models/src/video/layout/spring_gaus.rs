@@ -39,7 +39,7 @@ pub(super) fn read(root: &Path) -> Result<Reading> {
             let name = match &entry["camera"] {
                 Value::String(name) => name.clone(),
                 Value::Number(number) if number.is_i64() => number.to_string(),
-                _ => return Err("camera is missing or not a name".into()),
+                _ => return Err("camera is missing or no name".into()),
             };
             let c2w = matrix::camera_to_world(&entry["c2w"], "c2w")?;
             let intrinsic = matrix::intrinsic(&entry["K"], "K")?;
