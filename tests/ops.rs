@@ -1,5 +1,6 @@
 //! Every op of the registry: gradient check in `f64`, `f32` against `f64`, non-finite operands, empty shapes.
 
+use std::collections::BTreeSet;
 use std::rc::Rc;
 
 use gradreel::backend::cpu::pool;
@@ -122,30 +123,37 @@ fn spoilt(inputs: &[Tensor]) -> Vec<Vec<Tensor>> {
     all
 }
 
+/// What is wrong with an op's answer to some operands, if anything is.
+fn fault_of(op: &dyn Op, inputs: &[Tensor]) -> Option<String> {
+    let specs: Vec<_> = inputs.iter().map(Tensor::spec).collect();
+    let run = || match (op.infer(&specs), op.forward(inputs)) {
+        (Ok(spec), Ok(found)) => (found.output.spec() != spec).then(|| format!("{spec:?} was promised")),
+        // data that do not fit, such as offsets, are the forward pass's to refuse
+        (Ok(_), Err(error)) => (error.kind() == ErrorKind::Shape).then(|| format!("the shape rule forgot: {error}")),
+        (Err(_), Ok(_)) => Some("was computed".to_owned()),
+        (Err(error), Err(_)) => {
+            let said = error.to_string().contains(op.name()) || error.to_string().contains("broadcast");
+            let kind = [ErrorKind::Shape, ErrorKind::Unsupported].contains(&error.kind());
+            (!said || !kind).then(|| format!("was refused with {error:?}"))
+        }
+    };
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(run)).unwrap_or_else(|_| Some("panics".to_owned()))
+}
+
 #[test]
 fn operands_that_a_shape_rule_refuses_never_reach_a_kernel() {
+    let mut wrong = BTreeSet::new();
     for entry in registry() {
-        let mut refused = 0;
         for case in (entry.cases)() {
             for inputs in spoilt(&case.inputs) {
                 let specs: Vec<_> = inputs.iter().map(Tensor::spec).collect();
-                match (case.op.infer(&specs), case.op.forward(&inputs)) {
-                    // data that do not fit, such as offsets, are the forward pass's to refuse
-                    (Ok(spec), Ok(found)) => assert_eq!(found.output.spec(), spec, "{} of {specs:?}", entry.name),
-                    (Ok(_), Err(error)) => assert_ne!(error.kind(), ErrorKind::Shape, "{}: {error}", entry.name),
-                    (Err(error), found) => {
-                        let kinds = [ErrorKind::Shape, ErrorKind::Unsupported];
-                        assert!(kinds.contains(&error.kind()), "{}: {error}", entry.name);
-                        let text = error.to_string();
-                        assert!(text.contains(case.op.name()) || text.contains("broadcast"), "{}: {text}", entry.name);
-                        assert!(found.is_err(), "{} of {specs:?}", entry.name);
-                        refused += 1;
-                    }
+                if let Some(fault) = fault_of(&*case.op, &inputs) {
+                    wrong.insert(format!("{} of {specs:?}: {fault}", entry.name));
                 }
             }
         }
-        assert!(refused > 0, "{} refuses nothing", entry.name);
     }
+    assert!(wrong.is_empty(), "{:#?}", wrong);
 }
 
 /// An op of somebody's whose shape rule accepts anything, and who hands the operands on to one of the crate's.
@@ -172,8 +180,6 @@ impl Op for Careless {
 
 #[test]
 fn kernels_look_at_sizes_themselves_when_a_shape_rule_lies() {
-    // hundreds of planted cases panic: their messages would bury those of a failure
-    std::panic::set_hook(Box::new(|_| {}));
     let mut caught = 0;
     for entry in registry() {
         for case in (entry.cases)() {
@@ -184,7 +190,6 @@ fn kernels_look_at_sizes_themselves_when_a_shape_rule_lies() {
             }
         }
     }
-    let _ = std::panic::take_hook();
     assert!(caught > 100, "only {caught} were found out");
 }
 

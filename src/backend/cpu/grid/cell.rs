@@ -92,7 +92,8 @@ impl<T: Real, const D: usize, const K: usize> Cells<T, D, K> {
             let nothing = if f.is_nan() { f } else { T::ZERO };
             (weight, slopes) = ([T::ONE + nothing, T::ZERO], [nothing, T::ZERO]);
         }
-        let mut offset = [base as usize * stride, (base + 1) as usize * stride];
+        // −1 for the lower node wraps around, and is replaced below
+        let mut offset = [(base as usize).wrapping_mul(stride), (base + 1) as usize * stride];
         if base < 0 {
             (weight[0], slopes[0], offset[0]) = (T::ZERO, T::ZERO, offset[1]);
         }
