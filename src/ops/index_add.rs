@@ -83,6 +83,7 @@ impl Op for IndexAdd {
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
         let [x, index] = Spec::exactly(self.name(), inputs)?;
+        x.real(self.name())?;
         let fits = x.shape.rank() > 0 && index.shape.dims() == &x.shape.dims()[..1] && index.dtype == DType::U32;
         if !fits {
             return Err(Error::new(ErrorKind::Shape, "index_add: the operands do not fit")

@@ -61,6 +61,7 @@ impl Op for IndexSelect {
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
         let [x, index] = Spec::exactly(self.name(), inputs)?;
+        x.real(self.name())?;
         if x.shape.rank() == 0 || index.shape.rank() != 1 || index.dtype != DType::U32 {
             return Err(Error::new(ErrorKind::Shape, "index_select: the operands do not fit")
                 .found(format!("{x:?} by {index:?}"))

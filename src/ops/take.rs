@@ -64,7 +64,7 @@ impl Op for Take {
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
         let [x, index] = Spec::exactly(self.name(), inputs)?;
-        let result = self.axes.infer(self.name(), x)?;
+        let result = self.axes.infer(self.name(), x.real(self.name())?)?;
         self.axes.check_numbers(self.name(), &x.shape)?;
         if index.shape != result.shape || index.dtype != DType::U32 {
             return Err(Error::new(ErrorKind::Shape, "take: the operands do not fit")
