@@ -85,7 +85,7 @@ fn perturbed(seed: usize, centre: f64, size: f64) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
-    use gradreel::{Backward, Forward, Reads, Spec};
+    use gradreel::{Backward, Forward, Operands, Reads, Spec};
 
     use super::*;
     use crate::physics::materials;
@@ -107,7 +107,7 @@ mod tests {
             self.map.infer(inputs)
         }
 
-        fn forward_cpu(&self, inputs: &[Tensor]) -> Result<Forward> {
+        fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
             self.map.forward_cpu(inputs)
         }
 
