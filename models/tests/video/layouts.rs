@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::builder::has;
 use super::rig::{
-    FRAMES, LENS, Place, RATE, SIZE, camera_folders, colmap, folder, open, paint, paint_mask, places, real_capture,
+    FRAMES, LENS, Place, RATE, SIZE, camera_folders, colmap, folder, open, paint_mask, places, real_capture,
     reference, rotated, same, save, transforms, transforms_images, y_to_z,
 };
 
