@@ -13,7 +13,8 @@
 use gradreel::{DType, Device, Key, Result, Tape, Tensor};
 use gradreel_models::layers::initialise;
 use gradreel_models::views::{
-    AutoencoderSizes, ClipSizes, Ensemble, Footprint, Model, ModelSizes, SamplerSettings, Sampling, Subject, decode,
+    AutoencoderSizes, ClipSizes, Ensemble, MemoryEstimate, Model, ModelSizes, SamplerSettings, Sampling, Subject,
+    decode,
 };
 
 /// The published model with fewer channels, pixels and views.
@@ -42,8 +43,8 @@ fn main() -> Result<()> {
     let settings = SamplerSettings { steps: 4, guidance: 2.0, seed: 7 };
     let subject = Subject::encode(&weights, &sizes, &picture, 20f64.to_radians(), settings.picture_key(), &device)?;
 
-    let footprint = Footprint::of(&sizes, size_of::<f32>());
-    let most = footprint.at_once(100_000_000, sizes.denoiser.ring.views)?;
+    let memory_estimate = MemoryEstimate::of(&sizes, size_of::<f32>());
+    let most = memory_estimate.at_once(100_000_000, sizes.denoiser.ring.views)?;
     println!("{most} views fit into 100 MB at once");
     let [one, two] = [1, 2].map(|at_once| Ensemble::new(&weights, &sizes.denoiser, &device, at_once));
     let (one, two) = (one?, two?);

@@ -6,7 +6,7 @@ mod find;
 use std::path::Path;
 
 use gradreel::io::safetensors::TensorFile;
-use gradreel::ops::{GridSampling, Interpolation, Lattice, Padding, uniform};
+use gradreel::ops::{GridSampling, Interpolation, NodeGrid, Padding, uniform};
 use gradreel::{DType, Tape, Tensor, Var};
 
 #[track_caller]
@@ -72,12 +72,12 @@ fn a_voxel_field_is_looked_up_the_same_way_through_either_layout() {
     let slopes = (&found * &tape.constant(get("cot_features"))).sum_all().backward().unwrap();
     assert_close("g_features", slopes.wrt(&features).unwrap(), &get("g_features"), 1e-11);
 
-    // channels last: a lattice in the box's own coordinates
+    // channels last: a grid in the box's own coordinates
     let origin = [low[0], low[1], low[2]];
-    let lattice = Lattice { origin, spacing: (high[0] - low[0]) / (x as f64 - 1.0), dims: [x, y, z] };
+    let node_grid = NodeGrid { origin, spacing: (high[0] - low[0]) / (x as f64 - 1.0), dims: [x, y, z] };
     let at = tape.constant(get("points"));
     let density = tape.leaf(get("density"));
-    let found = density.reshape([x, y, z, 1]).grid_sample_3d(&at, lattice).reshape([count]);
+    let found = density.reshape([x, y, z, 1]).grid_sample_3d(&at, node_grid).reshape([count]);
     assert_close("density", found.value().unwrap(), &get("density_at"), 1e-11);
     let slopes = (&found * &tape.constant(get("cot_density"))).sum_all().backward().unwrap();
     assert_close("g_density", slopes.wrt(&density).unwrap(), &get("g_density"), 1e-11);
@@ -112,7 +112,7 @@ fn nothing_depends_on_the_number_of_threads() {
 fn many_points_in_few_cells_add_up() {
     // a scatter of ones: the sum over nodes is the number of points inside, whatever way the points are cut
     for (sizes, count) in [([1, 1, 40], 5000), ([40, 1, 1], 5000), ([2, 3, 4], 70_000)] {
-        let lattice = Lattice { origin: [0.0; 3], spacing: 1.0, dims: sizes };
+        let node_grid = NodeGrid { origin: [0.0; 3], spacing: 1.0, dims: sizes };
         let points: Vec<f64> = uniform(1, [count, 3], 0.0..1.0)
             .to_vec()
             .unwrap()
@@ -121,7 +121,7 @@ fn many_points_in_few_cells_add_up() {
             .collect();
         let tape = Tape::new();
         let ones = tape.constant(Tensor::full(1.0, [count, 17], DType::F64));
-        let sums = ones.grid_scatter_3d(&tape.constant(Tensor::from_vec(points, [count, 3])), lattice);
+        let sums = ones.grid_scatter_3d(&tape.constant(Tensor::from_vec(points, [count, 3])), node_grid);
         let total = sums.sum(&[0, 1, 2]).value().unwrap().to_vec().unwrap();
         assert!(total.iter().all(|t| (t / count as f64 - 1.0).abs() < 1e-12), "{sizes:?}: {total:?}");
     }

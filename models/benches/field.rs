@@ -20,10 +20,10 @@ fn rays() -> Rays {
     let mut rays = Rays::default();
     for u in u.chunks_exact(4) {
         let (azimuth, spread) = (std::f64::consts::TAU * u[0], 0.7);
-        let eye = [2.0 * azimuth.sin(), 0.6 + u[3], 2.0 * azimuth.cos()];
+        let camera = [2.0 * azimuth.sin(), 0.6 + u[3], 2.0 * azimuth.cos()];
         let at = [spread * (u[1] - 0.5), 0.5 + spread * (u[2] - 0.5), spread * (u[1] * u[2] - 0.25)];
-        rays.origins.push(eye);
-        rays.directions.push([at[0] - eye[0], at[1] - eye[1], at[2] - eye[2]]);
+        rays.origins.push(camera);
+        rays.directions.push([at[0] - camera[0], at[1] - camera[1], at[2] - camera[2]]);
     }
     rays
 }

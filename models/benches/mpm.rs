@@ -84,7 +84,7 @@ fn measure<T: Number>(name: &str, parameters: &[f64], count: usize, bandwidth: f
     );
 }
 
-/// So many points of a lattice of 8 per cell, those nearest to a centre above the floor.
+/// So many points of a grid of 8 per cell, those nearest to a centre above the floor.
 fn ball(count: usize, dx: f64) -> Vec<[f64; 3]> {
     let spacing = dx / 2.0;
     let radius = (3.0 * count as f64 / (4.0 * std::f64::consts::PI)).cbrt();

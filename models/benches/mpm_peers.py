@@ -187,7 +187,7 @@ def with_warp():
         F = [new(wp.mat33) for _ in range(STEPS + 1)]
         X[0].assign(start)
         V[0].assign(np.tile(np.float32([0, -1, 0]), (count, 1)))
-        F[0].assign(np.tile(np.eye(3, dtype=np.float32), (count, 1, 1)))
+        F[0].assign(np.tile(np.identity(3, dtype=np.float32), (count, 1, 1)))
         grids = [
             (
                 wp.zeros(shape, dtype=wp.vec3, device="cpu", requires_grad=True),
@@ -307,7 +307,7 @@ def with_taichi():
     x.from_numpy(repeated(ball()))
     v.from_numpy(repeated(np.tile(np.float32([0, -1, 0]), (count, 1))))
     C.from_numpy(repeated(np.zeros((count, 3, 3))))
-    F.from_numpy(repeated(np.tile(np.eye(3), (count, 1, 1))))
+    F.from_numpy(repeated(np.tile(np.identity(3), (count, 1, 1))))
 
     # the same substep several times: with its number as an argument, Taichi compiles for more than ten minutes
     def forward():

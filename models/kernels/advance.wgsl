@@ -38,18 +38,18 @@ fn main(
     @builtin(local_invocation_index) local: u32,
 ) {
     let p = linear_group(group, groups) * WORKGROUP + local;
-    let lattice = lattice_now();
-    if p >= substep.particles || !lattice.sound || !lattice.fits {
+    let node_grid = node_grid_now();
+    if p >= substep.particles || !node_grid.sound || !node_grid.fits {
         return;
     }
     let x = vec3<f32>(now[place(0u, p)], now[place(1u, p)], now[place(2u, p)]);
-    var s = stencil_of(lattice, x);
+    var s = stencil_of(node_grid, x);
     var v = vec3<f32>(0.0);
     // columns of Σ w v δᵀ
     var moment = array<vec3<f32>, 3>();
     for (var a = 0; a < 3; a++) {
         for (var b = 0; b < 3; b++) {
-            let row = node_number(lattice, s.cell + vec3<i32>(a, b, 0));
+            let row = node_number(node_grid, s.cell + vec3<i32>(a, b, 0));
             for (var c = 0; c < 3; c++) {
                 let weighted = s.w[a].x * s.w[b].y * s.w[c].z * grid[row + u32(c)].xyz;
                 v += weighted;

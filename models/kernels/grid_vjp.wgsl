@@ -45,23 +45,23 @@ fn main(
 ) {
     let number_of_group = linear_group(group, groups);
     let i = number_of_group * WORKGROUP + local;
-    let lattice = lattice_now();
+    let node_grid = node_grid_now();
     var on_free = vec3<f32>(0.0);
-    if i < substep.capacity && lattice.sound && lattice.fits {
+    if i < substep.capacity && node_grid.sound && node_grid.fits {
         counts[i] = 0u;
         let number = i32(i);
-        let row = number / lattice.shape.z;
-        let node = vec3<i32>(row / lattice.shape.y, row % lattice.shape.y, number % lattice.shape.z);
-        if node.x < lattice.shape.x {
-            let sum = scattered(lattice, node, 0u);
+        let row = number / node_grid.shape.z;
+        let node = vec3<i32>(row / node_grid.shape.y, row % node_grid.shape.y, number % node_grid.shape.z);
+        if node.x < node_grid.shape.x {
+            let sum = scattered(node_grid, node, 0u);
             var v = vec3<f32>(0.0);
             var on_sum = vec4<f32>(0.0);
             if sum.w > substep.least_mass {
-                let x = vec3<f32>(node + lattice.low) * substep.dx;
+                let x = vec3<f32>(node + node_grid.low) * substep.dx;
                 let free = sum.xyz / sum.w + substep.kick;
                 let way = walk(x, free, NONE);
                 v = way.v;
-                on_free = scattered(lattice, node, substep.particles).xyz;
+                on_free = scattered(node_grid, node, substep.particles).xyz;
                 for (var face = way.faces; face > 0u; face--) {
                     on_free = touch_vjp(walk(x, free, face - 1u), on_free);
                 }

@@ -18,8 +18,8 @@ fn main(
     @builtin(local_invocation_index) local: u32,
 ) {
     let i = linear_group(group, groups) * WORKGROUP + local;
-    let lattice = lattice_now();
-    if i >= substep.count || !lattice.sound || !lattice.fits {
+    let node_grid = node_grid_now();
+    if i >= substep.count || !node_grid.sound || !node_grid.fits {
         return;
     }
     let p = substep.first + i;

@@ -18,21 +18,21 @@ fn main(
     if p >= substep.particles {
         return;
     }
-    let lattice = lattice_now();
+    let node_grid = node_grid_now();
     let at = 4u * slots[p];
     let after = 4u * substep.particles + at;
     let q = records[at];
     var a = array<vec4<f32>, 3>(records[at + 1u], records[at + 2u], records[at + 3u]);
     let q2 = records[after];
     var a2 = array<vec4<f32>, 3>(records[after + 1u], records[after + 2u], records[after + 3u]);
-    var s = stencil_of(lattice, vec3<f32>(a[0].w, a[1].w, a[2].w));
+    var s = stencil_of(node_grid, vec3<f32>(a[0].w, a[1].w, a[2].w));
     var sum = vec4<f32>(0.0);
     var velocity = vec3<f32>(0.0);
     var by_weights = vec3<f32>(0.0);
     var moment = array<vec3<f32>, 3>();
     for (var i = 0; i < 3; i++) {
         for (var j = 0; j < 3; j++) {
-            let row = node_number(lattice, s.cell + vec3<i32>(i, j, 0));
+            let row = node_number(node_grid, s.cell + vec3<i32>(i, j, 0));
             for (var k = 0; k < 3; k++) {
                 let v = grid[row + u32(k)].xyz;
                 let g = grid[substep.capacity + row + u32(k)];

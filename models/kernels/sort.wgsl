@@ -17,14 +17,14 @@ fn count(
     @builtin(local_invocation_index) local: u32,
 ) {
     let p = linear_group(group, groups) * WORKGROUP + local;
-    let lattice = lattice_now();
-    if p == 0u && lattice.sound && !lattice.fits {
+    let node_grid = node_grid_now();
+    if p == 0u && node_grid.sound && !node_grid.fits {
         atomicMin(&marks[0], substep.step);
     }
-    if p >= substep.particles || !lattice.sound || !lattice.fits {
+    if p >= substep.particles || !node_grid.sound || !node_grid.fits {
         return;
     }
-    let cell = node_number(lattice, cell_of(lattice, vec3<f32>(now[place(0u, p)], now[place(1u, p)], now[place(2u, p)])));
+    let cell = node_number(node_grid, cell_of(node_grid, vec3<f32>(now[place(0u, p)], now[place(1u, p)], now[place(2u, p)])));
     cells[2u * p] = cell;
     cells[2u * p + 1u] = atomicAdd(&counts[cell], 1u);
 }

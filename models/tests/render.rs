@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use gradreel::ops::{Lattice, uniform};
+use gradreel::ops::{NodeGrid, uniform};
 use gradreel::{DType, ErrorKind, GradCheck, Tape, Tensor};
 use gradreel_models::render::{Rays, Splat, Surface, march, render, render_jvp, sharpen, splat};
 
@@ -25,7 +25,7 @@ fn some_rays() -> Arc<Rays> {
     ])
 }
 
-const LATTICE: Lattice = Lattice { origin: [0.0; 3], spacing: 0.2, dims: [6, 6, 6] };
+const NODES: NodeGrid = NodeGrid { origin: [0.0; 3], spacing: 0.2, dims: [6, 6, 6] };
 
 #[test]
 fn light_through_a_filled_slab_follows_the_exponential_law() {
@@ -34,7 +34,7 @@ fn light_through_a_filled_slab_follows_the_exponential_law() {
     let tape = Tape::new();
     let grid = tape.constant(Tensor::from_vec(grid, [6, 6, 6, 4]));
     let through = rays(&[([-0.95, 0.51, 0.52], [1.0, 0.0, 0.0]), ([-1.0, 5.0, 0.5], [1.0, 0.0, 0.0])]);
-    let pixels = march(&grid, LATTICE, &through, &surface).unwrap().value().unwrap().to_vec().unwrap();
+    let pixels = march(&grid, NODES, &through, &surface).unwrap().value().unwrap().to_vec().unwrap();
     // one sample every 0.1 m: ten of them lie within the 1 m of the box
     let coverage = 1.0 - (-10.0f64 * 0.02).exp();
     for (found, wanted) in pixels.iter().zip([0.8 * coverage, 0.5 * coverage, 0.1 * coverage, coverage]) {
@@ -48,16 +48,16 @@ fn the_fused_march_equals_its_composition_of_ops() {
     let surface = Surface::default();
     let grid = uniform(3, [6, 6, 6, 4], 0.1..1.0);
     let tape = Tape::new();
-    let fused = march(&tape.constant(grid.clone()), LATTICE, &some_rays(), &surface).unwrap();
+    let fused = march(&tape.constant(grid.clone()), NODES, &some_rays(), &surface).unwrap();
     let fused = fused.value().unwrap().to_vec().unwrap();
     for (ray, wanted) in fused.chunks(4).enumerate() {
         let (origin, direction) = (some_rays().origins[ray], some_rays().directions[ray]);
-        let step = surface.step * LATTICE.spacing;
+        let step = surface.step * NODES.spacing;
         let inside = |x: &[f64; 3]| x.iter().all(|x| (0.0..=1.0).contains(x));
         let points: Vec<[f64; 3]> =
             (0..80).map(|k| [0, 1, 2].map(|a| origin[a] + f64::from(k) * step * direction[a])).filter(inside).collect();
         let at = tape.constant(Tensor::from_vec(points.as_flattened().to_vec(), [points.len(), 3]));
-        let samples = tape.constant(grid.clone()).grid_sample_3d(&at, LATTICE);
+        let samples = tape.constant(grid.clone()).grid_sample_3d(&at, NODES);
         let (mut pixel, mut left) = ([0.0; 4], 1.0);
         for value in samples.value().unwrap().slice::<f64>().chunks(4) {
             let u = ((value[0] - surface.low) / surface.width).clamp(0.0, 1.0);
@@ -82,18 +82,18 @@ fn derivatives_of_the_march_agree_with_central_differences() {
     let grid = uniform(7, [6, 6, 6, 4], 0.2..0.75);
     let check = GradCheck { entries: 864, ..GradCheck::default() };
     let report =
-        check.function("march", &[("grid", grid)], |_, v| march(&v[0], LATTICE, &some_rays(), &surface)).unwrap();
+        check.function("march", &[("grid", grid)], |_, v| march(&v[0], NODES, &some_rays(), &surface)).unwrap();
     assert!(report.passed(), "{report}");
 }
 
 #[test]
 fn sharpening_takes_away_what_both_trilinear_weights_blur() {
     let tape = Tape::new();
-    let lattice = Lattice { origin: [-0.5; 3], spacing: 0.1, dims: [11, 12, 10] };
+    let node_grid = NodeGrid { origin: [-0.5; 3], spacing: 0.1, dims: [11, 12, 10] };
     let one = |values: &[f64; 3]| tape.constant(Tensor::from_vec(values.to_vec(), [1, 3]));
     let mass = tape.constant(Tensor::full(1.0, [1, 1], DType::F64));
-    let blurred = mass.grid_scatter_3d(&one(&[0.043, -0.021, 0.012]), lattice);
-    let sharp = sharpen(&blurred, lattice, 1.0).unwrap().value().unwrap().to_vec().unwrap();
+    let blurred = mass.grid_scatter_3d(&one(&[0.043, -0.021, 0.012]), node_grid);
+    let sharp = sharpen(&blurred, node_grid, 1.0).unwrap().value().unwrap().to_vec().unwrap();
     // moments of the particle as it is looked up with a trilinear weight again: h²/6 wider than on the nodes along each axis
     let moment = |values: &[f64], of: &dyn Fn([f64; 3]) -> f64| -> f64 {
         let node = |i: usize| [i / 120, i / 10 % 12, i % 10].map(|n| n as f64 * 0.1 - 0.5);
@@ -110,10 +110,10 @@ fn sharpening_takes_away_what_both_trilinear_weights_blur() {
     }
     let check = GradCheck { tolerance: 1e-8, ..GradCheck::default() };
     let grid = uniform(7, [3, 4, 2, 5], -1.0..1.0);
-    let small = Lattice { dims: [3, 4, 2], ..lattice };
+    let small = NodeGrid { dims: [3, 4, 2], ..node_grid };
     let report = check.function("sharpen", &[("grid", grid.clone())], |_, v| sharpen(&v[0], small, 0.7)).unwrap();
     assert!(report.passed(), "{report}");
-    let error = sharpen(&tape.constant(grid), lattice, 0.7).err().unwrap();
+    let error = sharpen(&tape.constant(grid), node_grid, 0.7).err().unwrap();
     assert_eq!(error.kind(), ErrorKind::Shape);
 }
 
@@ -147,10 +147,10 @@ fn a_filled_body_has_occupancy_one_wherever_it_lies() {
         let positions = tape.constant(Tensor::from_vec(positions, [1000, 3]));
         let opacity = tape.constant(Tensor::full(1.0, [1000, 1], DType::F64));
         let colour = tape.constant(Tensor::full(0.5, [1000, 3], DType::F64));
-        let (grid, lattice) =
+        let (grid, node_grid) =
             splat(&positions, &opacity, &colour, &Splat { spacing: 0.2, particle_spacing: 0.1 }).unwrap();
         let middle = tape.constant(Tensor::from_vec(vec![0.47, 0.52, 0.44], [1, 3]));
-        let value = grid.grid_sample_3d(&middle, lattice).value().unwrap().to_vec().unwrap();
+        let value = grid.grid_sample_3d(&middle, node_grid).value().unwrap().to_vec().unwrap();
         for (found, wanted) in value.iter().zip([1.0, 0.5, 0.5, 0.5]) {
             assert!((found - wanted).abs() < 1e-12, "shift {shift}: {value:?}");
         }

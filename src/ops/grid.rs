@@ -3,15 +3,15 @@
 use crate::backend::gpu::words;
 use crate::{DType, Error, ErrorKind, Result, Spec};
 
-/// A regular lattice of nodes: node `(i, j, k)` lies at `origin + spacing · (i, j, k)`.
+/// A regular grid of nodes: node `(i, j, k)` lies at `origin + spacing · (i, j, k)`.
 ///
 /// ```
-/// use gradreel::ops::Lattice;
-/// let nodes = Lattice { origin: [0.0; 3], spacing: 0.1, dims: [4, 3, 2] };
+/// use gradreel::ops::NodeGrid;
+/// let nodes = NodeGrid { origin: [0.0; 3], spacing: 0.1, dims: [4, 3, 2] };
 /// assert_eq!(nodes.len(), 24);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Lattice {
+pub struct NodeGrid {
     /// Position of node (0, 0, 0).
     pub origin: [f64; 3],
     /// Distance between neighbours along every axis.
@@ -20,12 +20,12 @@ pub struct Lattice {
     pub dims: [usize; 3],
 }
 
-impl Lattice {
+impl NodeGrid {
     /// Number of nodes.
     ///
     /// ```
-    /// use gradreel::ops::Lattice;
-    /// assert_eq!(Lattice { origin: [0.0; 3], spacing: 1.0, dims: [2, 3, 4] }.len(), 24);
+    /// use gradreel::ops::NodeGrid;
+    /// assert_eq!(NodeGrid { origin: [0.0; 3], spacing: 1.0, dims: [2, 3, 4] }.len(), 24);
     /// ```
     pub fn len(&self) -> usize {
         self.dims.iter().product()
@@ -34,8 +34,8 @@ impl Lattice {
     /// Whether there are no nodes.
     ///
     /// ```
-    /// use gradreel::ops::Lattice;
-    /// assert!(Lattice { origin: [0.0; 3], spacing: 1.0, dims: [0, 3, 4] }.is_empty());
+    /// use gradreel::ops::NodeGrid;
+    /// assert!(NodeGrid { origin: [0.0; 3], spacing: 1.0, dims: [0, 3, 4] }.is_empty());
     /// ```
     pub fn is_empty(&self) -> bool {
         self.len() == 0
@@ -121,13 +121,13 @@ pub(crate) struct Extent {
 }
 
 impl Placement {
-    /// The nodes of a lattice.
-    pub(crate) fn lattice(lattice: &Lattice) -> Self {
+    /// The nodes of a grid.
+    pub(crate) fn node_grid(node_grid: &NodeGrid) -> Self {
         let axis = |component: usize| Axis {
-            size: lattice.dims[component],
+            size: node_grid.dims[component],
             component,
-            origin: lattice.origin[component],
-            scale: 1.0 / lattice.spacing,
+            origin: node_grid.origin[component],
+            scale: 1.0 / node_grid.spacing,
             shift: 0.0,
         };
         Self { axes: (0..3).map(axis).collect(), nearest: false, border: false, channels_first: false }

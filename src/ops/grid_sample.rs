@@ -6,7 +6,7 @@ use crate::backend::cpu;
 use crate::backend::gpu::{Gpu, Kernel, Work};
 use crate::ops::grid::Placement;
 use crate::ops::grid_scatter::GridScatter;
-use crate::ops::{Case, Entry, GridSampling, Interpolation, Lattice, Padding, uniform};
+use crate::ops::{Case, Entry, GridSampling, Interpolation, NodeGrid, Padding, uniform};
 use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{Device, Error, ErrorKind, Result, Spec, Tensor};
@@ -15,10 +15,12 @@ pub(super) const ENTRY: Entry = Entry {
     name: "grid_sample",
     gpu: true,
     cases: || {
-        let lattice = Lattice { origin: [-0.5, 0.0, 0.25], spacing: 0.2, dims: [4, 3, 5] };
+        let node_grid = NodeGrid { origin: [-0.5, 0.0, 0.25], spacing: 0.2, dims: [4, 3, 5] };
         let grid = uniform(1, [4, 3, 5, 2], -1.0..1.0);
-        let mut cases =
-            vec![Case::new(GridSample { place: Placement::lattice(&lattice) }, [grid, uniform(2, [60, 3], -0.6..1.1)])];
+        let mut cases = vec![Case::new(
+            GridSample { place: Placement::node_grid(&node_grid) },
+            [grid, uniform(2, [60, 3], -0.6..1.1)],
+        )];
         let settings = [
             (Interpolation::Linear, Padding::Zeros, false),
             (Interpolation::Linear, Padding::Border, true),
@@ -149,15 +151,15 @@ impl Var {
         Self::run(Rc::new(GridSample { place: Placement::unit(&self.dims()[2..], settings) }), &[self, points])
     }
 
-    /// Trilinear lookup at points `[count, 3]` of a grid `[x, y, z, channels]` whose nodes form `lattice`: `[count,
+    /// Trilinear lookup at points `[count, 3]` of a grid `[x, y, z, channels]` whose nodes form `node_grid`: `[count,
     /// channels]`. Nodes outside count as zero; a point that is not finite has the value NaN. Differentiable in the grid
     /// (any number of times) and in the points (once).
     ///
     /// ```
-    /// use gradreel::{Tape, Tensor, ops::Lattice};
+    /// use gradreel::{Tape, Tensor, ops::NodeGrid};
     /// let tape = Tape::new();
     /// // two nodes along x, one metre apart
-    /// let nodes = Lattice { origin: [0.0; 3], spacing: 1.0, dims: [2, 1, 1] };
+    /// let nodes = NodeGrid { origin: [0.0; 3], spacing: 1.0, dims: [2, 1, 1] };
     /// let grid = tape.leaf(Tensor::from_vec(vec![1.0, 3.0], [2, 1, 1, 1]));
     /// let points = tape.leaf(Tensor::from_vec(vec![0.25, 0.0, 0.0], [1, 3]));
     /// assert_eq!(grid.grid_sample_3d(&points, nodes).item()?, 1.5);
@@ -165,10 +167,10 @@ impl Var {
     /// ```
     ///
     /// # Panics
-    /// When the shapes do not fit, or the lattice has no nodes.
+    /// When the shapes do not fit, or the grid has no nodes.
     #[track_caller]
     #[must_use]
-    pub fn grid_sample_3d(&self, points: &Self, lattice: Lattice) -> Self {
-        Self::run(Rc::new(GridSample { place: Placement::lattice(&lattice) }), &[self, points])
+    pub fn grid_sample_3d(&self, points: &Self, node_grid: NodeGrid) -> Self {
+        Self::run(Rc::new(GridSample { place: Placement::node_grid(&node_grid) }), &[self, points])
     }
 }

@@ -7,7 +7,7 @@ use crate::backend::cpu;
 use crate::backend::gpu::{Gpu, Kernel, Work, sorted_pairs, words};
 use crate::ops::grid::{Extent, Placement};
 use crate::ops::grid_sample::{GridSample, slope};
-use crate::ops::{Case, Entry, GridSampling, Interpolation, Lattice, Padding, uniform};
+use crate::ops::{Case, Entry, GridSampling, Interpolation, NodeGrid, Padding, uniform};
 use crate::tape::{Backward, Forward, Op, Operands, Reads, Var};
 use crate::tensor::for_real;
 use crate::{DType, Result, Spec, Tensor};
@@ -16,9 +16,9 @@ pub(super) const ENTRY: Entry = Entry {
     name: "grid_scatter",
     gpu: true,
     cases: || {
-        let lattice = Lattice { origin: [-0.5, 0.0, 0.25], spacing: 0.2, dims: [4, 3, 5] };
+        let node_grid = NodeGrid { origin: [-0.5, 0.0, 0.25], spacing: 0.2, dims: [4, 3, 5] };
         let at = uniform(2, [60, 3], -0.6..1.1);
-        let place = Placement::lattice(&lattice);
+        let place = Placement::node_grid(&node_grid);
         let mut cases = vec![Case::new(GridScatter { place }, [uniform(1, [60, 2], -1.0..1.0), at])];
         let settings = [
             (Interpolation::Linear, Padding::Border, false),
@@ -115,16 +115,16 @@ impl Op for GridScatter {
 }
 
 impl Var {
-    /// Spreads values `[count, channels]` at points `[count, 3]` to the nodes of `lattice` with trilinear weights:
+    /// Spreads values `[count, channels]` at points `[count, 3]` to the nodes of `node_grid` with trilinear weights:
     /// `[x, y, z, channels]`. What falls on nodes outside is dropped; a point that is not finite makes the nodes of the
     /// first cell NaN. Differentiable in the values (any number of times) and in the points (once). The sums are added up
     /// in the same order whatever the number of threads.
     ///
     /// ```
-    /// use gradreel::{Tape, Tensor, ops::Lattice};
+    /// use gradreel::{Tape, Tensor, ops::NodeGrid};
     /// let tape = Tape::new();
     /// // two nodes along x, one metre apart
-    /// let nodes = Lattice { origin: [0.0; 3], spacing: 1.0, dims: [2, 1, 1] };
+    /// let nodes = NodeGrid { origin: [0.0; 3], spacing: 1.0, dims: [2, 1, 1] };
     /// let mass = tape.leaf(Tensor::from_vec(vec![4.0], [1, 1]));
     /// let points = tape.leaf(Tensor::from_vec(vec![0.25, 0.0, 0.0], [1, 3]));
     /// assert_eq!(mass.grid_scatter_3d(&points, nodes).value()?.slice::<f64>(), [3.0, 1.0]);
@@ -132,10 +132,10 @@ impl Var {
     /// ```
     ///
     /// # Panics
-    /// When the shapes do not fit, or the lattice has no nodes.
+    /// When the shapes do not fit, or the grid has no nodes.
     #[track_caller]
     #[must_use]
-    pub fn grid_scatter_3d(&self, points: &Self, lattice: Lattice) -> Self {
-        Self::run(Rc::new(GridScatter { place: Placement::lattice(&lattice) }), &[self, points])
+    pub fn grid_scatter_3d(&self, points: &Self, node_grid: NodeGrid) -> Self {
+        Self::run(Rc::new(GridScatter { place: Placement::node_grid(&node_grid) }), &[self, points])
     }
 }

@@ -103,7 +103,7 @@ use std::rc::Rc;
 pub use crate::backend::cpu::gemm::Activation;
 pub use convolution::Conv;
 pub(crate) use convolution::{Geometry, Phase};
-pub use grid::{GridSampling, Interpolation, Lattice, Padding};
+pub use grid::{GridSampling, Interpolation, NodeGrid, Padding};
 pub use map::{Map, Pointwise};
 pub use per_axis::PerAxis;
 pub use pool::Pool;

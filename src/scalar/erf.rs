@@ -1,8 +1,8 @@
 //! The error function: for vectors of `f32` within about one unit in the last place, for `f64` within 1e-15.
 //!
-//! In `f32`: near 0 an odd polynomial, farther out `1 − e^{−t − t q(t)}` with a polynomial `q` fitted to `ln erfc`; both
+//! In `f32`: near 0 an odd polynomial, further out `1 − e^{−t − t q(t)}` with a polynomial `q` fitted to `ln erfc`; both
 //! fitted for this file with Lawson's reweighting. Twin of `kernels/shared/erf.wgsl`. In `f64`: Taylor's series near 0,
-//! farther out `erfc z = t e^{−z² + p(t)}` with `t = 2 / (2 + z)` and a Chebyshev series `p` (the form of Numerical
+//! further out `erfc z = t e^{−z² + p(t)}` with `t = 2 / (2 + z)` and a Chebyshev series `p` (the form of Numerical
 //! Recipes, §6.2; the coefficients were computed for this file with 40 digits).
 
 use super::exp_ln::{Lane32, exp_of_moderate, polynomial};

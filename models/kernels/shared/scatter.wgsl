@@ -21,20 +21,20 @@ fn weight(distance: vec3<f32>) -> vec3<f32> {
 }
 
 // Σ w [q + A δ, m] over the records from number `first` on.
-fn scattered(lattice: Lattice, node: vec3<i32>, first: u32) -> vec4<f32> {
-    let place = vec3<f32>(node + lattice.low);
+fn scattered(node_grid: NodeGrid, node: vec3<i32>, first: u32) -> vec4<f32> {
+    let place = vec3<f32>(node + node_grid.low);
     let low = max(node - 2, vec3<i32>(0));
-    let high = min(node, lattice.shape - 3);
+    let high = min(node, node_grid.shape - 3);
     var total = vec4<f32>(0.0);
     for (var x = low.x; x <= high.x; x++) {
         // most of the box is empty: no particle from the first of these cells to the last
-        let first_of_plane = start_of(node_number(lattice, vec3<i32>(x, low.y, low.z)));
-        if first_of_plane == start_of(node_number(lattice, vec3<i32>(x, high.y, high.z)) + 1u) {
+        let first_of_plane = start_of(node_number(node_grid, vec3<i32>(x, low.y, low.z)));
+        if first_of_plane == start_of(node_number(node_grid, vec3<i32>(x, high.y, high.z)) + 1u) {
             continue;
         }
         for (var y = low.y; y <= high.y; y++) {
-            let begin = start_of(node_number(lattice, vec3<i32>(x, y, low.z)));
-            let end = start_of(node_number(lattice, vec3<i32>(x, y, high.z)) + 1u);
+            let begin = start_of(node_number(node_grid, vec3<i32>(x, y, low.z)));
+            let end = start_of(node_number(node_grid, vec3<i32>(x, y, high.z)) + 1u);
             for (var slot = first + begin; slot < first + end; slot++) {
                 let r = array<vec4<f32>, 4>(
                     records[4u * slot], records[4u * slot + 1u], records[4u * slot + 2u], records[4u * slot + 3u]

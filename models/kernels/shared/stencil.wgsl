@@ -10,10 +10,10 @@ struct Stencil {
     delta: array<vec3<f32>, 3>,
 }
 
-fn stencil_of(lattice: Lattice, x: vec3<f32>) -> Stencil {
+fn stencil_of(node_grid: NodeGrid, x: vec3<f32>) -> Stencil {
     var s: Stencil;
-    s.cell = cell_of(lattice, x);
-    let f = x * substep.inverse_dx - vec3<f32>(s.cell + lattice.low);
+    s.cell = cell_of(node_grid, x);
+    let f = x * substep.inverse_dx - vec3<f32>(s.cell + node_grid.low);
     let a = 1.5 - f;
     let b = f - 1.0;
     let c = f - 0.5;

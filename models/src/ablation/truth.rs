@@ -85,7 +85,7 @@ impl Truth {
     }
 
     /// Where a search starts that is to find the truth from afar: magnitudes so many times below and above it in turn, the rest at
-    /// the end of what is plausible that is farther off; without those that `held` names.
+    /// the end of what is plausible that is further off; without those that `held` names.
     pub fn off(&self, factor: f64, held: &[&str]) -> BTreeMap<String, f64> {
         let law = self.law();
         let searched = law.iter().flat_map(|law| law.parameters()).filter(|p| !held.contains(&p.name));

@@ -48,7 +48,7 @@ impl ImagineArguments {
             config.imagine.weights = self.imagine.as_deref().map(whole);
             config.imagine.views = self.views.as_deref().map(whole);
             if config.imagine.weights.as_deref() == Some(Path::new(FileWeights::BUILT_IN)) {
-                // it knows outlines only
+                // it knows silhouettes only
                 config.weights.imagined_colour = 0.0;
             }
         }

@@ -1,6 +1,6 @@
 //! A dense grid over a box: where its nodes are, how many, and the values between them.
 
-use gradreel::ops::Lattice;
+use gradreel::ops::NodeGrid;
 use gradreel::{Error, ErrorKind, Result, Tensor, Var};
 
 use crate::constant;
@@ -89,9 +89,9 @@ impl DenseGrid {
         (0..nx * ny * nz).map(node).collect()
     }
 
-    /// The lattice on which the node numbers of this grid are the coordinates.
-    fn numbers(&self) -> Lattice {
-        Lattice { origin: [0.0; 3], spacing: 1.0, dims: self.dims }
+    /// The grid on which the node numbers of this grid are the coordinates.
+    fn numbers(&self) -> NodeGrid {
+        NodeGrid { origin: [0.0; 3], spacing: 1.0, dims: self.dims }
     }
 
     /// Values `[x, y, z, channels]` at points `[n, 3]` \[m\], trilinear, nodes outside counting as 0: `[n, channels]`.

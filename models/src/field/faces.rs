@@ -21,14 +21,14 @@ const ALIKE: f64 = 0.1;
 impl Field {
     /// The faces of its voxels.
     pub fn faces(&self) -> Faces {
-        let [nx, ny, nz] = self.lattice.dims;
+        let [nx, ny, nz] = self.node_grid.dims;
         let mut numbers = vec![u32::MAX; nx * ny * nz];
         self.voxels.iter().zip(0..).for_each(|(&voxel, number)| numbers[voxel as usize] = number);
         let mut faces = Faces { between: [Vec::new(), Vec::new()], open: vec![6.0; self.len()] };
         for (number, &voxel) in self.voxels.iter().enumerate() {
-            let here = node(&self.lattice, voxel as usize);
+            let here = node(&self.node_grid, voxel as usize);
             for (axis, stride) in [ny * nz, nz, 1].into_iter().enumerate() {
-                if here[axis] + 1 == self.lattice.dims[axis] {
+                if here[axis] + 1 == self.node_grid.dims[axis] {
                     continue;
                 }
                 let next = numbers[voxel as usize + stride];
@@ -57,12 +57,12 @@ impl Faces {
     /// A total variation. Along the axes it neither rounds a box nor draws it in, but closes pits and takes away what sticks out.
     ///
     /// ```
-    /// use gradreel::ops::Lattice;
+    /// use gradreel::ops::NodeGrid;
     /// use gradreel::{Tape, Tensor};
     /// use gradreel_models::field::Field;
     ///
-    /// let lattice = Lattice { origin: [0.0; 3], spacing: 0.01, dims: [5; 3] };
-    /// let faces = Field { lattice, voxels: (0..125).collect() }.faces();
+    /// let grid = NodeGrid { origin: [0.0; 3], spacing: 0.01, dims: [5; 3] };
+    /// let faces = Field { grid, voxels: (0..125).collect() }.faces();
     /// let tape = Tape::new();
     /// let mut opacity = vec![1.0; 125];
     /// let whole = faces.area(&tape.constant(Tensor::from_vec(opacity.clone(), [125, 1])))?.item()?;

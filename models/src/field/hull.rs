@@ -2,7 +2,7 @@
 
 use faer::prelude::Solve;
 use faer::{Mat, Side};
-use gradreel::ops::Lattice;
+use gradreel::ops::NodeGrid;
 use gradreel::{Error, ErrorKind, Result};
 use rayon::prelude::*;
 
@@ -27,8 +27,8 @@ pub struct Sphere {
 /// The voxels of a visual hull.
 #[derive(Debug, Clone)]
 pub struct Hull {
-    /// The lattice they lie on.
-    pub lattice: Lattice,
+    /// The grid they lie on.
+    pub node_grid: NodeGrid,
     /// Flat numbers of the voxels inside, increasing.
     pub voxels: Vec<u32>,
 }
@@ -154,9 +154,9 @@ pub fn hull(clip: &Clip, frame: usize, sphere: &Sphere, spacing: f64, threshold:
         ([camera], [frames]) => Inflated::of(camera, &frames[frame], sphere.centre),
         _ => None,
     };
-    let lattice = Lattice { origin: first.map(|i| (i + 0.5) * spacing), spacing, dims };
+    let node_grid = NodeGrid { origin: first.map(|i| (i + 0.5) * spacing), spacing, dims };
     let inside = |flat: usize| {
-        let point = place(&lattice, flat);
+        let point = place(&node_grid, flat);
         let from_centre: f64 = (0..3).map(|a| (point[a] - sphere.centre[a]).powi(2)).sum();
         let within = inflated.as_ref().is_none_or(|body| body.contains(point, 1.0, spacing));
         from_centre <= sphere.radius * sphere.radius && within && {
@@ -175,7 +175,7 @@ pub fn hull(clip: &Clip, frame: usize, sphere: &Sphere, spacing: f64, threshold:
                 && against <= dissent
         }
     };
-    let voxels: Vec<u32> = (0..lattice.len()).into_par_iter().filter(|&i| inside(i)).map(|i| i as u32).collect();
+    let voxels: Vec<u32> = (0..node_grid.len()).into_par_iter().filter(|&i| inside(i)).map(|i| i as u32).collect();
     if voxels.is_empty() {
         return Err(Error::new(ErrorKind::Input, format!("frame {frame}: the silhouettes have no body in common"))
             .at(clip.root.display())
@@ -185,34 +185,34 @@ pub fn hull(clip: &Clip, frame: usize, sphere: &Sphere, spacing: f64, threshold:
                  geometry.dx (--dx) is smaller than the object",
             ));
     }
-    Ok(Hull { lattice, voxels })
+    Ok(Hull { node_grid, voxels })
 }
 
 /// The numbers along the axes of the voxel of this flat number.
-pub(super) fn node(lattice: &Lattice, flat: usize) -> [usize; 3] {
-    let [_, ny, nz] = lattice.dims;
+pub(super) fn node(node_grid: &NodeGrid, flat: usize) -> [usize; 3] {
+    let [_, ny, nz] = node_grid.dims;
     [flat / (ny * nz), flat / nz % ny, flat % nz]
 }
 
 /// Where the voxel of this flat number is.
-pub(crate) fn place(lattice: &Lattice, flat: usize) -> [f64; 3] {
-    let node = node(lattice, flat);
-    std::array::from_fn(|axis| lattice.origin[axis] + node[axis] as f64 * lattice.spacing)
+pub(crate) fn place(node_grid: &NodeGrid, flat: usize) -> [f64; 3] {
+    let node = node(node_grid, flat);
+    std::array::from_fn(|axis| node_grid.origin[axis] + node[axis] as f64 * node_grid.spacing)
 }
 
 /// Adds what the first camera of a clip saw of the object where imagined views have left nothing along its rays: there it is as
 /// deep as it is wide, part by part. What somebody filmed is there, whatever was imagined.
 ///
-/// The hull's lattice must reach around the object.
+/// The hull's grid must reach around the object.
 pub(crate) fn fill_gaps(hull: Hull, clip: &Clip, frame: usize, centre: [f64; 3], threshold: f32) -> Hull {
     let (camera, seen) = (&clip.cameras[0], &clip.frames[0][frame]);
     let Some(inflated) = Inflated::of(camera, seen, centre) else { return hull };
-    let lattice = hull.lattice;
+    let node_grid = hull.node_grid;
     // pixels that a voxel of the hull covers
     let mut covered = seen.alpha.mapv(|_| false);
     let (height, width) = covered.dim();
-    for [u, v, depth] in hull.voxels.iter().filter_map(|&voxel| camera.project(place(&lattice, voxel as usize))) {
-        let reach = 0.5 * lattice.spacing * camera.fx / depth;
+    for [u, v, depth] in hull.voxels.iter().filter_map(|&voxel| camera.project(place(&node_grid, voxel as usize))) {
+        let reach = 0.5 * node_grid.spacing * camera.fx / depth;
         let range = |x: f64, end: usize| (x - reach).max(0.0) as usize..((x + reach).max(0.0) as usize + 1).min(end);
         let (rows, columns) = (range(v, height), range(u, width));
         if !rows.is_empty() && !columns.is_empty() {
@@ -220,19 +220,19 @@ pub(crate) fn fill_gaps(hull: Hull, clip: &Clip, frame: usize, centre: [f64; 3],
         }
     }
     let missing = |flat: usize| {
-        let point = place(&lattice, flat);
+        let point = place(&node_grid, flat);
         camera.project(point).is_some_and(|[u, v, _]| {
             coverage(seen, u, v).is_some_and(|alpha| alpha >= threshold)
                 && !covered[[v as usize, u as usize]]
-                && inflated.contains(point, 1.0, lattice.spacing)
+                && inflated.contains(point, 1.0, node_grid.spacing)
         })
     };
     // none of them is in the hull, whose voxels cover their own pixels
     let mut voxels: Vec<u32> =
-        (0..lattice.len()).into_par_iter().filter(|&flat| missing(flat)).map(|flat| flat as u32).collect();
+        (0..node_grid.len()).into_par_iter().filter(|&flat| missing(flat)).map(|flat| flat as u32).collect();
     voxels.extend(&hull.voxels);
     voxels.sort_unstable();
-    Hull { lattice, voxels }
+    Hull { node_grid, voxels }
 }
 
 /// Coverage at a point of the image, bilinear; `None` outside, or where the frame's weight excludes it.

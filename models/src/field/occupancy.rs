@@ -62,7 +62,7 @@ impl Occupancy {
         (first[0] != usize::MAX).then(|| [place(first), place(last)])
     }
 
-    /// Whether the node nearest to a point (the one farther from zero, halfway) is occupied; not outside the grid.
+    /// Whether the node nearest to a point (the one further from zero, halfway) is occupied; not outside the grid.
     pub fn contains(&self, x: [f64; 3]) -> bool {
         let (scale, dims) = (self.grid.scale(), self.grid.dims);
         // in this order of rounding, so that ties fall as they do in the published code

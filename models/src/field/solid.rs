@@ -27,11 +27,11 @@ impl Field {
 
     /// Which voxels are neither reached from outside, along the axes through what is not opaque, nor beside one that is.
     fn hidden(&self, opaque: impl Fn(usize) -> bool) -> Vec<bool> {
-        // the lattice with a margin of one, so that all of the outside hangs together
-        let dims = self.lattice.dims.map(|n| n + 2);
+        // the grid with a margin of one, so that all of the outside hangs together
+        let dims = self.node_grid.dims.map(|n| n + 2);
         let strides = [dims[1] * dims[2], dims[2], 1];
         let places = self.voxels.iter().map(|&voxel| {
-            let node = node(&self.lattice, voxel as usize);
+            let node = node(&self.node_grid, voxel as usize);
             (0..3).map(|axis| (node[axis] + 1) * strides[axis]).sum::<usize>()
         });
         let mut full = vec![false; dims.iter().product()];
@@ -58,7 +58,7 @@ impl Field {
 
 #[cfg(test)]
 mod tests {
-    use gradreel::ops::Lattice;
+    use gradreel::ops::NodeGrid;
     use gradreel::optim::Params;
     use gradreel::{DType, Tensor};
 
@@ -70,8 +70,8 @@ mod tests {
         let mut params = Params::new();
         let raw = Tensor::from_vec(nodes.map(raw).collect(), [343, 1]).cast(DType::F32).unwrap();
         params.set("field.density", raw);
-        let lattice = Lattice { origin: [0.0; 3], spacing: 0.1, dims: [7; 3] };
-        (Field { lattice, voxels: (0..343).collect() }, params)
+        let node_grid = NodeGrid { origin: [0.0; 3], spacing: 0.1, dims: [7; 3] };
+        (Field { node_grid, voxels: (0..343).collect() }, params)
     }
 
     fn after_filling(raw: impl Fn([usize; 3]) -> f64) -> impl Fn([usize; 3]) -> f64 {

@@ -7,7 +7,7 @@ use gradreel::{Result, Tensor, Var};
 
 use super::{Occupancy, RadianceField, Reach, with_variation};
 use crate::constant;
-use crate::particles::{Jitter, Sowing, Sown};
+use crate::particles::{Jitter, Seeded, Seeding};
 use crate::render::{FeatureGrid, FeatureSplat, Pixels, RadianceSettings, Rays, render_radiance, splat_features};
 
 /// What counts in the static stage, and how it is rendered. A weight of 0 switches its term off.
@@ -20,8 +20,8 @@ pub struct StaticSettings {
     pub volume: f64,
     /// Weight of the total variation of the density, added to its gradient.
     pub variation: f64,
-    /// Which particles are sown.
-    pub sowing: Sowing,
+    /// Which particles are seeded.
+    pub seeding: Seeding,
     /// How they are spread.
     pub splat: FeatureSplat,
     /// How they are rendered.
@@ -34,7 +34,7 @@ impl Default for StaticSettings {
             entropy: 1e-3,
             volume: 1e-3,
             variation: 0.0,
-            sowing: Sowing::default(),
+            seeding: Seeding::default(),
             splat: FeatureSplat::default(),
             radiance: RadianceSettings::default(),
         }
@@ -53,7 +53,7 @@ pub struct StaticStep {
     /// `Σ clamp(α, 1e-4, 1e-1) · spacing²/8` over particles.
     pub volume: Var,
     /// The particles.
-    pub particles: Sown,
+    pub particles: Seeded,
     /// Their features on the grid that was rendered.
     pub observed: FeatureGrid,
     /// What the rays see.
@@ -86,7 +86,7 @@ pub fn static_step(
     settings: &StaticSettings,
 ) -> Result<StaticStep> {
     let values = field.values(bound)?;
-    let particles = settings.sowing.sow(occupancy, &values, field.shift, jitter)?;
+    let particles = settings.seeding.seed(occupancy, &values, field.shift, jitter)?;
     let spacing = field.grid.spacing;
     let observed = splat_features(&particles.positions, &particles.features, spacing, &settings.splat)?;
     let absorption = settings.radiance.absorption(spacing, field.base_spacing, field.shift);

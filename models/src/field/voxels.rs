@@ -1,6 +1,6 @@
 //! The voxels of a field and what they stand for.
 
-use gradreel::ops::Lattice;
+use gradreel::ops::NodeGrid;
 use gradreel::optim::{Bound, Params};
 use gradreel::{DType, Result, Tape, Tensor, Var};
 use ndarray::Array2;
@@ -14,9 +14,9 @@ use crate::video::Clip;
 /// Opacity and colour are the logistic function of the raw values.
 #[derive(Debug, Clone)]
 pub struct Field {
-    /// The lattice of the voxels; its spacing is the particle spacing \[m\].
-    pub lattice: Lattice,
-    /// Flat numbers of the voxels on the lattice, increasing.
+    /// The grid of the voxels; its spacing is the particle spacing \[m\].
+    pub node_grid: NodeGrid,
+    /// Flat numbers of the voxels on the grid, increasing.
     pub voxels: Vec<u32>,
 }
 
@@ -31,7 +31,7 @@ impl Field {
         let mut params = Params::new();
         params.set("field.density", Tensor::full(FILLED, [count, 1], DType::F32));
         params.set("field.colour", Tensor::from_vec(mean.repeat(count), [count, 3]));
-        (Self { lattice: hull.lattice, voxels: hull.voxels }, params)
+        (Self { node_grid: hull.node_grid, voxels: hull.voxels }, params)
     }
 
     /// The voxels of at least this opacity, with their raw values.
@@ -49,7 +49,7 @@ impl Field {
         for path in ["field.density", "field.colour"] {
             pruned.set(path, bound.get(path)?.index_select(&rows)?.value()?.clone());
         }
-        Ok((Self { lattice: self.lattice, voxels }, pruned))
+        Ok((Self { node_grid: self.node_grid, voxels }, pruned))
     }
 
     /// Number of voxels.
@@ -64,7 +64,7 @@ impl Field {
 
     /// Centres of the voxels \[m\], `[voxels, 3]`.
     pub fn centres(&self) -> Array2<f64> {
-        Array2::from_shape_fn((self.len(), 3), |(i, axis)| place(&self.lattice, self.voxels[i] as usize)[axis])
+        Array2::from_shape_fn((self.len(), 3), |(i, axis)| place(&self.node_grid, self.voxels[i] as usize)[axis])
     }
 
     /// Opacity of the voxels, `[voxels, 1]` in 0…1.

@@ -2,7 +2,7 @@
 //! interruption would make them contradict each other.
 
 use gradreel::io::safetensors::TensorFile;
-use gradreel::ops::Lattice;
+use gradreel::ops::NodeGrid;
 use gradreel::optim::{Adam, Params};
 use gradreel::{Result, Tensor};
 use serde::{Deserialize, Serialize};
@@ -30,7 +30,7 @@ pub struct Reached {
 #[derive(Serialize, Deserialize)]
 struct Header {
     /// Origin \[m\], spacing \[m\] and numbers of nodes.
-    lattice: ([f64; 3], f64, [usize; 3]),
+    node_grid: ([f64; 3], f64, [usize; 3]),
     reached: Reached,
 }
 
@@ -63,10 +63,10 @@ impl Run {
     /// # Errors
     /// What writing returns.
     pub fn save_field(&self, field: &Field, params: &Params, adam: Option<&Adam>, reached: &Reached) -> Result<()> {
-        let Lattice { origin, spacing, dims } = field.lattice;
+        let NodeGrid { origin, spacing, dims } = field.node_grid;
         let mut file = TensorFile::default();
         // one entry, because several would be written in any order: the same voxels are the same file
-        let header = Header { lattice: (origin, spacing, dims), reached: reached.clone() };
+        let header = Header { node_grid: (origin, spacing, dims), reached: reached.clone() };
         file.metadata.insert(HEADER.into(), serde_json::to_string(&header).expect("names and numbers"));
         file.tensors.insert("voxels".into(), Tensor::from_vec(field.voxels.clone(), [field.len()]));
         file.tensors.extend(params.iter().map(|(path, value)| (path.to_owned(), value.clone())));
@@ -98,8 +98,8 @@ impl Run {
     /// [`ErrorKind::Input`](gradreel::ErrorKind::Input) when the file is missing or damaged.
     pub fn load_field(&self, adam: &mut Adam) -> Result<(Field, Params)> {
         let file = self.field_file()?;
-        let (origin, spacing, dims) = self.header(&file)?.lattice;
-        let lattice = Lattice { origin, spacing, dims };
+        let (origin, spacing, dims) = self.header(&file)?.node_grid;
+        let node_grid = NodeGrid { origin, spacing, dims };
         for name in ["voxels", "field.density", "field.colour"] {
             file.get(name).map_err(|e| damaged(&self.folder, FIELD, &e))?;
         }
@@ -115,7 +115,7 @@ impl Run {
         if Adam::is_saved_in(&file) {
             adam.restore(&file).map_err(|e| damaged(&self.folder, FIELD, &e))?;
         }
-        let field = Field { lattice, voxels: voxels.slice::<u32>().to_vec() };
+        let field = Field { node_grid, voxels: voxels.slice::<u32>().to_vec() };
         let kept = |path: &str| path.starts_with("field.") || path == UNKNOWNS;
         let params = file.tensors.into_iter().filter(|(path, _)| kept(path)).collect();
         Ok((field, params))

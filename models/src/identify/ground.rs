@@ -50,9 +50,9 @@ struct Room {
 impl Room {
     fn of(clip: &Clip, frame: usize) -> Option<Self> {
         let (sphere, hull) = rough_hull(clip, frame).ok()?;
-        let spacing = hull.lattice.spacing;
-        let [_, rows, columns] = hull.lattice.dims;
-        let height = |flat: &u32| hull.lattice.origin[1] + (*flat as usize / columns % rows) as f64 * spacing;
+        let spacing = hull.node_grid.spacing;
+        let [_, rows, columns] = hull.node_grid.dims;
+        let height = |flat: &u32| hull.node_grid.origin[1] + (*flat as usize / columns % rows) as f64 * spacing;
         let bottom = hull.voxels.iter().map(height).reduce(f64::min)? - 0.5 * spacing;
         let middle = hull.voxels.iter().map(height).sum::<f64>() / hull.voxels.len() as f64;
         Some(Self { bottom, middle, radius: sphere.radius })

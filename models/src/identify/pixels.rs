@@ -4,7 +4,7 @@ use gradreel::{Result, Tensor, Var};
 
 use crate::constant;
 use crate::field::{ColourNet, RadianceField};
-use crate::particles::Sown;
+use crate::particles::Seeded;
 use crate::physics::{Body, Law, Remat, Schedule, World, rollout};
 use crate::render::{FeatureSplat, Pixels, RadianceSettings, Rays, render_radiance, splat_features};
 
@@ -50,7 +50,7 @@ pub fn is_stiffness(parameter: &str) -> bool {
 /// A body of sown particles: density `α ρ`, moduli and viscosities times α³, all else as it is.
 ///
 /// `velocity` `[3]` \[m/s\] and `parameters` (`[1]` each, SI units, in the order of the law) live on the CPU.
-pub fn body_of(particles: &Sown, velocity: &Var, law: &Law, parameters: &[Var], density: f64) -> Body {
+pub fn body_of(particles: &Seeded, velocity: &Var, law: &Law, parameters: &[Var], density: f64) -> Body {
     let here = |x: &Var| x.to_device(&gradreel::Device::Cpu);
     let opacity = here(&particles.opacity);
     let cubed = &opacity.square() * &opacity;

@@ -435,7 +435,7 @@ fn particle_spacing(clip: &Clip, run: &mut Run) -> Result<f64> {
         return Ok(0.5 * run.config.geometry.dx);
     }
     let (_, hull) = rough_hull(clip, 0)?;
-    let volume = hull.voxels.len() as f64 * hull.lattice.spacing.powi(3);
+    let volume = hull.voxels.len() as f64 * hull.node_grid.spacing.powi(3);
     let count = volume / 0.01f64.powi(3);
     let dx = if (3e3..=4e4).contains(&count) {
         0.02
@@ -455,10 +455,10 @@ fn shrink_factor(clip: &Clip, run: &Run, dx: f64) -> Result<usize> {
         return Ok(run.config.clip.shrink);
     }
     let sphere = bounding_sphere(clip, 0)?;
-    let footprint = clip
+    let memory_estimate = clip
         .cameras
         .iter()
         .filter_map(|camera| camera.project(sphere.centre).map(|[_, _, depth]| depth / camera.fx))
         .fold(0.0f64, f64::max);
-    Ok(((dx / 3.0 / footprint) as usize).max(1))
+    Ok(((dx / 3.0 / memory_estimate) as usize).max(1))
 }

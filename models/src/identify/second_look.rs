@@ -15,7 +15,7 @@ use crate::identify::{Unknowns, law_of};
 const NEAR: f64 = 4.0;
 
 /// The stage that ends it.
-const LOOKED: &str = "auto: bodies that stay";
+const LOOKED: &str = "auto: solids";
 
 impl Stages<'_> {
     /// Looks again at the families of bodies that keep their shape, with the shape and surface that they are given once they are chosen. While the family

@@ -246,6 +246,12 @@ pub struct Bound {
 }
 
 impl Unknowns {
+    /// Depth shear to the right and upwards \[m/m\], and depth scale, a share of the distance: the modes of the body that a single
+    /// camera saw.
+    pub fn depth_modes(&self) -> [f64; 3] {
+        self.lean
+    }
+
     /// The coordinates of the free unknowns.
     pub fn coordinates(&self, law: &Law, free: Free) -> Vec<f64> {
         let coordinate = |unknown| match unknown {

@@ -1,6 +1,6 @@
 //! Views of the first frame that nobody filmed, put around the object where the camera saw it.
 
-use gradreel::ops::Lattice;
+use gradreel::ops::NodeGrid;
 use gradreel::{Error, ErrorKind, Result};
 use ndarray::Array2;
 use rayon::prelude::*;
@@ -65,7 +65,7 @@ pub fn surround(clip: &mut Clip, views: &Clip) -> Result<f64> {
 
 /// A body in the views' coordinates.
 struct Body {
-    lattice: Lattice,
+    node_grid: NodeGrid,
     filled: Vec<bool>,
     sphere: Sphere,
 }
@@ -80,9 +80,9 @@ impl Body {
         let masks: Vec<Array2<bool>> = views.frames.iter().map(|frames| frames[0].alpha.mapv(|a| a > 0.5)).collect();
         let tried = (0..=count / MOST_DISSENT).map(|dissent| {
             let hull = hull(&views, 0, &sphere, sphere.radius / VOXELS, 0.5, dissent)?;
-            let mut filled = vec![false; hull.lattice.len()];
+            let mut filled = vec![false; hull.node_grid.len()];
             hull.voxels.iter().for_each(|&voxel| filled[voxel as usize] = true);
-            let body = Self { lattice: hull.lattice, filled, sphere };
+            let body = Self { node_grid: hull.node_grid, filled, sphere };
             let each = views.cameras.par_iter().zip(&masks);
             let alike: Vec<f64> = each.map(|(camera, mask)| overlap(mask, &body.silhouette(camera))).collect();
             Ok((alike.iter().sum::<f64>(), body, dissent))
@@ -100,14 +100,14 @@ impl Body {
     fn middle(&self) -> [f64; 3] {
         let (mut sum, mut count) = ([0.0; 3], 0.0);
         for (flat, _) in self.filled.iter().enumerate().filter(|(_, filled)| **filled) {
-            sum = plus(sum, place(&self.lattice, flat));
+            sum = plus(sum, place(&self.node_grid, flat));
             count += 1.0;
         }
         sum.map(|s| s / count)
     }
 
     fn is_filled(&self, x: [f64; 3]) -> bool {
-        let Lattice { origin, spacing, dims } = self.lattice;
+        let NodeGrid { origin, spacing, dims } = self.node_grid;
         let node: [f64; 3] = std::array::from_fn(|axis| ((x[axis] - origin[axis]) / spacing).round());
         let inside = (0..3).all(|axis| node[axis] >= 0.0 && node[axis] < dims[axis] as f64);
         let [i, j, k] = node.map(|n| n as usize);

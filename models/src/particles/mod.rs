@@ -1,8 +1,8 @@
 //! Particles: the material points that a field stands for.
 
-mod sowing;
+mod seeding;
 
-pub use sowing::{Jitter, Sowing, Sown};
+pub use seeding::{Jitter, Seeded, Seeding};
 
 use gradreel::optim::Params;
 use gradreel::{DType, ErrorKind, Result, Tape, Tensor};
@@ -43,7 +43,7 @@ impl Particles {
             positions: kept.iter().map(|&i| [centres[[i, 0]], centres[[i, 1]], centres[[i, 2]]]).collect(),
             opacity: kept.iter().map(|&i| opacity[i]).collect(),
             colour: kept.iter().map(|&i| [0, 1, 2].map(|c| colour[3 * i + c])).collect(),
-            spacing: field.lattice.spacing,
+            spacing: field.node_grid.spacing,
         })
     }
 

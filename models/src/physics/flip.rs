@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::denormals::Flush;
 use super::grid::scatter_all;
 use super::kernel::{collect_old, interpolate};
-use super::lattice::Lattice;
+use super::node_grid::NodeGrid;
 use super::row::{Level, Number};
 use super::state::{BLOCK, C, State, V};
 use super::substep::{Simulation, block_len};
@@ -32,7 +32,7 @@ pub(super) struct Old<T> {
 
 impl<T: Number> Simulation<'_, T> {
     /// Node velocities before forces; `grid` holds momentum and mass.
-    pub(super) fn scatter_old(&mut self, now: &State<T>, lattice: &Lattice<T>) {
+    pub(super) fn scatter_old(&mut self, now: &State<T>, node_grid: &NodeGrid<T>) {
         if self.world.flip == 0.0 {
             return;
         }
@@ -49,9 +49,9 @@ impl<T: Number> Simulation<'_, T> {
                 }
             },
         );
-        scatter_all(self.level, lattice, &mut old.grid, &old.scattered, &self.buckets);
+        scatter_all(self.level, node_grid, &mut old.grid, &old.scattered, &self.buckets);
         let least = T::from_f64(self.world.least_mass());
-        let plane = lattice.stride[0].max(1);
+        let plane = node_grid.stride[0].max(1);
         old.grid.par_chunks_mut(plane).zip(self.grid.par_chunks(plane)).for_each(|(old, now)| {
             for (old, now) in old.chunks_exact_mut(4).zip(now.chunks_exact(4)) {
                 if now[3] > least {
@@ -64,7 +64,7 @@ impl<T: Number> Simulation<'_, T> {
     }
 
     /// Gives particles back their share of what the grid did not change.
-    pub(super) fn blend(&self, lattice: &Lattice<T>, now: &State<T>, next: &mut State<T>) {
+    pub(super) fn blend(&self, node_grid: &NodeGrid<T>, now: &State<T>, next: &mut State<T>) {
         if self.world.flip == 0.0 {
             return;
         }
@@ -74,7 +74,7 @@ impl<T: Number> Simulation<'_, T> {
         blocks.enumerate().for_each(|(block, (now, next))| {
             let _flush = Flush::start();
             let mut before = [T::ZERO; 4 * BLOCK];
-            interpolate(level, lattice, grid, now, block_len(particles, block), &mut before);
+            interpolate(level, node_grid, grid, now, block_len(particles, block), &mut before);
             let velocities = &now[V * BLOCK..][..3 * BLOCK];
             let blended = next[V * BLOCK..][..3 * BLOCK].iter_mut();
             for ((v, &own), &before) in blended.zip(velocities).zip(&before) {
@@ -84,7 +84,7 @@ impl<T: Number> Simulation<'_, T> {
     }
 
     /// The cotangents of the momenta before forces, and of the node masses through them.
-    pub(super) fn scatter_old_cotangents(&mut self, lattice: &Lattice<T>, cotangent: &State<T>) {
+    pub(super) fn scatter_old_cotangents(&mut self, node_grid: &NodeGrid<T>, cotangent: &State<T>) {
         if self.world.flip == 0.0 {
             return;
         }
@@ -102,9 +102,9 @@ impl<T: Number> Simulation<'_, T> {
                     *out = record(position(scattered), q, T::ZERO, [T::ZERO; 9]);
                 }
             });
-        scatter_all(self.level, lattice, &mut old.cotangent_grid, &old.gathered, &self.buckets);
+        scatter_all(self.level, node_grid, &mut old.cotangent_grid, &old.gathered, &self.buckets);
         let least = T::from_f64(self.world.least_mass());
-        let plane = lattice.stride[0].max(1);
+        let plane = node_grid.stride[0].max(1);
         let grids = self.cotangent_grid.par_chunks_mut(plane).zip(self.grid.par_chunks(plane));
         let olds = old.cotangent_grid.par_chunks_mut(plane).zip(old.grid.par_chunks(plane));
         grids.zip(olds).for_each(|((on_new, new), (on_old, old))| {
@@ -128,7 +128,7 @@ impl<T: Number> Old<T> {
     pub(super) fn collect(
         &self,
         level: Level,
-        lattice: &Lattice<T>,
+        node_grid: &NodeGrid<T>,
         block: usize,
         now: &[T],
         masses: Lanes<'_, T>,
@@ -140,7 +140,17 @@ impl<T: Number> Old<T> {
         let end = (start + BLOCK).min(self.scattered.len());
         let (scattered, gathered) = (&self.scattered[start..end], &self.gathered[start..end]);
         let mut sums = [T::ZERO; 4 * BLOCK];
-        collect_old(level, lattice, &self.cotangent_grid, &self.grid, scattered, gathered, cotangent, on_c, &mut sums);
+        collect_old(
+            level,
+            node_grid,
+            &self.cotangent_grid,
+            &self.grid,
+            scattered,
+            gathered,
+            cotangent,
+            on_c,
+            &mut sums,
+        );
         for i in 0..scattered.len() {
             let (at, m) = (|component: usize| now[component * BLOCK + i], mass_of(masses, i));
             for axis in 0..3 {

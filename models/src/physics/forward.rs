@@ -10,8 +10,8 @@ use rayon::prelude::*;
 use super::denormals::Flush;
 use super::grid::{OnWorld, scatter_tangents, update, update_jvp};
 use super::kernel::{MOVING, advance_tangent, interpolate_tangent, moving};
-use super::lattice::Lattice;
 use super::law::Run;
+use super::node_grid::NodeGrid;
 use super::row::Number;
 use super::state::{BLOCK, C, F, HISTORY, State, V};
 use super::substep::{Constants, Simulation, block_len, masses, with_scratch};
@@ -77,8 +77,8 @@ impl<T: Number> Simulation<'_, T> {
         if now.is_empty() {
             return Ok(());
         }
-        let lattice = self.scatter(now, &mut next.values)?;
-        self.scatter_old(now, &lattice);
+        let node_grid = self.scatter(now, &mut next.values)?;
+        self.scatter_old(now, &node_grid);
         let (level, world, dt) = (self.level, self.world, self.dt);
         // Taken out, so that the rest of the simulation can be borrowed beside them.
         let mut buffers = std::mem::take(&mut self.tangents);
@@ -86,22 +86,22 @@ impl<T: Number> Simulation<'_, T> {
         // All at once: what waits for one tangent's pieces works on another's.
         tangents.par_iter_mut().zip(&mut buffers).for_each(|(tangent, own)| {
             self.scatter_material(now, tangent, own);
-            scatter_tangents(level, &lattice, &mut own.grid, &self.scattered, &own.records, &self.buckets);
+            scatter_tangents(level, &node_grid, &mut own.grid, &self.scattered, &own.records, &self.buckets);
             if world.flip > 0.0 {
-                self.scatter_old_tangent(now, &lattice, tangent, own);
+                self.scatter_old_tangent(now, &node_grid, tangent, own);
             }
             let change = OnWorld { gravity: tangent.gravity, friction: tangent.friction.clone() };
-            update_jvp(world, &self.obstacles, &lattice, dt, &self.grid, &mut own.grid, &change);
+            update_jvp(world, &self.obstacles, &node_grid, dt, &self.grid, &mut own.grid, &change);
         });
-        update(world, &self.obstacles, &lattice, dt, &mut self.grid);
-        self.advance(&lattice, now, next)?;
+        update(world, &self.obstacles, &node_grid, dt, &mut self.grid);
+        self.advance(&node_grid, now, next)?;
         if tangents.is_empty() {
             return Ok(());
         }
         let mut slopes = std::mem::take(&mut self.slopes);
-        self.move_all(&lattice, now, &self.grid, &mut slopes[0]);
+        self.move_all(&node_grid, now, &self.grid, &mut slopes[0]);
         if world.flip > 0.0 {
-            self.move_all(&lattice, now, &self.old.grid, &mut slopes[1]);
+            self.move_all(&node_grid, now, &self.old.grid, &mut slopes[1]);
         }
         let (particles, [slopes_now, slopes_old]) = (self.particles, &slopes);
         let (flip, step) = (T::from_f64(world.flip), T::from_f64(dt));
@@ -115,11 +115,11 @@ impl<T: Number> Simulation<'_, T> {
                 let mut kept = [T::ZERO; 4 * BLOCK];
                 if flip > T::ZERO {
                     let slopes = &slopes_old[own_slopes.clone()];
-                    interpolate_tangent(level, &lattice, &own.old_grid, slopes, now, tangent, len, &mut kept);
+                    interpolate_tangent(level, &node_grid, &own.old_grid, slopes, now, tangent, len, &mut kept);
                     let own = tangent[V * BLOCK..][..3 * BLOCK].iter();
                     kept.iter_mut().zip(own).for_each(|(kept, &own)| *kept = flip * (own - *kept));
                 }
-                advance_tangent(level, &lattice, &own.grid, &slopes_now[own_slopes], step, now, len, tangent);
+                advance_tangent(level, &node_grid, &own.grid, &slopes_now[own_slopes], step, now, len, tangent);
                 if flip > T::ZERO {
                     let v = tangent[V * BLOCK..][..3 * BLOCK].iter_mut();
                     v.zip(&kept).for_each(|(v, &kept)| *v += kept);
@@ -138,12 +138,12 @@ impl<T: Number> Simulation<'_, T> {
     }
 
     /// What particles gather from a grid, and how that changes as they move: the same for all tangents.
-    fn move_all(&self, lattice: &Lattice<T>, now: &State<T>, grid: &[T], slopes: &mut Vec<T>) {
+    fn move_all(&self, node_grid: &NodeGrid<T>, now: &State<T>, grid: &[T], slopes: &mut Vec<T>) {
         slopes.resize(now.values.len() / now.stride() * MOVING * BLOCK, T::ZERO);
         let blocks = now.values.par_chunks_exact(now.stride()).zip(slopes.par_chunks_exact_mut(MOVING * BLOCK));
         blocks.enumerate().for_each(|(block, (now, slopes))| {
             let _flush = Flush::start();
-            moving(self.level, lattice, grid, now, block_len(self.particles, block), slopes);
+            moving(self.level, node_grid, grid, now, block_len(self.particles, block), slopes);
         });
     }
 
@@ -193,7 +193,7 @@ impl<T: Number> Simulation<'_, T> {
     }
 
     /// The tangents of node velocities before forces.
-    fn scatter_old_tangent(&self, now: &State<T>, lattice: &Lattice<T>, tangent: &Tangent<T>, own: &mut Buffers<T>) {
+    fn scatter_old_tangent(&self, now: &State<T>, node_grid: &NodeGrid<T>, tangent: &Tangent<T>, own: &mut Buffers<T>) {
         own.old_records.resize(self.particles, [T::ZERO; 16]);
         let directions = &own.records;
         let stride = now.stride();
@@ -214,9 +214,9 @@ impl<T: Number> Simulation<'_, T> {
                 }
             });
         let old = &self.old;
-        scatter_tangents(self.level, lattice, &mut own.old_grid, &old.scattered, &own.old_records, &self.buckets);
+        scatter_tangents(self.level, node_grid, &mut own.old_grid, &old.scattered, &own.old_records, &self.buckets);
         let least = T::from_f64(self.world.least_mass());
-        let plane = lattice.stride[0].max(1);
+        let plane = node_grid.stride[0].max(1);
         let changes = own.old_grid.par_chunks_mut(plane).zip(own.grid.par_chunks(plane));
         changes.zip(old.grid.par_chunks(plane).zip(self.grid.par_chunks(plane))).for_each(
             |((changes, new_changes), (old, new))| {

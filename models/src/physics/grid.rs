@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::contact::{Placed, collide, collide_jvp, collide_vjp};
 use super::denormals::Flush;
 use super::kernel::{scatter, scatter_tangent};
-use super::lattice::{Lattice, SLAB};
+use super::node_grid::{NodeGrid, SLAB};
 use super::row::{Level, Number};
 use super::state::BLOCK;
 use super::transfer::Record;
@@ -92,13 +92,13 @@ impl BlockList<'_> {
 /// Clears `grid` and scatters all records into it.
 pub(crate) fn scatter_all<T: Number>(
     level: Level,
-    lattice: &Lattice<T>,
+    node_grid: &NodeGrid<T>,
     grid: &mut Vec<T>,
     records: &[Record<T>],
     buckets: &Buckets,
 ) {
-    by_slabs(lattice, grid, buckets, |first_plane, region, order| {
-        scatter(level, lattice, first_plane, region, records, order);
+    by_slabs(node_grid, grid, buckets, |first_plane, region, order| {
+        scatter(level, node_grid, first_plane, region, records, order);
     });
 }
 
@@ -106,14 +106,14 @@ pub(crate) fn scatter_all<T: Number>(
 /// [`push_tangent`](super::transfer::push_tangent).
 pub(crate) fn scatter_tangents<T: Number>(
     level: Level,
-    lattice: &Lattice<T>,
+    node_grid: &NodeGrid<T>,
     grid: &mut Vec<T>,
     records: &[Record<T>],
     tangents: &[Record<T>],
     buckets: &Buckets,
 ) {
-    by_slabs(lattice, grid, buckets, |first_plane, region, order| {
-        scatter_tangent(level, lattice, first_plane, region, records, tangents, order);
+    by_slabs(node_grid, grid, buckets, |first_plane, region, order| {
+        scatter_tangent(level, node_grid, first_plane, region, records, tangents, order);
     });
 }
 
@@ -125,15 +125,15 @@ thread_local! {
 /// Clears `grid` and visits each slab's region of it with the slab's first plane and its particles; slabs that could touch
 /// the same node are not visited at once.
 fn by_slabs<T: Number>(
-    lattice: &Lattice<T>,
+    node_grid: &NodeGrid<T>,
     grid: &mut Vec<T>,
     buckets: &Buckets,
     visit: impl Fn(usize, &mut [T], &[u32]) + Sync,
 ) {
-    grid.resize(lattice.len(), T::ZERO);
-    grid.par_chunks_mut(lattice.stride[0]).for_each(|plane| plane.fill(T::ZERO));
-    let slab_len = SLAB * lattice.stride[0];
-    let odd_first = (lattice.origin[0].div_euclid(SLAB as i32) & 1) as usize;
+    grid.resize(node_grid.len(), T::ZERO);
+    grid.par_chunks_mut(node_grid.stride[0]).for_each(|plane| plane.fill(T::ZERO));
+    let slab_len = SLAB * node_grid.stride[0];
+    let odd_first = (node_grid.origin[0].div_euclid(SLAB as i32) & 1) as usize;
     for phase in [odd_first, 1 - odd_first] {
         let Some(rest) = grid.get_mut(phase * slab_len..) else { continue };
         rest.par_chunks_mut(2 * slab_len).with_max_len(1).enumerate().for_each(|(pair, region)| {
@@ -151,12 +151,12 @@ fn by_slabs<T: Number>(
 
 /// Turns `[momentum, mass]` into `[velocity, mass]` at every node: gravity, then obstacles. Nodes too light to count get
 /// velocity 0.
-pub(crate) fn update<T: Number>(world: &World, obstacles: &[Placed], lattice: &Lattice<T>, dt: f64, grid: &mut [T]) {
+pub(crate) fn update<T: Number>(world: &World, obstacles: &[Placed], node_grid: &NodeGrid<T>, dt: f64, grid: &mut [T]) {
     let least = T::from_f64(world.least_mass());
     let kick = world.gravity.map(|g| g * dt);
-    each_plane(lattice, grid, |node, value| {
+    each_plane(node_grid, grid, |node, value| {
         if value[3] > least {
-            let v = collide(obstacles, lattice.node(node), free_velocity(value, kick));
+            let v = collide(obstacles, node_grid.node(node), free_velocity(value, kick));
             value[..3].copy_from_slice(&v.map(T::from_f64));
         } else {
             value[..3].fill(T::ZERO);
@@ -178,7 +178,7 @@ pub(crate) struct OnWorld {
 pub(crate) fn update_vjp<T: Number>(
     world: &World,
     obstacles: &[Placed],
-    lattice: &Lattice<T>,
+    node_grid: &NodeGrid<T>,
     dt: f64,
     grid: &mut [T],
     cotangent: &mut [T],
@@ -186,7 +186,7 @@ pub(crate) fn update_vjp<T: Number>(
 ) {
     let least = T::from_f64(world.least_mass());
     let kick = world.gravity.map(|g| g * dt);
-    let plane = lattice.stride[0].max(1);
+    let plane = node_grid.stride[0].max(1);
     let both = grid.par_chunks_mut(plane).zip(cotangent.par_chunks_mut(plane)).enumerate();
     let planes: Vec<OnWorld> = both
         .map(|(x, (values, cotangents))| {
@@ -194,7 +194,7 @@ pub(crate) fn update_vjp<T: Number>(
             let mut sums = OnWorld { gravity: [0.0; 3], friction: vec![0.0; obstacles.len()] };
             for (at, (value, g)) in values.chunks_exact_mut(4).zip(cotangents.chunks_exact_mut(4)).enumerate() {
                 if value[3] > least {
-                    let node = lattice.node([x, at / lattice.shape[2], at % lattice.shape[2]]);
+                    let node = node_grid.node([x, at / node_grid.shape[2], at % node_grid.shape[2]]);
                     let free = free_velocity(value, kick);
                     let after = [g[0], g[1], g[2]].map(Element::to_f64);
                     let (v, before) = collide_vjp(obstacles, node, free, after, &mut sums.friction);
@@ -224,7 +224,7 @@ pub(crate) fn update_vjp<T: Number>(
 pub(crate) fn update_jvp<T: Number>(
     world: &World,
     obstacles: &[Placed],
-    lattice: &Lattice<T>,
+    node_grid: &NodeGrid<T>,
     dt: f64,
     grid: &[T],
     tangent: &mut [T],
@@ -232,7 +232,7 @@ pub(crate) fn update_jvp<T: Number>(
 ) {
     let least = T::from_f64(world.least_mass());
     let kick = world.gravity.map(|g| g * dt);
-    let plane = lattice.stride[0].max(1);
+    let plane = node_grid.stride[0].max(1);
     tangent.par_chunks_mut(plane).zip(grid.par_chunks(plane)).enumerate().for_each(|(x, (tangents, values))| {
         let _flush = Flush::start();
         for (at, (d, value)) in tangents.chunks_exact_mut(4).zip(values.chunks_exact(4)).enumerate() {
@@ -243,7 +243,7 @@ pub(crate) fn update_jvp<T: Number>(
                 let along: [f64; 3] = std::array::from_fn(|i| {
                     (d[i].to_f64() - value[i].to_f64() * on_mass) * per_mass + dt * change.gravity[i]
                 });
-                let node = lattice.node([x, at / lattice.shape[2], at % lattice.shape[2]]);
+                let node = node_grid.node([x, at / node_grid.shape[2], at % node_grid.shape[2]]);
                 d[..3].copy_from_slice(&collide_jvp(obstacles, node, free, along, &change.friction).map(T::from_f64));
                 d[3] = T::ZERO;
             } else {
@@ -260,11 +260,11 @@ fn free_velocity<T: Number>(value: &[T], kick: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|axis| value[axis].to_f64() * per_mass + kick[axis])
 }
 
-fn each_plane<T: Number>(lattice: &Lattice<T>, grid: &mut [T], visit: impl Fn([usize; 3], &mut [T]) + Sync) {
-    grid.par_chunks_mut(lattice.stride[0].max(1)).enumerate().for_each(|(x, plane)| {
+fn each_plane<T: Number>(node_grid: &NodeGrid<T>, grid: &mut [T], visit: impl Fn([usize; 3], &mut [T]) + Sync) {
+    grid.par_chunks_mut(node_grid.stride[0].max(1)).enumerate().for_each(|(x, plane)| {
         let _flush = Flush::start();
         for (at, value) in plane.chunks_exact_mut(4).enumerate() {
-            visit([x, at / lattice.shape[2], at % lattice.shape[2]], value);
+            visit([x, at / node_grid.shape[2], at % node_grid.shape[2]], value);
         }
     });
 }
@@ -288,14 +288,14 @@ mod tests {
     }
 
     fn scattered<T: Number>(level: Level, records: &[Record<T>]) -> Vec<T> {
-        let lattice =
-            Lattice::covering([[-0.9, -0.3, -0.2], [0.9, 0.3, 0.2]].map(|x| x.map(T::from_f64)), 0.05, 1 << 20);
-        let lattice = lattice.unwrap();
+        let node_grid =
+            NodeGrid::covering([[-0.9, -0.3, -0.2], [0.9, 0.3, 0.2]].map(|x| x.map(T::from_f64)), 0.05, 1 << 20);
+        let node_grid = node_grid.unwrap();
         let mut buckets = Buckets::default();
-        let lists = buckets.lists(records.len(), lattice.slabs());
-        lists.zip(records.par_chunks(BLOCK)).for_each(|(list, records)| list.sort(|i| lattice.slab(records[i][7])));
+        let lists = buckets.lists(records.len(), node_grid.slabs());
+        lists.zip(records.par_chunks(BLOCK)).for_each(|(list, records)| list.sort(|i| node_grid.slab(records[i][7])));
         let mut grid = Vec::new();
-        scatter_all(level, &lattice, &mut grid, records, &buckets);
+        scatter_all(level, &node_grid, &mut grid, records, &buckets);
         grid
     }
 

@@ -2,7 +2,7 @@
 
 use gradreel::scalar::Lanes;
 
-use super::lattice::Lattice;
+use super::node_grid::NodeGrid;
 use super::row::{Level, Number, Row};
 use super::state::{BLOCK, C, V};
 use super::stencil::{BATCH, Batch, Moved, Slopes, Stencils};
@@ -102,21 +102,21 @@ unsafe fn spread<T: Number, R: Row<T>>(
 /// The machine must have the instruction set of `R`.
 #[inline(always)]
 unsafe fn gather_all<T: Number, R: Row<T>>(
-    lattice: &Lattice<T>,
+    node_grid: &NodeGrid<T>,
     grid: &[T],
     now: &[T],
     len: usize,
     sums: &mut [T],
     moments: &mut [T],
 ) {
-    lattice.check_whole(grid);
+    node_grid.check_whole(grid);
     let mut found = [[T::ZERO; 16]; BATCH];
     for first in (0..len).step_by(BATCH) {
         let count = (len - first).min(BATCH);
-        let s = Stencils::new(lattice, 0, lattice.shape[0], &batch(now, first, count));
+        let s = Stencils::new(node_grid, 0, node_grid.shape[0], &batch(now, first, count));
         for i in 0..count {
             // SAFETY: the caller's promise; the grid is whole, and the stencils were made for it.
-            found[i] = unsafe { gather::<T, R>(lattice, &s, i, grid) };
+            found[i] = unsafe { gather::<T, R>(node_grid, &s, i, grid) };
         }
         // SAFETY: the caller's promise.
         unsafe { spread::<T, R>(&found, [first, count], sums, moments) };
@@ -182,19 +182,19 @@ by_level! {
 by_level! {
     /// Scatters the records listed in `order` into a region of node planes that starts at `first_plane`.
     fn scatter(
-        lattice: &Lattice<T>,
+        node_grid: &NodeGrid<T>,
         first_plane: usize,
         region: &mut [T],
         records: &[Record<T>],
         order: &[u32],
     ) {
-        let planes = region.len() / lattice.stride[0];
+        let planes = region.len() / node_grid.stride[0];
         for order in order.chunks(BATCH) {
             let of = |i: usize| &records[order[i] as usize];
-            let s = Stencils::new(lattice, first_plane, planes, &positions(order.len(), of));
+            let s = Stencils::new(node_grid, first_plane, planes, &positions(order.len(), of));
             for i in 0..order.len().min(BATCH) {
                 // SAFETY: the instruction set is there, and the stencils were made for the region's planes.
-                unsafe { push::<T, R>(lattice, &s, i, region, of(i)) };
+                unsafe { push::<T, R>(node_grid, &s, i, region, of(i)) };
             }
         }
     }
@@ -203,22 +203,22 @@ by_level! {
 by_level! {
     /// Scatters the tangents of the records listed in `order`; see [`push_tangent`].
     fn scatter_tangent(
-        lattice: &Lattice<T>,
+        node_grid: &NodeGrid<T>,
         first_plane: usize,
         region: &mut [T],
         records: &[Record<T>],
         tangents: &[Record<T>],
         order: &[u32],
     ) {
-        let planes = region.len() / lattice.stride[0];
+        let planes = region.len() / node_grid.stride[0];
         for order in order.chunks(BATCH) {
             let (of, along) = (|i: usize| &records[order[i] as usize], |i: usize| &tangents[order[i] as usize]);
             let x = positions(order.len(), of);
-            let (s, dw) = (Stencils::new(lattice, first_plane, planes, &x), Slopes::new(lattice, &x));
+            let (s, dw) = (Stencils::new(node_grid, first_plane, planes, &x), Slopes::new(node_grid, &x));
             let moved = Moved::new(&s, &dw, &positions(order.len(), along));
             for i in 0..order.len().min(BATCH) {
                 // SAFETY: as in `scatter`.
-                unsafe { push_tangent::<T, R>(lattice, (&s, &dw, &moved), i, region, of(i), along(i)) };
+                unsafe { push_tangent::<T, R>(node_grid, (&s, &dw, &moved), i, region, of(i), along(i)) };
             }
         }
     }
@@ -234,23 +234,23 @@ by_level! {
     /// What the first `len` particles of a block gather (4 arrays), and how it changes as they move along each axis ([`SLOPES`]
     /// arrays each); see [`gather_moving`].
     fn moving(
-        lattice: &Lattice<T>,
+        node_grid: &NodeGrid<T>,
         grid: &[T],
         now: &[T],
         len: usize,
         out: &mut [T],
     ) {
         let len = len.min(BLOCK);
-        lattice.check_whole(grid);
+        node_grid.check_whole(grid);
         let (still, slopes) = out[..MOVING * BLOCK].split_at_mut(4 * BLOCK);
         let mut found = [[[T::ZERO; 16]; BATCH]; 3];
         for first in (0..len).step_by(BATCH) {
             let count = (len - first).min(BATCH);
             let x = batch(now, first, count);
-            let (s, dw) = (Stencils::new(lattice, 0, lattice.shape[0], &x), Slopes::new(lattice, &x));
+            let (s, dw) = (Stencils::new(node_grid, 0, node_grid.shape[0], &x), Slopes::new(node_grid, &x));
             for i in 0..count {
                 // SAFETY: the instruction set is there, and the grid is whole.
-                let of = unsafe { gather_moving::<T, R>(lattice, (&s, &dw), i, grid) };
+                let of = unsafe { gather_moving::<T, R>(node_grid, (&s, &dw), i, grid) };
                 (0..4).for_each(|k| still[k * BLOCK + first + i] = of.sum[k]);
                 (0..3).for_each(|axis| found[axis][i] = of.along[axis]);
             }
@@ -267,7 +267,7 @@ by_level! {
     /// The tangent of a block's gather and motion: reads positions of `now` and what [`moving`] has made, and turns the positions,
     /// velocities and affine velocities of `tangent` from those before the substep into those after it.
     fn advance_tangent(
-        lattice: &Lattice<T>,
+        node_grid: &NodeGrid<T>,
         tangents: &[T],
         moving: &[T],
         dt: T,
@@ -280,7 +280,7 @@ by_level! {
         let (dx, dv) = moved.split_at_mut(V * BLOCK);
         let mut sums = [T::ZERO; 4 * BLOCK];
         // SAFETY: the instruction set is there.
-        unsafe { gather_all::<T, R>(lattice, tangents, now, len, &mut sums, affine) };
+        unsafe { gather_all::<T, R>(node_grid, tangents, now, len, &mut sums, affine) };
         let (still, slopes) = moving[..MOVING * BLOCK].split_at(4 * BLOCK);
         for (axis, slopes) in slopes.chunks_exact(SLOPES * BLOCK).enumerate() {
             let dx = &dx[axis * BLOCK..][..len];
@@ -298,7 +298,7 @@ by_level! {
             dv[at.clone()].copy_from_slice(&sums[at.clone()]);
             dx[at.clone()].iter_mut().zip(&sums[at]).for_each(|(dx, dv)| *dx += dt * *dv);
         }
-        scale(affine, T::from_f64(4.0) * lattice.inverse_dx * lattice.inverse_dx);
+        scale(affine, T::from_f64(4.0) * node_grid.inverse_dx * node_grid.inverse_dx);
     }
 }
 
@@ -320,7 +320,7 @@ fn scale<T: Number>(numbers: &mut [T], factor: T) {
 by_level! {
     /// What the first `len` particles of a block gather from a grid: three arrays, and one that means nothing.
     fn interpolate(
-        lattice: &Lattice<T>,
+        node_grid: &NodeGrid<T>,
         grid: &[T],
         now: &[T],
         len: usize,
@@ -328,14 +328,14 @@ by_level! {
     ) {
         let len = len.min(BLOCK);
         // SAFETY: the instruction set is there.
-        unsafe { gather_all::<T, R>(lattice, grid, now, len, out, &mut [T::ZERO; 9 * BLOCK]) };
+        unsafe { gather_all::<T, R>(node_grid, grid, now, len, out, &mut [T::ZERO; 9 * BLOCK]) };
     }
 }
 
 by_level! {
     /// The tangent of [`interpolate`]; reads what [`moving`] has made, and the positions of `now` and `tangent`.
     fn interpolate_tangent(
-        lattice: &Lattice<T>,
+        node_grid: &NodeGrid<T>,
         tangents: &[T],
         moving: &[T],
         now: &[T],
@@ -345,7 +345,7 @@ by_level! {
     ) {
         let len = len.min(BLOCK);
         // SAFETY: the instruction set is there.
-        unsafe { gather_all::<T, R>(lattice, tangents, now, len, out, &mut [T::ZERO; 9 * BLOCK]) };
+        unsafe { gather_all::<T, R>(node_grid, tangents, now, len, out, &mut [T::ZERO; 9 * BLOCK]) };
         for (axis, slopes) in moving[4 * BLOCK..MOVING * BLOCK].chunks_exact(SLOPES * BLOCK).enumerate() {
             let dx = &tangent[axis * BLOCK..][..len];
             for k in 0..3 {
@@ -396,7 +396,7 @@ fn extent<T: Number>(numbers: &[T]) -> [T; 2] {
 by_level! {
     /// Gathers velocity and affine velocity of the first `len` particles of a block and moves them.
     fn advance(
-        lattice: &Lattice<T>,
+        node_grid: &NodeGrid<T>,
         grid: &[T],
         limits: &Limits<T>,
         now: &[T],
@@ -407,8 +407,8 @@ by_level! {
         let (moved, affine) = next[..(C + 9) * BLOCK].split_at_mut(C * BLOCK);
         let mut sums = [T::ZERO; 4 * BLOCK];
         // SAFETY: the instruction set is there.
-        unsafe { gather_all::<T, R>(lattice, grid, now, len, &mut sums, affine) };
-        scale(affine, T::from_f64(4.0) * lattice.inverse_dx * lattice.inverse_dx);
+        unsafe { gather_all::<T, R>(node_grid, grid, now, len, &mut sums, affine) };
+        scale(affine, T::from_f64(4.0) * node_grid.inverse_dx * node_grid.inverse_dx);
         // The rest array by array, which compilers vectorise.
         let mut motion = Motion { extent: [[T::INFINITY; 3], [-T::INFINITY; 3]], broken: None };
         let mut broken = [false; BLOCK];
@@ -438,7 +438,7 @@ by_level! {
     /// `cotangent` is the block's cotangent at the end of the substep and becomes, in its position and velocity, that at
     /// the start. `affine` receives the cotangent of what was scattered (9 arrays), `mass` adds that of the mass.
     fn collect(
-        lattice: &Lattice<T>,
+        node_grid: &NodeGrid<T>,
         cotangents: &[T],
         velocities: &[T],
         scattered: &[Record<T>],
@@ -453,7 +453,7 @@ by_level! {
         let (on_x, on_v) = cotangent[..C * BLOCK].split_at_mut(V * BLOCK);
         let grids = [cotangents, velocities];
         // SAFETY: the instruction set is there.
-        unsafe { pull_all::<T, R>(lattice, grids, [scattered, gathered], on_x, &mut sums, affine) };
+        unsafe { pull_all::<T, R>(node_grid, grids, [scattered, gathered], on_x, &mut sums, affine) };
         masses.iter_mut().zip(scattered).for_each(|(mass, record)| *mass = record[3]);
         for i in 0..len {
             mass[i] += sums[3 * BLOCK + i];
@@ -477,7 +477,7 @@ by_level! {
 /// The machine must have the instruction set of `R`.
 #[inline(always)]
 unsafe fn pull_all<T: Number, R: Row<T>>(
-    lattice: &Lattice<T>,
+    node_grid: &NodeGrid<T>,
     grids: [&[T]; 2],
     [scattered, gathered]: [&[Record<T>]; 2],
     on_x: &mut [T],
@@ -485,16 +485,16 @@ unsafe fn pull_all<T: Number, R: Row<T>>(
     affine: &mut [T],
 ) {
     let len = scattered.len().min(gathered.len()).min(BLOCK);
-    grids.iter().for_each(|grid| lattice.check_whole(grid));
+    grids.iter().for_each(|grid| node_grid.check_whole(grid));
     let mut found = [[T::ZERO; 16]; BATCH];
     for first in (0..len).step_by(BATCH) {
         let count = (len - first).min(BATCH);
         let x = positions(count, |i| &scattered[first + i]);
-        let (s, dw) = (Stencils::new(lattice, 0, lattice.shape[0], &x), Slopes::new(lattice, &x));
+        let (s, dw) = (Stencils::new(node_grid, 0, node_grid.shape[0], &x), Slopes::new(node_grid, &x));
         for i in 0..count {
             let records = [&scattered[first + i], &gathered[first + i]];
             // SAFETY: the caller's promise; both grids are whole, and the stencils were made for them.
-            let pulled = unsafe { pull::<T, R>(lattice, (&s, &dw), i, grids, records) };
+            let pulled = unsafe { pull::<T, R>(node_grid, (&s, &dw), i, grids, records) };
             (0..3).for_each(|axis| on_x[axis * BLOCK + first + i] += pulled.position[axis]);
             found[i] = pulled.record;
         }
@@ -507,7 +507,7 @@ by_level! {
     /// As [`collect`], for a scatter that carries no mass: adds to the positions of `cotangent`, writes the cotangents of
     /// what was scattered to `affine` (9 arrays) and `sums` (3 arrays and one that means nothing).
     fn collect_old(
-        lattice: &Lattice<T>,
+        node_grid: &NodeGrid<T>,
         cotangents: &[T],
         velocities: &[T],
         scattered: &[Record<T>],
@@ -518,6 +518,6 @@ by_level! {
     ) {
         let on_x = &mut cotangent[..V * BLOCK];
         // SAFETY: the instruction set is there.
-        unsafe { pull_all::<T, R>(lattice, [cotangents, velocities], [scattered, gathered], on_x, sums, affine) };
+        unsafe { pull_all::<T, R>(node_grid, [cotangents, velocities], [scattered, gathered], on_x, sums, affine) };
     }
 }

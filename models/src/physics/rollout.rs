@@ -10,8 +10,8 @@ use gradreel::backend::gpu::Gpu;
 use gradreel::{Backward, DType, Device, Error, ErrorKind, Forward, Op, Operands, Reads, Result, Spec, Tensor, Var};
 
 use super::collider::Contact;
-use super::lattice::neighbours;
 use super::law::Law;
+use super::node_grid::neighbours;
 use super::remat::Remat;
 use super::row::Number;
 use super::scene::{Scene, Substance, simulate};

@@ -3,7 +3,7 @@
 //! They are made number by number for the whole batch, which compilers turn into vectors; the transfers then read one
 //! particle's numbers at a time. Everything here is inlined into [`super::kernel`], which chooses the instruction set.
 
-use super::lattice::Lattice;
+use super::node_grid::NodeGrid;
 use super::row::Number;
 
 /// Particles whose stencils are made together.
@@ -36,22 +36,22 @@ impl<T: Number> Stencils<T> {
     ///
     /// If nine rows of four nodes do not lie in the region for each of them. The memory safety of the transfers rests on it.
     #[inline(always)]
-    pub fn new(lattice: &Lattice<T>, first_plane: usize, planes: usize, x: &[Batch<T>; 3]) -> Self {
+    pub fn new(node_grid: &NodeGrid<T>, first_plane: usize, planes: usize, x: &[Batch<T>; 3]) -> Self {
         let number = |value: f64| T::from_f64(value);
         let zero = [[[T::ZERO; BATCH]; 3]; 3];
         let mut s = Self { w: zero, across: zero, delta: zero, start: [0; BATCH] };
         let mut base = [[0; BATCH]; 3];
         for axis in 0..3 {
             for i in 0..BATCH {
-                let (node, f) = lattice.locate(x[axis][i]);
+                let (node, f) = node_grid.locate(x[axis][i]);
                 base[axis][i] = node;
                 let (a, b, c) = (number(1.5) - f, f - number(1.0), f - number(0.5));
                 s.w[axis][0][i] = number(0.5) * a * a;
                 s.w[axis][1][i] = number(0.75) - b * b;
                 s.w[axis][2][i] = number(0.5) * c * c;
-                s.delta[axis][0][i] = -(f * lattice.dx);
-                s.delta[axis][1][i] = -(b * lattice.dx);
-                s.delta[axis][2][i] = (number(2.0) - f) * lattice.dx;
+                s.delta[axis][0][i] = -(f * node_grid.dx);
+                s.delta[axis][1][i] = -(b * node_grid.dx);
+                s.delta[axis][2][i] = (number(2.0) - f) * node_grid.dx;
             }
         }
         for a in 0..3 {
@@ -61,7 +61,7 @@ impl<T: Number> Stencils<T> {
                 }
             }
         }
-        s.start = lattice.starts(&base, first_plane, planes);
+        s.start = node_grid.starts(&base, first_plane, planes);
         s
     }
 }
@@ -69,13 +69,13 @@ impl<T: Number> Stencils<T> {
 impl<T: Number> Slopes<T> {
     /// Those at `x[axis]` \[m\].
     #[inline(always)]
-    pub fn new(lattice: &Lattice<T>, x: &[Batch<T>; 3]) -> Self {
+    pub fn new(node_grid: &NodeGrid<T>, x: &[Batch<T>; 3]) -> Self {
         let number = |value: f64| T::from_f64(value);
         let mut dw = [[[T::ZERO; BATCH]; 3]; 3];
         for axis in 0..3 {
             for i in 0..BATCH {
-                let f = lattice.locate(x[axis][i]).1;
-                let per_metre = lattice.inverse_dx;
+                let f = node_grid.locate(x[axis][i]).1;
+                let per_metre = node_grid.inverse_dx;
                 dw[axis][0][i] = -((number(1.5) - f) * per_metre);
                 dw[axis][1][i] = number(-2.0) * (f - number(1.0)) * per_metre;
                 dw[axis][2][i] = (f - number(0.5)) * per_metre;

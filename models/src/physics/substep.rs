@@ -17,8 +17,8 @@ use super::flip::Old;
 use super::forward::Buffers;
 use super::grid::{Buckets, scatter_all, update, update_vjp};
 use super::kernel::{Limits, Motion, advance, assemble, collect, momenta};
-use super::lattice::Lattice;
 use super::law::{Law, Run};
+use super::node_grid::NodeGrid;
 use super::row::{Level, Number};
 use super::state::{BLOCK, C, F, HISTORY, State, V, widen};
 use super::totals::{Sink, Totals};
@@ -206,14 +206,14 @@ impl<'a, T: Number> Simulation<'a, T> {
         if now.is_empty() {
             return Ok(());
         }
-        let lattice = self.scatter(now, &mut next.values)?;
-        self.scatter_old(now, &lattice);
-        update(self.world, &self.obstacles, &lattice, self.dt, &mut self.grid);
-        self.advance(&lattice, now, next)
+        let node_grid = self.scatter(now, &mut next.values)?;
+        self.scatter_old(now, &node_grid);
+        update(self.world, &self.obstacles, &node_grid, self.dt, &mut self.grid);
+        self.advance(&node_grid, now, next)
     }
 
     /// Grid to particle, from the node velocities.
-    pub(super) fn advance(&mut self, lattice: &Lattice<T>, now: &State<T>, next: &mut State<T>) -> Result<()> {
+    pub(super) fn advance(&mut self, node_grid: &NodeGrid<T>, now: &State<T>, next: &mut State<T>) -> Result<()> {
         let bounds = self.world.bounds.unwrap_or([[f64::NEG_INFINITY; 3], [f64::INFINITY; 3]]);
         let limits = Limits {
             dt: T::from_f64(self.dt),
@@ -229,7 +229,7 @@ impl<'a, T: Number> Simulation<'a, T> {
             .enumerate()
             .for_each(|(block, ((now, next), motion))| {
                 let _flush = Flush::start();
-                *motion = advance(level, lattice, grid, &limits, now, block_len(particles, block), next);
+                *motion = advance(level, node_grid, grid, &limits, now, block_len(particles, block), next);
             });
         // A state that broke down stays unusable.
         next.extent = [[T::INFINITY; 3]; 2];
@@ -241,7 +241,7 @@ impl<'a, T: Number> Simulation<'a, T> {
                 return Err(failure(self.world, moment, block * BLOCK + at, now, next, source));
             }
         }
-        self.blend(lattice, now, next);
+        self.blend(node_grid, now, next);
         next.extent = self.motions.iter().fold(self.motions[0].extent, |extent, motion| {
             let [low, high] = motion.extent;
             widen(widen(extent, low), high)
@@ -268,19 +268,19 @@ impl<'a, T: Number> Simulation<'a, T> {
         if now.is_empty() {
             return Ok(());
         }
-        let lattice = self.scatter(now, &mut scratch.values)?;
-        self.scatter_old(now, &lattice);
-        self.scatter_cotangents(&lattice, now, cotangent);
+        let node_grid = self.scatter(now, &mut scratch.values)?;
+        self.scatter_old(now, &node_grid);
+        self.scatter_cotangents(&node_grid, now, cotangent);
         update_vjp(
             self.world,
             &self.obstacles,
-            &lattice,
+            &node_grid,
             self.dt,
             &mut self.grid,
             &mut self.cotangent_grid,
             &mut self.totals.world,
         );
-        self.scatter_old_cotangents(&lattice, cotangent);
+        self.scatter_old_cotangents(&node_grid, cotangent);
         let (level, particles, stride) = (self.level, self.particles, now.stride());
         let (grid, cotangent_grid) = (&self.grid, &self.cotangent_grid);
         let constants = Constants::of(self.world, self.dt, &self.mass);
@@ -299,7 +299,7 @@ impl<'a, T: Number> Simulation<'a, T> {
                 let grids = (cotangent_grid.as_slice(), grid.as_slice());
                 collect(
                     level,
-                    &lattice,
+                    &node_grid,
                     grids.0,
                     grids.1,
                     scattered,
@@ -312,7 +312,7 @@ impl<'a, T: Number> Simulation<'a, T> {
                 let mut on_old = [T::ZERO; 9 * BLOCK];
                 if let Some(old) = old {
                     let masses = constants.mass.run(block * BLOCK, scattered.len());
-                    old.collect(level, &lattice, block, now, masses, cotangent, &mut on_old, &mut on_mass);
+                    old.collect(level, &node_grid, block, now, masses, cotangent, &mut on_old, &mut on_mass);
                 }
                 let mut sink = Sink { sums, each };
                 let mut first_place = 1;
@@ -393,17 +393,17 @@ impl<'a, T: Number> Simulation<'a, T> {
     }
 
     /// Material and particle-to-grid: fills `scattered`, the buckets and the grid, and `F` of `next`.
-    pub(super) fn scatter(&mut self, now: &State<T>, next: &mut [T]) -> Result<Lattice<T>> {
+    pub(super) fn scatter(&mut self, now: &State<T>, next: &mut [T]) -> Result<NodeGrid<T>> {
         let time = self.substep as f64 * self.dt;
         self.obstacles.clear();
         self.obstacles.extend(self.world.colliders.iter().map(|collider| Placed::new(collider, time)));
-        let lattice = Lattice::covering(now.extent, self.world.dx, self.world.node_limit)?;
+        let node_grid = NodeGrid::covering(now.extent, self.world.dx, self.world.node_limit)?;
         let constants = Constants::of(self.world, self.dt, &self.mass);
         let (level, portions, particles, stride) = (self.level, &self.portions, self.particles, now.stride());
         now.values
             .par_chunks_exact(stride)
             .zip(next.par_chunks_exact_mut(stride))
-            .zip(self.scattered.par_chunks_mut(BLOCK).zip(self.buckets.lists(particles, lattice.slabs())))
+            .zip(self.scattered.par_chunks_mut(BLOCK).zip(self.buckets.lists(particles, node_grid.slabs())))
             .enumerate()
             .for_each(|(block, ((now, next), (records, list)))| {
                 let _flush = Flush::start();
@@ -418,17 +418,17 @@ impl<'a, T: Number> Simulation<'a, T> {
                     momenta(level, masses, &now[V * BLOCK..], records.len(), q);
                     assemble(level, now, q, affine, records);
                 });
-                list.sort(|i| lattice.slab(now[i]));
+                list.sort(|i| node_grid.slab(now[i]));
             });
-        scatter_all(self.level, &lattice, &mut self.grid, &self.scattered, &self.buckets);
-        Ok(lattice)
+        scatter_all(self.level, &node_grid, &mut self.grid, &self.scattered, &self.buckets);
+        Ok(node_grid)
     }
 
     /// The adjoint of grid-to-particle: a scatter of `gv + dt gx` and `4/dx² gc`.
-    fn scatter_cotangents(&mut self, lattice: &Lattice<T>, now: &State<T>, cotangent: &State<T>) {
+    fn scatter_cotangents(&mut self, node_grid: &NodeGrid<T>, now: &State<T>, cotangent: &State<T>) {
         self.gathered.resize(self.particles, [T::ZERO; 16]);
         let (level, dt) = (self.level, T::from_f64(self.dt));
-        let four = T::from_f64(4.0) * lattice.inverse_dx * lattice.inverse_dx;
+        let four = T::from_f64(4.0) * node_grid.inverse_dx * node_grid.inverse_dx;
         cotangent
             .values
             .par_chunks_exact(cotangent.stride())
@@ -442,7 +442,7 @@ impl<'a, T: Number> Simulation<'a, T> {
                 a.iter_mut().zip(&cotangent[C * BLOCK..]).for_each(|(a, &c)| *a = four * c);
                 assemble(level, now, &q, &a, records);
             });
-        scatter_all(self.level, lattice, &mut self.cotangent_grid, &self.gathered, &self.buckets);
+        scatter_all(self.level, node_grid, &mut self.cotangent_grid, &self.gathered, &self.buckets);
     }
 }
 

@@ -6,10 +6,10 @@
 //! position needs more: it enters through `w` and through `δ` (see [`pull`]; forwards [`push_tangent`], [`gather_moving`]).
 //!
 //! Everything here is `#[inline(always)]` and generic over the [`Row`]; [`super::kernel`] instantiates it. The functions are unsafe
-//! alike: the machine must have the instruction set of `R`, and the stencils must have been made for the lattice and the
+//! alike: the machine must have the instruction set of `R`, and the stencils must have been made for the grid and the
 //! region that are given.
 
-use super::lattice::Lattice;
+use super::node_grid::NodeGrid;
 use super::row::{Number, Row};
 use super::stencil::{BATCH, Batch, Moved, Slopes, Stencils};
 
@@ -53,7 +53,7 @@ fn nodes<T: Number>(numbers: &[Batch<T>; 3], i: usize) -> [T; 3] {
 /// See the head of this file.
 #[inline(always)]
 pub(crate) unsafe fn push<T: Number, R: Row<T>>(
-    lattice: &Lattice<T>,
+    node_grid: &NodeGrid<T>,
     s: &Stencils<T>,
     i: usize,
     region: &mut [T],
@@ -71,7 +71,7 @@ pub(crate) unsafe fn push<T: Number, R: Row<T>>(
         for a in 0..3 {
             let plane = along_x.mul_add(R::splat(s.delta[0][a][i]), centre);
             for b in 0..3 {
-                let at = region.as_mut_ptr().add(s.start[i] + a * lattice.stride[0] + b * lattice.stride[1]);
+                let at = region.as_mut_ptr().add(s.start[i] + a * node_grid.stride[0] + b * node_grid.stride[1]);
                 let value = along_y.mul_add(R::splat(s.delta[1][b][i]), plane);
                 value.mul_add(R::splat(s.across[a][b][i]), R::load(at)).store(at);
             }
@@ -89,7 +89,7 @@ pub(crate) type Gathered<T> = [T; 16];
 /// See the head of this file; the region is the whole grid.
 #[inline(always)]
 pub(crate) unsafe fn gather<T: Number, R: Row<T>>(
-    lattice: &Lattice<T>,
+    node_grid: &NodeGrid<T>,
     s: &Stencils<T>,
     i: usize,
     grid: &[T],
@@ -99,10 +99,10 @@ pub(crate) unsafe fn gather<T: Number, R: Row<T>>(
         let zero = R::splat(T::ZERO);
         let (mut sum, mut along_x, mut along_y) = (zero, zero, zero);
         for a in 0..3 {
-            let at = grid.as_ptr().add(s.start[i] + a * lattice.stride[0]);
+            let at = grid.as_ptr().add(s.start[i] + a * node_grid.stride[0]);
             let (mut plane, mut plane_y) = (zero, zero);
             for b in 0..3 {
-                let row = R::load(at.add(b * lattice.stride[1])).mul(R::splat(s.w[1][b][i]));
+                let row = R::load(at.add(b * node_grid.stride[1])).mul(R::splat(s.w[1][b][i]));
                 plane = plane.add(row);
                 plane_y = row.mul_add(R::splat(s.delta[1][b][i]), plane_y);
             }
@@ -126,7 +126,7 @@ pub(crate) unsafe fn gather<T: Number, R: Row<T>>(
 /// See the head of this file.
 #[inline(always)]
 pub(crate) unsafe fn push_tangent<T: Number, R: Row<T>>(
-    lattice: &Lattice<T>,
+    node_grid: &NodeGrid<T>,
     (s, dw, moved): (&Stencils<T>, &Slopes<T>, &Moved<T>),
     i: usize,
     region: &mut [T],
@@ -143,7 +143,7 @@ pub(crate) unsafe fn push_tangent<T: Number, R: Row<T>>(
             let delta = R::splat(s.delta[0][a][i]);
             let (plane1, plane2) = (x1.mul_add(delta, centre1), x2.mul_add(delta, centre2));
             for b in 0..3 {
-                let at = region.as_mut_ptr().add(s.start[i] + a * lattice.stride[0] + b * lattice.stride[1]);
+                let at = region.as_mut_ptr().add(s.start[i] + a * node_grid.stride[0] + b * node_grid.stride[1]);
                 let delta = R::splat(s.delta[1][b][i]);
                 let (value, change) = (y1.mul_add(delta, plane1), y2.mul_add(delta, plane2));
                 let by_weight = change.mul(R::splat(s.across[a][b][i]));
@@ -171,7 +171,7 @@ pub(crate) struct Moving<T> {
 /// See the head of this file; the region is the whole grid.
 #[inline(always)]
 pub(crate) unsafe fn gather_moving<T: Number, R: Row<T>>(
-    lattice: &Lattice<T>,
+    node_grid: &NodeGrid<T>,
     (s, Slopes(dw)): (&Stencils<T>, &Slopes<T>),
     i: usize,
     grid: &[T],
@@ -182,10 +182,10 @@ pub(crate) unsafe fn gather_moving<T: Number, R: Row<T>>(
         // by the weights along x and y, by the derivative along x, by that along y; each the sum, along x, along y
         let (mut plain, mut by_x, mut by_y) = ([zero; 3], [zero; 3], [zero; 3]);
         for a in 0..3 {
-            let at = grid.as_ptr().add(s.start[i] + a * lattice.stride[0]);
+            let at = grid.as_ptr().add(s.start[i] + a * node_grid.stride[0]);
             let (mut plane, mut plane_y, mut sloped, mut sloped_y) = (zero, zero, zero, zero);
             for b in 0..3 {
-                let row = R::load(at.add(b * lattice.stride[1]));
+                let row = R::load(at.add(b * node_grid.stride[1]));
                 let delta = R::splat(s.delta[1][b][i]);
                 let (weighted, slope) = (row.mul(R::splat(s.w[1][b][i])), row.mul(R::splat(dw[1][b][i])));
                 (plane, plane_y) = (plane.add(weighted), weighted.mul_add(delta, plane_y));
@@ -237,7 +237,7 @@ pub(crate) struct Pulled<T> {
 /// See the head of this file; the region is the whole of both grids.
 #[inline(always)]
 pub(crate) unsafe fn pull<T: Number, R: Row<T>>(
-    lattice: &Lattice<T>,
+    node_grid: &NodeGrid<T>,
     (s, Slopes(dw)): (&Stencils<T>, &Slopes<T>),
     i: usize,
     [cotangents, velocities]: [&[T]; 2],
@@ -252,12 +252,12 @@ pub(crate) unsafe fn pull<T: Number, R: Row<T>>(
         let (mut sum, mut along_x, mut along_y, mut velocity) = (zero, zero, zero, zero);
         let (mut by_x, mut by_y, mut by_z) = (zero, zero, zero);
         for a in 0..3 {
-            let step = a * lattice.stride[0] + s.start[i];
+            let step = a * node_grid.stride[0] + s.start[i];
             let delta = R::splat(s.delta[0][a][i]);
             let (plane1, plane2) = (x1.mul_add(delta, centre1), x2.mul_add(delta, centre2));
             let (mut sum_a, mut along_y_a, mut velocity_a, mut by_y_a, mut by_z_a) = (zero, zero, zero, zero, zero);
             for b in 0..3 {
-                let at = step + b * lattice.stride[1];
+                let at = step + b * node_grid.stride[1];
                 let (g, v) = (R::load(cotangents.as_ptr().add(at)), R::load(velocities.as_ptr().add(at)));
                 let (delta, w) = (R::splat(s.delta[1][b][i]), R::splat(s.w[1][b][i]));
                 let work = y1.mul_add(delta, plane1).mul(g);

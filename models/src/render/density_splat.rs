@@ -1,6 +1,6 @@
 //! The normalised splat: features of particles, averaged around the nodes of a grid.
 
-use gradreel::ops::Lattice;
+use gradreel::ops::NodeGrid;
 use gradreel::{Error, ErrorKind, Result, Var};
 
 use crate::constant;
@@ -47,11 +47,11 @@ pub struct FeatureGrid {
 /// many nodes; [`ErrorKind::Input`] without particles.
 pub fn splat_features(positions: &Var, features: &Var, spacing: f64, settings: &FeatureSplat) -> Result<FeatureGrid> {
     let (first, dims) = tight(positions, spacing, settings.least_weight)?;
-    let lattice = Lattice { origin: first.map(|i| i as f64 * spacing), spacing, dims };
+    let node_grid = NodeGrid { origin: first.map(|i| i as f64 * spacing), spacing, dims };
     let count = features.dims()[0];
     let channels = features.dims()[1];
     let ones = constant::numbers(features, vec![1.0; count], [count, 1])?;
-    let sums = features.concat(&[&ones], 1).grid_scatter_3d(positions, lattice);
+    let sums = features.concat(&[&ones], 1).grid_scatter_3d(positions, node_grid);
     let (sum, weight) = (sums.slice(3, 0..channels), sums.slice(3, channels..channels + 1));
     let least = constant::numbers(features, vec![settings.least_weight], [1])?;
     let empty = constant::numbers(features, vec![settings.empty], [1])?;

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use gradreel::ops::Lattice;
+use gradreel::ops::NodeGrid;
 use gradreel::scalar::Real;
 use gradreel::{DType, Error, ErrorKind, Result, Tape, Tensor};
 use rayon::prelude::*;
@@ -55,51 +55,51 @@ pub fn render_jvp(
     }
     let tape = Tape::new();
     let [x, opacity, colour] = [positions, opacity, colour].map(|tensor| tape.constant(tensor.clone()));
-    let lattice = cover(&x, settings.spacing)?;
+    let node_grid = cover(&x, settings.spacing)?;
     let (places, values) = (settings.places(&x), settings.values(&opacity, &colour));
-    let grid = sharpen(&values.grid_scatter_3d(&places, lattice), lattice, surface.sharpening)?;
+    let grid = sharpen(&values.grid_scatter_3d(&places, node_grid), node_grid, surface.sharpening)?;
     let (grid, places, values) = (grid.value()?, places.value()?, values.value()?);
     Ok(match positions.dtype() {
-        DType::F64 => tangents_of::<f64>(&lattice, surface, [places, values, grid], directions, rays),
-        _ => tangents_of::<f32>(&lattice, surface, [places, values, grid], directions, rays),
+        DType::F64 => tangents_of::<f64>(&node_grid, surface, [places, values, grid], directions, rays),
+        _ => tangents_of::<f32>(&node_grid, surface, [places, values, grid], directions, rays),
     })
 }
 
 fn tangents_of<T: Real>(
-    lattice: &Lattice,
+    node_grid: &NodeGrid,
     surface: &Surface,
     [positions, values, grid]: [&Tensor; 3],
     directions: &[Tensor],
     rays: &Rays,
 ) -> (Tensor, Tensor) {
-    let mut tangents = spread::<T>(lattice, positions, directions, values);
+    let mut tangents = spread::<T>(node_grid, positions, directions, values);
     if surface.sharpening > 0.0 && !directions.is_empty() {
-        tangents = sharpened(&tangents, lattice.dims, 4 * directions.len(), surface.sharpening);
+        tangents = sharpened(&tangents, node_grid.dims, 4 * directions.len(), surface.sharpening);
     }
-    let scene = Scene::<T>::new(lattice, surface, grid.slice());
+    let scene = Scene::<T>::new(node_grid, surface, grid.slice());
     let [pixels, changes] = along(&scene, &tangents, directions.len(), rays);
     (Tensor::from_vec(pixels, [rays.len(), 4]), Tensor::from_vec(changes, [rays.len(), directions.len(), 4]))
 }
 
 /// How the grid of the splat changes, `[nodes, directions, 4]`: each particle's values times the slope of its weight.
-fn spread<T: Real>(lattice: &Lattice, positions: &Tensor, directions: &[Tensor], values: &Tensor) -> Vec<T> {
+fn spread<T: Real>(node_grid: &NodeGrid, positions: &Tensor, directions: &[Tensor], values: &Tensor) -> Vec<T> {
     let width = 4 * directions.len();
-    let mut grid = vec![T::ZERO; lattice.len() * width];
+    let mut grid = vec![T::ZERO; node_grid.len() * width];
     let (positions, values): (&[T], &[T]) = (positions.slice(), values.slice());
     let directions: Vec<&[T]> = directions.iter().map(Tensor::slice).collect();
-    let inverse = T::from_f64(1.0 / lattice.spacing);
-    let [_, ny, nz] = lattice.dims;
+    let inverse = T::from_f64(1.0 / node_grid.spacing);
+    let [_, ny, nz] = node_grid.dims;
     // parts move as the particles that they belong to do
     let count = directions.first().map_or(1, |direction| direction.len() / 3).max(1);
     for (part, value) in values.chunks_exact(4).enumerate() {
         let p = part % count;
         let (mut base, mut near, mut far) = (0, [T::ZERO; 3], [T::ZERO; 3]);
         for axis in 0..3 {
-            let g = (positions[3 * part + axis] - T::from_f64(lattice.origin[axis])) * inverse;
-            let cell = (g.to_f64().max(0.0) as usize).min(lattice.dims[axis].saturating_sub(2));
+            let g = (positions[3 * part + axis] - T::from_f64(node_grid.origin[axis])) * inverse;
+            let cell = (g.to_f64().max(0.0) as usize).min(node_grid.dims[axis].saturating_sub(2));
             far[axis] = g - T::from_f64(cell as f64);
             near[axis] = T::ONE - far[axis];
-            base = base * lattice.dims[axis] + cell;
+            base = base * node_grid.dims[axis] + cell;
         }
         for corner in 0..8usize {
             let side = [corner >> 2 & 1, corner >> 1 & 1, corner & 1];

@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use gradreel::ops::Lattice;
+use gradreel::ops::NodeGrid;
 use gradreel::scalar::Real;
 use gradreel::{Backward, DType, Error, ErrorKind, Forward, Op, Operands, Reads, Result, Spec, Tensor, Var};
 use rayon::prelude::*;
@@ -55,14 +55,14 @@ const PARTS: usize = 8;
 /// `T_{k+1} = T_k e^{−τ_k}`, colour `Σ w_k c_k`.
 ///
 /// # Errors
-/// [`ErrorKind::Shape`] when the grid is not that of the lattice.
-pub fn march(grid: &Var, lattice: Lattice, rays: &Arc<Rays>, surface: &Surface) -> Result<Var> {
-    grid.apply(March { lattice, rays: rays.clone(), surface: surface.clone() }, &[])
+/// [`ErrorKind::Shape`] when the grid is not that of the grid.
+pub fn march(grid: &Var, node_grid: NodeGrid, rays: &Arc<Rays>, surface: &Surface) -> Result<Var> {
+    grid.apply(March { node_grid, rays: rays.clone(), surface: surface.clone() }, &[])
 }
 
 #[derive(Debug)]
 struct March {
-    lattice: Lattice,
+    node_grid: NodeGrid,
     rays: Arc<Rays>,
     surface: Surface,
 }
@@ -80,7 +80,7 @@ pub(super) struct Sample<T> {
     pub after: T,
 }
 
-/// The lattice and the surface law in the working precision.
+/// The grid and the surface law in the working precision.
 pub(super) struct Scene<'a, T> {
     values: &'a [T],
     origin: [T; 3],
@@ -95,16 +95,16 @@ pub(super) struct Scene<'a, T> {
 }
 
 impl<'a, T: Real> Scene<'a, T> {
-    pub fn new(lattice: &Lattice, surface: &Surface, values: &'a [T]) -> Self {
+    pub fn new(node_grid: &NodeGrid, surface: &Surface, values: &'a [T]) -> Self {
         let real = T::from_f64;
         Self {
             values,
-            origin: lattice.origin.map(real),
-            last_cell: lattice.dims.map(|n| n.saturating_sub(2)),
-            upper: lattice.dims.map(|n| real(n.saturating_sub(1) as f64)),
-            stride: [lattice.dims[1] * lattice.dims[2] * 4, lattice.dims[2] * 4],
-            inverse: real(1.0 / lattice.spacing),
-            step: real(surface.step * lattice.spacing),
+            origin: node_grid.origin.map(real),
+            last_cell: node_grid.dims.map(|n| n.saturating_sub(2)),
+            upper: node_grid.dims.map(|n| real(n.saturating_sub(1) as f64)),
+            stride: [node_grid.dims[1] * node_grid.dims[2] * 4, node_grid.dims[2] * 4],
+            inverse: real(1.0 / node_grid.spacing),
+            step: real(surface.step * node_grid.spacing),
             depth: real(surface.depth),
             low: real(surface.low),
             steepness: real(1.0 / surface.width),
@@ -202,7 +202,7 @@ impl<'a, T: Real> Scene<'a, T> {
 
 impl March {
     fn forward<T: Real>(&self, grid: &Tensor) -> Vec<T> {
-        let scene = Scene::<T>::new(&self.lattice, &self.surface, grid.slice());
+        let scene = Scene::<T>::new(&self.node_grid, &self.surface, grid.slice());
         let mut pixels = vec![T::ZERO; self.rays.len() * 4];
         pixels.par_chunks_mut(4).with_min_len(256).enumerate().for_each(|(r, pixel)| {
             let mut colour = [T::ZERO; 3];
@@ -217,7 +217,7 @@ impl March {
     }
 
     fn backward<T: Real>(&self, grid: &Tensor, cotangent: &Tensor) -> Vec<T> {
-        let scene = Scene::<T>::new(&self.lattice, &self.surface, grid.slice());
+        let scene = Scene::<T>::new(&self.node_grid, &self.surface, grid.slice());
         let wanted = cotangent.slice::<T>();
         let part = self.rays.len().div_ceil(PARTS).max(1);
         let one = |p: usize| {
@@ -259,10 +259,10 @@ impl Op for March {
     }
 
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
-        let [x, y, z] = self.lattice.dims;
+        let [x, y, z] = self.node_grid.dims;
         let [grid] = Spec::exactly(self.name(), inputs)?;
         if grid.shape.dims() != [x, y, z, 4] || !grid.dtype.is_real() || x.min(y).min(z) < 2 {
-            return Err(Error::new(ErrorKind::Shape, "march: the grid is not that of the lattice")
+            return Err(Error::new(ErrorKind::Shape, "march: the grid is not that of the grid")
                 .found(format!("{grid:?}"))
                 .wanted(format!("[{x}, {y}, {z}, 4], at least 2 nodes per axis")));
         }

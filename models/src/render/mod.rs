@@ -55,7 +55,7 @@ pub fn render(
     settings: &Splat,
     surface: &Surface,
 ) -> Result<Var> {
-    let (grid, lattice) = splat(positions, opacity, colour, settings)?;
-    let grid = sharpen(&grid, lattice, surface.sharpening)?;
-    march(&grid, lattice, rays, surface)
+    let (grid, node_grid) = splat(positions, opacity, colour, settings)?;
+    let grid = sharpen(&grid, node_grid, surface.sharpening)?;
+    march(&grid, node_grid, rays, surface)
 }

@@ -50,7 +50,7 @@ pub struct Weights {
     pub colour: f64,
     /// Weight of a squared coverage residual.
     pub coverage: f64,
-    /// What colours of imagined views count, in shares of those of real ones; 0 where a model knows outlines better than colours.
+    /// What colours of imagined views count, in shares of those of real ones; 0 where a model knows silhouettes better than colours.
     pub imagined_colour: f64,
 }
 

@@ -1,6 +1,6 @@
 //! Sharpening: what a grid of trilinear weights has lost of thin parts.
 
-use gradreel::ops::Lattice;
+use gradreel::ops::NodeGrid;
 use gradreel::scalar::Real;
 use gradreel::{Backward, DType, Error, ErrorKind, Forward, Op, Operands, Reads, Result, Spec, Tensor, Var};
 use rayon::prelude::*;
@@ -12,15 +12,15 @@ use rayon::prelude::*;
 /// looked up; `share` 1 takes away both. It makes what is rough on the scale of a cell rougher, three times at `share` 1.
 ///
 /// # Errors
-/// [`ErrorKind::Shape`] when the grid is not one of the lattice.
-pub fn sharpen(grid: &Var, lattice: Lattice, share: f64) -> Result<Var> {
+/// [`ErrorKind::Shape`] when the grid is not one of the grid.
+pub fn sharpen(grid: &Var, node_grid: NodeGrid, share: f64) -> Result<Var> {
     // nothing to do is no node
-    if share == 0.0 { Ok(grid.clone()) } else { grid.apply(Sharpen { lattice, share }, &[]) }
+    if share == 0.0 { Ok(grid.clone()) } else { grid.apply(Sharpen { node_grid, share }, &[]) }
 }
 
 #[derive(Debug)]
 struct Sharpen {
-    lattice: Lattice,
+    node_grid: NodeGrid,
     share: f64,
 }
 
@@ -62,11 +62,11 @@ impl Sharpen {
         let channels = values.dims()[3];
         match values.dtype() {
             DType::F64 => Tensor::from_vec(
-                sharpened::<f64>(values.slice(), self.lattice.dims, channels, self.share),
+                sharpened::<f64>(values.slice(), self.node_grid.dims, channels, self.share),
                 values.shape(),
             ),
             _ => Tensor::from_vec(
-                sharpened::<f32>(values.slice(), self.lattice.dims, channels, self.share),
+                sharpened::<f32>(values.slice(), self.node_grid.dims, channels, self.share),
                 values.shape(),
             ),
         }
@@ -81,9 +81,9 @@ impl Op for Sharpen {
     fn infer(&self, inputs: &[Spec]) -> Result<Spec> {
         let [grid] = Spec::exactly(self.name(), inputs)?;
         let dims = grid.shape.dims();
-        if dims.len() != 4 || dims[..3] != self.lattice.dims || !grid.dtype.is_real() {
-            let [x, y, z] = self.lattice.dims;
-            return Err(Error::new(ErrorKind::Shape, "sharpen: the grid is not one of the lattice")
+        if dims.len() != 4 || dims[..3] != self.node_grid.dims || !grid.dtype.is_real() {
+            let [x, y, z] = self.node_grid.dims;
+            return Err(Error::new(ErrorKind::Shape, "sharpen: the grid is not one of the grid")
                 .found(format!("{grid:?}"))
                 .wanted(format!("[{x}, {y}, {z}, channels]")));
         }
@@ -100,6 +100,6 @@ impl Op for Sharpen {
 
     /// The operator is symmetric.
     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
-        Ok(vec![Some(sharpen(cx.gradient(), self.lattice, self.share)?)])
+        Ok(vec![Some(sharpen(cx.gradient(), self.node_grid, self.share)?)])
     }
 }

@@ -1,6 +1,6 @@
 //! Splat: opacity and premultiplied colour of particles, spread to a grid with trilinear weights.
 
-use gradreel::ops::Lattice;
+use gradreel::ops::NodeGrid;
 use gradreel::{Error, ErrorKind, Result, Tensor, Var};
 
 use crate::particles::Particles;
@@ -32,10 +32,10 @@ impl Splat {
 /// # Errors
 /// [`ErrorKind::NonFinite`] for a position that is not finite; [`ErrorKind::Physics`] when the particles are spread over
 /// more than 2²⁶ nodes.
-pub fn splat(positions: &Var, opacity: &Var, colour: &Var, settings: &Splat) -> Result<(Var, Lattice)> {
-    let lattice = cover(positions, settings.spacing)?;
+pub fn splat(positions: &Var, opacity: &Var, colour: &Var, settings: &Splat) -> Result<(Var, NodeGrid)> {
+    let node_grid = cover(positions, settings.spacing)?;
     let (places, values) = (settings.places(positions), settings.values(opacity, colour));
-    Ok((values.grid_scatter_3d(&places, lattice), lattice))
+    Ok((values.grid_scatter_3d(&places, node_grid), node_grid))
 }
 
 impl Splat {
@@ -69,8 +69,8 @@ impl Splat {
     }
 }
 
-/// The lattice of multiples of `spacing` around all positions, one node wider on every side than their cells.
-pub(super) fn cover(positions: &Var, spacing: f64) -> Result<Lattice> {
+/// The grid of multiples of `spacing` around all positions, one node wider on every side than their cells.
+pub(super) fn cover(positions: &Var, spacing: f64) -> Result<NodeGrid> {
     let values = positions.value()?.to_vec()?;
     let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     for (p, position) in values.chunks(3).enumerate() {
@@ -95,5 +95,5 @@ pub(super) fn cover(positions: &Var, spacing: f64) -> Result<Lattice> {
             .found(format!("{extent:?} nodes at a spacing of {spacing} m"))
             .fix("look for particles that flew away: the step may be too large or the material too soft"));
     }
-    Ok(Lattice { origin: first.map(|x| x * spacing), spacing, dims: extent.map(|n| n as usize) })
+    Ok(NodeGrid { origin: first.map(|x| x * spacing), spacing, dims: extent.map(|n| n as usize) })
 }

@@ -289,14 +289,14 @@ fn notes(
     if let Some(contact) = run.state.contact {
         notes.push(("First frame in contact".into(), contact.to_string()));
     }
-    let [right, up, farther] = found.unknowns.lean;
+    let [right, up, scale] = found.unknowns.depth_modes();
     if [right, up] != [0.0; 2] {
-        let lean = format!("{right:.2} m deeper for each metre to the right, {up:.2} m for each upwards");
-        notes.push(("How it leans away from its only camera".into(), lean));
+        let shear = format!("{right:.2} m deeper for each metre to the right, {up:.2} m for each upwards");
+        notes.push(("Depth shear".into(), shear));
     }
-    if farther != 0.0 {
-        let share = format!("{:+.1} % of what its fall alone says, as it is where it lands", 100.0 * farther);
-        notes.push(("How much farther away it is".into(), share));
+    if scale != 0.0 {
+        let share = format!("{:+.1} % of what its fall alone says, as it is where it lands", 100.0 * scale);
+        notes.push(("Depth scale".into(), share));
     }
     for (candidate, behind) in compared(&run.state.candidates, found.observed.pictures()) {
         let Candidate { family, seen, foretold, all, .. } = candidate;

@@ -235,7 +235,7 @@
     gl.uniform3fv(uniform("low"), scene.low);
     gl.uniform3fv(uniform("extent"), scene.extent.map((x) => (x * 65535) / STEPS));
     gl.uniform1f(uniform("blend"), clock.frame - frame);
-    const drawn = shadow ? 1.2 * radius : radius; // wide enough for the shadow of a lattice to have no holes
+    const drawn = shadow ? 1.2 * radius : radius; // wide enough for the shadow of a grid to have no holes
     gl.uniform1f(uniform("pixels"), (drawn * canvas.height) / Math.tan(FIELD_OF_VIEW / 2));
     gl.uniform1f(uniform("floorHeight"), scene.ground || 0);
     gl.uniform1f(uniform("shadow"), shadow ? 1 : 0);

@@ -1,4 +1,4 @@
-//! Particles that fill a shape: one in each cell of a lattice, a little off its centre.
+//! Particles that fill a shape: one in each cell of a grid, a little off its centre.
 
 use std::collections::HashSet;
 use std::f64::consts::PI;
@@ -12,14 +12,14 @@ use super::mesh::{BESIDE, Mesh, ply};
 use crate::mesh_files;
 use crate::text::unmarked;
 
-/// Most lattice cells that are looked at for one shape.
+/// Most grid cells that are looked at for one shape.
 const MOST_CELLS: f64 = 2e8;
 /// How far particles lie off the centres of their cells, at most, in cells; keeps neighbours apart.
 const JITTER: f64 = 0.25;
 
-/// Cells of a finer lattice that are looked at for one shape; see [`sample`].
+/// Cells of a finer grid that are looked at for one shape; see [`sample`].
 const MOST_FINE_CELLS: usize = 20_000_000;
-/// Times that the lattice is made twice as fine where it misses the volume of a shape by more than [`MISSED`] of it.
+/// Times that the grid is made twice as fine where it misses the volume of a shape by more than [`MISSED`] of it.
 const MOST_HALVINGS: usize = 3;
 const MISSED: f64 = 0.25;
 /// Cells along each axis at least, where a volume is counted because there is no formula.
@@ -55,7 +55,7 @@ pub fn fill(shape: &Shape, spacing: f64, seed: u64, folder: &Path) -> Result<Vec
 }
 
 /// The particles of a shape as [`fill`] makes them, with their volume: that of the shape, shared alike, however coarse the
-/// lattice. Where a lattice of this spacing would miss the shape, a finer one is taken.
+/// grid. Where a grid of this spacing would miss the shape, a finer one is taken.
 ///
 /// The particles of a file count as `spacing³` each; where several share a cube of that size, they share its volume.
 ///
@@ -71,7 +71,7 @@ pub fn fill(shape: &Shape, spacing: f64, seed: u64, folder: &Path) -> Result<Vec
 /// ```
 ///
 /// # Errors
-/// [`ErrorKind::Input`] for a shape without size, one too small to hold a particle or too large for the lattice, and for
+/// [`ErrorKind::Input`] for a shape without size, one too small to hold a particle or too large for the grid, and for
 /// files that cannot be used.
 pub fn body(shape: &Shape, spacing: f64, seed: u64, folder: &Path) -> Result<Body> {
     let body = match shape {
@@ -118,7 +118,7 @@ fn crowded(positions: &[[f64; 3]], spacing: f64) -> f64 {
     if share < 0.5 { share } else { 1.0 }
 }
 
-/// Particles inside a shape of this volume, which is counted if it is not known: one in each cell of a lattice, finer where
+/// Particles inside a shape of this volume, which is counted if it is not known: one in each cell of a grid, finer where
 /// that is too coarse for the shape.
 fn sample(
     mut cells: Cells,

@@ -10,7 +10,7 @@ const BACKGROUND: [f64; 3] = [244.0, 246.0, 249.0];
 const FLOOR: [f64; 3] = [222.0, 226.0, 232.0];
 const LINES: [f64; 3] = [200.0, 206.0, 215.0];
 const OBSTACLE: [f64; 3] = [150.0, 156.0, 166.0];
-/// Towards the light, in the camera's axes: right, up, towards the eye.
+/// Towards the light, in the camera's axes: right, up, towards the camera.
 const LIGHT: [f64; 3] = [-0.42, 0.68, 0.60];
 /// Points that show one obstacle, at most, along each direction of its surface.
 const POINTS: f64 = 120.0;
@@ -18,7 +18,7 @@ const POINTS: f64 = 120.0;
 /// Where a picture is taken from, and how large it is.
 #[derive(Debug, Clone)]
 pub struct View {
-    eye: [f64; 3],
+    position: [f64; 3],
     /// Right, up, backwards.
     axes: [[f64; 3]; 3],
     /// Pixels per unit of tangent.
@@ -50,17 +50,17 @@ impl View {
         let target = camera.target_m.unwrap_or([middle[0], middle[1] - 0.05 * reach, middle[2]]);
         let half = camera.field_of_view_deg.unwrap_or(35.0).to_radians() / 2.0;
         let distance = 0.62 * reach / half.sin();
-        let eye = camera.eye_m.unwrap_or_else(|| {
+        let position = camera.eye_m.unwrap_or_else(|| {
             let direction = unit([0.55, 0.38, 0.9]);
             std::array::from_fn(|axis| target[axis] + distance * direction[axis])
         });
-        let back = unit(minus(eye, target));
+        let back = unit(minus(position, target));
         let aside = cross([0.0, 1.0, 0.0], back);
         // Looking straight up or down, any direction is to the right.
         let right = if dot(aside, aside) > 1e-12 { unit(aside) } else { [1.0, 0.0, 0.0] };
         let axes = [right, cross(back, right), back];
         let size = camera.pixels.unwrap_or([480, 360]);
-        Self { eye, axes, focal: size[1] as f64 / 2.0 / half.tan(), size, floor, centre: target, reach }
+        Self { position, axes, focal: size[1] as f64 / 2.0 / half.tan(), size, floor, centre: target, reach }
     }
 
     /// Particles of this radius \[m\], each in the colour of its object, and obstacles where they are at time `t` \[s\].
@@ -81,8 +81,8 @@ impl View {
 
     /// Column, row and depth of a point in front of the camera.
     fn project(&self, x: [f64; 3]) -> Option<[f64; 3]> {
-        let from_eye = minus(x, self.eye);
-        let [right, up, back] = self.axes.map(|axis| dot(axis, from_eye));
+        let from_camera = minus(x, self.position);
+        let [right, up, back] = self.axes.map(|axis| dot(axis, from_camera));
         let depth = -back;
         (depth > 1e-3 * self.reach).then(|| {
             let scale = self.focal / depth;
@@ -96,11 +96,11 @@ impl View {
         let up = (self.size[1] as f64 / 2.0 - row as f64 - 0.5) / self.focal;
         let ray: [f64; 3] = std::array::from_fn(|i| across * self.axes[0][i] + up * self.axes[1][i] - self.axes[2][i]);
         let Some(floor) = self.floor else { return (BACKGROUND, f64::INFINITY) };
-        let depth = (floor - self.eye[1]) / ray[1];
+        let depth = (floor - self.position[1]) / ray[1];
         if !(depth > 0.0 && depth.is_finite()) {
             return (BACKGROUND, f64::INFINITY);
         }
-        let at = [self.eye[0] + depth * ray[0], self.eye[2] + depth * ray[2]];
+        let at = [self.position[0] + depth * ray[0], self.position[2] + depth * ray[2]];
         let away = ((at[0] - self.centre[0]).hypot(at[1] - self.centre[2]) / (2.5 * self.reach)).min(1.0);
         // One line every decimetre, metre, … : about ten across the scene.
         let step = 10_f64.powf((self.reach / 4.0).log10().floor());

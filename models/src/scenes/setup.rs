@@ -7,7 +7,7 @@ use gradreel::{Error, ErrorKind, Result};
 use super::file::{Barrier, Ground, Obstacle, Precision, SceneFile, Substance, Touch};
 use super::fill::body;
 use crate::nearest::{listed, nearest};
-use crate::physics::{Collider, Contact, Lattice, Law, Map, Region, Schedule, Values, World, is_thin, materials};
+use crate::physics::{Collider, Contact, Law, Map, NodeGrid, Region, Schedule, Values, World, is_thin, materials};
 use crate::vector::{bounds, cross, minus, norm, plus, rotation, times, unit};
 
 /// The heaviest particle \[kg\]: sums of more in `f32` would not be finite.
@@ -195,7 +195,7 @@ impl Setup {
         let start = self.velocities.iter().copied().map(norm).fold(0.0, f64::max);
         let [low, high] = bounds(self.positions.iter().copied());
         let floor = file.ground.as_ref().map_or(low[1], |ground| ground.height_m.min(low[1]));
-        // Not farther than the duration allows.
+        // Not further than the duration allows.
         let g = norm(self.world.gravity);
         let fallen = (2.0 * g * (high[1] - floor)).sqrt().min(g * time.duration_s);
         let pushed = self.world.colliders.iter().map(|c| norm(c.motion.velocity)).fold(0.0, f64::max);
@@ -239,8 +239,8 @@ impl Setup {
         let corners = bounds(self.positions.iter().copied());
         let (dx, limit) = (self.world.dx, self.world.node_limit);
         let covered = match self.precision {
-            Precision::F32 => Lattice::<f32>::covering(corners.map(|x| x.map(|x| x as f32)), dx, limit).map(|_| ()),
-            Precision::F64 => Lattice::<f64>::covering(corners, dx, limit).map(|_| ()),
+            Precision::F32 => NodeGrid::<f32>::covering(corners.map(|x| x.map(|x| x as f32)), dx, limit).map(|_| ()),
+            Precision::F64 => NodeGrid::<f64>::covering(corners, dx, limit).map(|_| ()),
         };
         covered.map_err(|e| {
             e.with_kind(ErrorKind::Input).fix(

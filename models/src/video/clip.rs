@@ -82,7 +82,7 @@ pub struct Flight {
     pub velocity: [f64; 3],
     /// Covariance of the velocity \[m²/s²\]: along the line of sight it is known least.
     pub velocity_covariance: [[f64; 3]; 3],
-    /// Covariance of the velocity with the distance as a share of it \[m/s\]: if the object is farther away, it is faster.
+    /// Covariance of the velocity with the distance as a share of it \[m/s\]: if the object is further away, it is faster.
     pub velocity_with_distance: [f64; 3],
     /// Gravity \[m/s²\].
     pub gravity: [f64; 3],
@@ -95,7 +95,7 @@ pub struct Flight {
     /// Standard deviation of the object's distance as a share of it: that of every length.
     pub deviation: f64,
     /// Whether the world's metres, those of the ground among them, follow from this fall; otherwise the camera is calibrated, and only the
-    /// object may be nearer or farther.
+    /// object may be nearer or further.
     pub scales_world: bool,
 }
 

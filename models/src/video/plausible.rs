@@ -7,7 +7,7 @@ use gradreel::{Error, ErrorKind, Result};
 use super::camera::Camera;
 use super::clip::WARNING;
 
-/// Largest coordinate of a camera \[m\]: farther from the origin, single precision loses the object's motion.
+/// Largest coordinate of a camera \[m\]: further from the origin, single precision loses the object's motion.
 const FARTHEST: f64 = 1e4;
 
 /// Angles of view that a pinhole camera can have \[degrees\].

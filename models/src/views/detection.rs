@@ -12,9 +12,9 @@ use super::{ImageBox, Ring};
 /// ```
 /// use gradreel_models::views::{Detection, ImageBox, Ring};
 ///
-/// let (ring, outline) = (Ring::published(16), ImageBox { low: [0.4; 2], high: [0.6; 2] });
+/// let (ring, bounds) = (Ring::published(16), ImageBox { low: [0.4; 2], high: [0.6; 2] });
 /// let covered = |depth| {
-///     let found = ring.covered(16, 0.5, &Detection { outline, depth });
+///     let found = ring.covered(16, 0.5, &Detection { bounds, depth });
 ///     found.into_iter().filter(|inside| *inside).count()
 /// };
 /// assert!(covered(Some(1.5)) > 0 && covered(Some(1.5)) < covered(None));
@@ -22,22 +22,22 @@ use super::{ImageBox, Ring};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Detection {
     /// The box in the input image.
-    pub outline: ImageBox,
+    pub bounds: ImageBox,
     /// Depth of the object's middle along the axis of the input camera, in units of the model (the cube of voxels has
     /// side 1); `None` where only the direction is known.
     pub depth: Option<f64>,
 }
 
 impl From<ImageBox> for Detection {
-    fn from(outline: ImageBox) -> Self {
-        Self { outline, depth: None }
+    fn from(bounds: ImageBox) -> Self {
+        Self { bounds, depth: None }
     }
 }
 
 impl Detection {
     /// The least and the greatest depth of the object, with a margin in shares of the image.
     pub(super) fn depths(&self, ring: &Ring, margin: f64) -> Option<[f64; 2]> {
-        let side = (0..2).map(|axis| self.outline.high[axis] - self.outline.low[axis]).fold(0.0, f64::max);
+        let side = (0..2).map(|axis| self.bounds.high[axis] - self.bounds.low[axis]).fold(0.0, f64::max);
         self.depth.map(|middle| {
             let half = (0.5 * side + margin) * middle / ring.focal;
             [middle - half, middle + half]
@@ -48,15 +48,15 @@ impl Detection {
     /// distance.
     #[must_use]
     pub fn jittered(self, sides: f64, depth: f64, key: Key) -> Self {
-        let outline = self.outline.jittered(sides, key);
+        let bounds = self.bounds.jittered(sides, key);
         // numbers 0 to 3 move the sides
         let by = key.normal(5).nth(4).expect("five numbers");
-        Self { outline, depth: self.depth.map(|middle| middle * (1.0 + depth * by).max(0.1)) }
+        Self { bounds, depth: self.depth.map(|middle| middle * (1.0 + depth * by).max(0.1)) }
     }
 
     /// Refuses what is nowhere.
     pub(super) fn check(&self) -> Result<()> {
-        self.outline.check()?;
+        self.bounds.check()?;
         self.depth.map_or(Ok(()), Self::check_depth)
     }
 

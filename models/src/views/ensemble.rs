@@ -32,7 +32,7 @@ pub struct Ensemble {
 }
 
 impl Ensemble {
-    /// The denoiser of some weights, with so many views at once (see [`super::Footprint::at_once`]).
+    /// The denoiser of some weights, with so many views at once (see [`super::MemoryEstimate::at_once`]).
     ///
     /// # Errors
     /// When a weight is missing or mis-shaped, or threads cannot be started.

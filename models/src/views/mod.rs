@@ -8,7 +8,7 @@
 //! ```
 //!
 //! A run from a picture to its views: [`FileWeights`] gives the weights, [`Subject`] is what the model knows about the picture,
-//! [`Sampling`] the state of the run, which asks an [`Ensemble`] for the noise in the views, as many at once as [`Footprint`]
+//! [`Sampling`] the state of the run, which asks an [`Ensemble`] for the noise in the views, as many at once as [`MemoryEstimate`]
 //! allows; [`decode`] makes pictures of the latents.
 //!
 //! [`spatial_aware`] corrects the spatial volume such that the object is where the picture shows it. [`Training`] trains a model,
@@ -42,7 +42,7 @@ mod subject;
 mod sampler;
 mod sampler_file;
 mod without_input;
-mod footprint;
+mod memory_estimate;
 mod ensemble;
 mod preview;
 mod decoding;
@@ -55,11 +55,11 @@ pub use decoding::decode;
 pub use denoiser::{Condition, Denoiser, DenoiserSizes, Look, Output, Target, Told};
 pub use detection::Detection;
 pub use ensemble::Ensemble;
-pub use footprint::Footprint;
-pub(crate) use footprint::megabytes;
 pub use frustum_net::{FrustumNet, FrustumSizes};
 pub use image::prepare;
 pub use image_box::ImageBox;
+pub use memory_estimate::MemoryEstimate;
+pub(crate) use memory_estimate::megabytes;
 pub use model::{Model, ModelSizes, UNUSED};
 pub use picture::open_picture;
 pub use preview::LatentColours;

@@ -34,7 +34,7 @@ impl Sampling {
         // as tensors: decimal text may lose the last bit
         put("elevation", &Tensor::from_vec(vec![subject.elevation], [1]));
         put("guidance", &Tensor::from_vec(vec![*guidance], [1]));
-        if let Some(Detection { outline: ImageBox { low, high }, depth }) = subject.seen {
+        if let Some(Detection { bounds: ImageBox { low, high }, depth }) = subject.seen {
             let known: Vec<f64> = low.into_iter().chain(high).chain(depth).collect();
             put("seen", &Tensor::from_vec(known.clone(), [known.len()]));
         }
@@ -74,7 +74,7 @@ impl Sampling {
                 None => None,
                 Some(tensor) => match tensor.to_vec()?[..] {
                     [left, top, right, bottom, ref depth @ ..] if depth.len() < 2 => Some(Detection {
-                        outline: ImageBox { low: [left, top], high: [right, bottom] },
+                        bounds: ImageBox { low: [left, top], high: [right, bottom] },
                         depth: depth.first().copied(),
                     }),
                     _ => return Err(damaged("seen", format!("{:?}", tensor.spec()))),

@@ -105,7 +105,7 @@ fn between_writes_of_a_round_that_does_not_help() {
 fn between_writes_of_a_choice_of_family() {
     let whole = killed_between_writes(TINY, "auto", "gauss_newton", (5..).step_by(17));
     assert_eq!(whole.0["candidates"].as_array().unwrap().len(), 5);
-    assert!(has_finished(&whole, "bodies that stay"), "{:#}", whole.0);
+    assert!(has_finished(&whole, "solids"), "{:#}", whole.0);
 }
 
 #[test]

@@ -1,6 +1,5 @@
 //! The command line as its users meet it: the program itself, its exit codes, its messages and what it leaves behind.
 
-mod again;
 mod bad_clips;
 mod bad_settings;
 mod bench;
@@ -19,6 +18,7 @@ mod model;
 mod places;
 #[path = "../video/onnx_file.rs"]
 mod onnx_file;
+mod resimulate;
 mod resumed;
 mod results;
 mod scene;

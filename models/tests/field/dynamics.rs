@@ -3,7 +3,7 @@
 use gradreel::{DType, Device, Tape, Tensor, Var};
 use gradreel_models::field::RadianceField;
 use gradreel_models::identify::{FramePixels, MotionSettings, body_of, dynamic_step};
-use gradreel_models::particles::{Jitter, Sowing};
+use gradreel_models::particles::{Jitter, Seeding};
 use gradreel_models::physics::{Collider, Contact, Law, Map, Schedule, World, materials};
 use gradreel_models::render::Rays;
 
@@ -89,10 +89,10 @@ fn dynamic(name: &str) {
         let tape = Tape::new();
         let bound = params.bind(&tape);
         let jitter = Jitter::Given(file.points("jitter_unit"));
-        let sown = Sowing::default().sow(&occupancy, &field.values(&bound).unwrap(), field.shift, &jitter).unwrap();
-        place.close_var("positions", &sown.positions, file.get("positions"));
-        place.close_var("alpha", &sown.opacity, file.get("alpha"));
-        place.close_var("features", &sown.features, file.get("particle_features"));
+        let seeded = Seeding::default().seed(&occupancy, &field.values(&bound).unwrap(), field.shift, &jitter).unwrap();
+        place.close_var("positions", &seeded.positions, file.get("positions"));
+        place.close_var("alpha", &seeded.opacity, file.get("alpha"));
+        place.close_var("features", &seeded.features, file.get("particle_features"));
         let here = |name: &str| tape.leaf(file.tensor(name).cast(place.dtype).unwrap());
         let velocity = here("velocity");
         let raw: Vec<Var> = names
@@ -103,10 +103,10 @@ fn dynamic(name: &str) {
             })
             .collect();
         let values: Vec<Var> = names.iter().zip(&raw).map(|(name, raw)| value_of(&file, name, raw)).collect();
-        let body = body_of(&sown, &velocity, &law, &values, file.number("rho"));
+        let body = body_of(&seeded, &velocity, &law, &values, file.number("rho"));
         let net = field.colours(&bound).unwrap();
         let (motion, loss) =
-            dynamic_step(&body, &sown.features, &world_of(&file), &law, schedule, &field, &net, &frames, &settings)
+            dynamic_step(&body, &seeded.features, &world_of(&file), &law, schedule, &field, &net, &frames, &settings)
                 .unwrap();
         for f in 0..frames.len() {
             let positions = motion.select(0, f);

@@ -30,8 +30,8 @@ fn centre(t: f64) -> [f64; 3] {
 
 /// A camera on a ring around the scene.
 fn camera(id: i64, azimuth: f64, height: f64) -> Camera {
-    let eye = [2.2 * azimuth.sin(), height, 2.2 * azimuth.cos()];
-    let back = [eye[0], eye[1] - 0.6, eye[2]];
+    let camera = [2.2 * azimuth.sin(), height, 2.2 * azimuth.cos()];
+    let back = [camera[0], camera[1] - 0.6, camera[2]];
     let length = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
     let back = back.map(|x| x / length(back));
     let right = [back[2], 0.0, -back[0]].map(|x| x / length([back[2], 0.0, -back[0]]));
@@ -40,7 +40,7 @@ fn camera(id: i64, azimuth: f64, height: f64) -> Camera {
         back[2] * right[0] - back[0] * right[2],
         back[0] * right[1] - back[1] * right[0],
     ];
-    let c2w = [0, 1, 2].map(|i| [right[i], up[i], back[i], eye[i]]);
+    let c2w = [0, 1, 2].map(|i| [right[i], up[i], back[i], camera[i]]);
     let size = SIZE as f64;
     Camera { id, width: SIZE, height: SIZE, fx: 1.8 * size, fy: 1.8 * size, cx: size / 2.0, cy: size / 2.0, c2w }
 }
@@ -302,6 +302,6 @@ fn a_still_field_of_the_first_frame() {
     println!("{psnr:.1} dB, {particles} particles, {:?}", fit.field.grid);
     assert!(psnr > 20.0, "{psnr:.1} dB");
     // at first there was fog in every place
-    let places = settings.step.sowing.places(&Occupancy::full(fit.field.grid.clone())).len();
+    let places = settings.step.seeding.places(&Occupancy::full(fit.field.grid.clone())).len();
     assert!(8 * particles < 3 * places, "{particles} particles in {places} places");
 }

@@ -9,6 +9,6 @@ mod grids;
 mod harness;
 mod losses;
 mod rendering;
-mod sowing;
+mod seeding;
 mod steps;
 mod temporal;

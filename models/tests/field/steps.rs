@@ -2,7 +2,7 @@
 
 use gradreel::Tape;
 use gradreel_models::field::{RadianceField, StaticSettings, static_step};
-use gradreel_models::particles::{Jitter, Sowing};
+use gradreel_models::particles::{Jitter, Seeding};
 
 use crate::grids::grid_of;
 use crate::harness::{File, channels_first, places};
@@ -22,7 +22,7 @@ fn a_static_step_and_its_gradients() {
         entropy: file.number("entropy_weight"),
         volume: file.number("volume_weight"),
         variation: 0.0,
-        sowing: Sowing { least_opacity: file.number("mask_thres"), ..Sowing::default() },
+        seeding: Seeding { least_opacity: file.number("mask_thres"), ..Seeding::default() },
         radiance: settings_of(&file),
         ..StaticSettings::default()
     };

@@ -117,6 +117,6 @@ fn velocity_and_distance_scatter_as_is_said() {
             assert!((found - said).abs() < 0.1 * scale, "{i}, {j}: {said:.3e} said, {found:.3e} found, of {scale:.3e}");
         }
     }
-    // who is farther away falls faster
+    // who is further away falls faster
     assert!(said(1, 3) < -0.8 * (said(1, 1) * said(3, 3)).sqrt(), "{with:?}");
 }

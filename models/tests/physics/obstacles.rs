@@ -43,7 +43,7 @@ fn slope(degrees: f64) -> [[f64; 3]; 2] {
 }
 
 /// What stands on a floor, on a slope.
-fn leaning(block: &[[f64; 3]], [down, normal]: [[f64; 3]; 2]) -> Vec<[f64; 3]> {
+fn tilted(block: &[[f64; 3]], [down, normal]: [[f64; 3]; 2]) -> Vec<[f64; 3]> {
     let place = |x: &[f64; 3], i: usize| x[0] * down[i] + x[1] * normal[i] + if i == 2 { x[2] } else { 0.0 };
     block.iter().map(|x| std::array::from_fn(|i| place(x, i))).collect()
 }
@@ -51,7 +51,7 @@ fn leaning(block: &[[f64; 3]], [down, normal]: [[f64; 3]; 2]) -> Vec<[f64; 3]> {
 /// A block on a slope of 30°: its velocity \[m/s\] down the slope and away from it after a tenth of a second.
 fn on_a_slope(contact: Contact, start: f64) -> [f64; 2] {
     let [down, normal] = slope(30.0);
-    let block = leaning(&cube(6, DX, [0.0, 0.2 * DX, 0.0]), [down, normal]);
+    let block = tilted(&cube(6, DX, [0.0, 0.2 * DX, 0.0]), [down, normal]);
     let world = World { colliders: vec![Collider::plane([0.0; 3], normal, contact)], ..World::new(DX) };
     let end = run(&world, ("neo_hookean", &[1e5, 0.0]), &block, down.map(|d| start * d), (5e-4, 200), |_| ());
     let v = mean(&end.velocities());
@@ -103,7 +103,7 @@ fn a_slab_on_an_oblique_slope_stays_if_that_is_rough_enough() {
     let slid = |degrees: f64| {
         let [down, normal] = slope(degrees);
         let slab: Vec<[f64; 3]> = cube(12, DX, [0.0, 0.2 * DX, 0.0]).into_iter().filter(|x| x[1] < 3.2 * DX).collect();
-        let slab = leaning(&slab, [down, normal]);
+        let slab = tilted(&slab, [down, normal]);
         let world =
             World { colliders: vec![Collider::plane([0.0; 3], normal, Contact::Friction(0.8))], ..World::new(DX) };
         let mut places = Vec::new();

@@ -101,7 +101,7 @@ fn a_mesh_is_filled_to_its_volume_also_through_corners_and_edges() {
         let shape = Shape::Mesh { file: file.clone(), scale, translate_m: [0.1, 0.2, 0.3] };
         fill(&shape, spacing, 0, Path::new(".")).unwrap()
     };
-    // An odd count along each axis: the lines of the lattice pass exactly through corners and edges.
+    // An odd count along each axis: the lines of the grid pass exactly through corners and edges.
     for cells in [21.0, 20.0] {
         let spacing = 2.0 / cells;
         let volume = filled(spacing, 1.0).len() as f64 * spacing.powi(3);

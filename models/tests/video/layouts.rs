@@ -7,8 +7,8 @@ use serde_json::{Value, json};
 
 use super::builder::has;
 use super::rig::{
-    FRAMES, LENS, Place, RATE, SIZE, camera_folders, colmap, folder, open, paint_mask, places, real_capture,
-    reference, rotated, same, save, transforms, transforms_images, y_to_z,
+    FRAMES, LENS, Place, RATE, SIZE, camera_folders, colmap, folder, open, paint_mask, places, real_capture, reference,
+    rotated, same, save, transforms, transforms_images, y_to_z,
 };
 
 #[test]

@@ -115,7 +115,7 @@ fn the_object_without_its_shadow() {
         let frame = scene.matte();
         let quality = iou(&frame);
         assert!(quality >= 0.95, "{name}: IoU {quality:.3}");
-        // Nothing of the shadow, well away from the outline: the hole included, for the floor shows through it.
+        // Nothing of the shadow, well away from the silhouette: the hole included, for the floor shows through it.
         for ((y, x), &a) in frame.alpha.indexed_iter() {
             let r = (x as f64 + 0.5 - 48.0).hypot(y as f64 + 0.5 - 44.0);
             assert!((5.5..=22.5).contains(&r) || a == 0.0, "{name}: alpha {a} at ({x}, {y})");
@@ -148,7 +148,7 @@ fn what_shadows_look_like_is_learned() {
     assert!(clip.frames[0][1..].iter().all(|frame| frame.alpha.iter().all(|a| *a == 0.0)), "a shadow is no object");
 }
 
-/// Along the outline the floor's share is taken out of the colour before it is composited on white.
+/// Along the silhouette the floor's share is taken out of the colour before it is composited on white.
 #[test]
 fn no_fringe_of_the_background() {
     let scene = Scene { object: [BLUE, BLUE], floor: WOOD, shadow: [0.6; 3], noise: 0.0 };

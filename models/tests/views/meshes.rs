@@ -182,9 +182,9 @@ fn nodes_put_meshes_in_their_place() {
     assert_same(read(&glb(&root, &bytes), "glb"), read(&glb(&other, &other_bytes), "glb"));
 }
 
-/// The outlines of a ball of triangles and of a ball, ray by ray.
+/// The silhouettes of a ball of triangles and of a ball, ray by ray.
 #[test]
-fn a_ball_of_triangles_has_the_outline_of_a_ball() {
+fn a_ball_of_triangles_has_the_silhouette_of_a_ball() {
     const AROUND: usize = 128;
     let mut text = String::new();
     for row in 0..=AROUND / 2 {

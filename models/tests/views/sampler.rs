@@ -4,8 +4,8 @@ use gradreel::io::TensorFile;
 use gradreel::{DType, Device, Error, ErrorKind, Result, Shape, Tape, Tensor, Var};
 use gradreel_models::layers::{Init, Weights};
 use gradreel_models::views::{
-    Autoencoder, Condition, Ddim, Ensemble, Footprint, Look, Moment, Predictor, SamplerSettings, Sampling, Schedule,
-    Subject, Target, decode,
+    Autoencoder, Condition, Ddim, Ensemble, Look, MemoryEstimate, Moment, Predictor, SamplerSettings, Sampling,
+    Schedule, Subject, Target, decode,
 };
 use rayon::ThreadPoolBuilder;
 
@@ -340,7 +340,7 @@ fn weights_that_are_being_trained_do_as_well() {
 
 #[test]
 fn views_at_once_stay_within_the_budget() {
-    let published = Footprint::of(&gradreel_models::views::ModelSizes::published(), 4);
+    let published = MemoryEstimate::of(&gradreel_models::views::ModelSizes::published(), 4);
     let budget = 2_000_000_000;
     let most = published.at_once(budget, 16).unwrap();
     assert!(most < 16 && published.total(most) <= budget && published.total(most + 1) > budget, "{most}");

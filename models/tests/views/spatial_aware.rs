@@ -129,8 +129,8 @@ fn lines_boxes_and_one_neighbour() {
 #[test]
 fn a_known_distance_bounds_the_box_in_depth() {
     let (ring, elevation, size) = (Ring::published(16), 0.4, 32);
-    let outline = ImageBox { low: [0.4, 0.45], high: [0.6, 0.55] };
-    let covered = |depth| ring.covered(size, elevation, &Detection { outline, depth });
+    let bounds = ImageBox { low: [0.4, 0.45], high: [0.6, 0.55] };
+    let covered = |depth| ring.covered(size, elevation, &Detection { bounds, depth });
     let (flat, near, far) = (covered(None), covered(Some(1.3)), covered(Some(1.6)));
     let pose = ring.input_pose(elevation);
     let half = |depth: f64| 0.1 * depth / ring.focal;
@@ -145,15 +145,15 @@ fn a_known_distance_bounds_the_box_in_depth() {
     let tape = gradreel::Tape::new();
     let zeros = |shape: &[usize]| tape.constant(Tensor::zeros(shape, DType::F32));
     for depth in [0.0, -1.0, f64::NAN] {
-        let seen = [Some(Detection { outline, depth: Some(depth) })];
+        let seen = [Some(Detection { bounds, depth: Some(depth) })];
         let (volume, maps) = (zeros(&[1, 1, 8, 8, 8]), zeros(&[1, 16, 1, 8, 8]));
         let error = combine(&ring, &sizes, &volume, &maps, &[elevation], &seen).expect_err("refused");
         assert!(error.to_string().contains("far away"), "{error}");
     }
     // errors of a detector: the distance by its own share, and sides as they are without one
-    let seen = Detection { outline, depth: Some(1.5) };
+    let seen = Detection { bounds, depth: Some(1.5) };
     let jittered = seen.jittered(0.02, 0.1, gradreel::Key::new(3));
-    assert_eq!(jittered.outline, outline.jittered(0.02, gradreel::Key::new(3)));
+    assert_eq!(jittered.bounds, bounds.jittered(0.02, gradreel::Key::new(3)));
     assert!(jittered.depth != seen.depth && (jittered.depth.unwrap() - 1.5).abs() < 0.6);
     assert_eq!(seen.jittered(0.0, 0.0, gradreel::Key::new(3)), seen);
 }

@@ -65,7 +65,7 @@ struct FamilyArguments {
 const FAMILIES: &str = "\
 Each clip is reconstructed from all its views with the settings that `gradreel reconstruct` has by itself. The table says how far
 every number is off, and whether the truth is in the interval of 90 % that the run states. Parameters that are no magnitudes
-(Poisson's ratio, angles) start at the end of what is plausible that is farther from the truth.
+(Poisson's ratio, angles) start at the end of what is plausible that is further from the truth.
 
 It takes about half an hour on two cores, a quarter of one with --quick; with --only-auto a little over an hour, with --auto both. After Ctrl-C, go on with --out FOLDER --resume.
 

@@ -16,8 +16,8 @@ use crate::report::progress::Progress;
 use crate::report::run_folder::RunFolder;
 use crate::report::synthesis::{self, Synthesis, picture_of};
 use crate::views::{
-    Detection, Ensemble, FileWeights, Footprint, LatentColours, ModelSizes, SamplerSettings, Sampling, Subject, decode,
-    megabytes, open_picture,
+    Detection, Ensemble, FileWeights, LatentColours, MemoryEstimate, ModelSizes, SamplerSettings, Sampling, Subject,
+    decode, megabytes, open_picture,
 };
 
 /// What was asked for, as the folder of the run keeps it.
@@ -64,7 +64,7 @@ pub(super) struct Job {
     /// `[1, 3, s, s]` in −1..1
     picture: Tensor,
     at_once: usize,
-    footprint: Footprint,
+    memory_estimate: MemoryEstimate,
 }
 
 impl Job {
@@ -154,18 +154,18 @@ impl Job {
                 .fix("200 leaves the margin that the published model was trained with"));
         }
         let picture = open_picture(&arguments.image, sizes.image, Some(crop).filter(|crop| *crop > 0))?;
-        let footprint = Footprint::of(&sizes, size_of::<f32>());
+        let memory_estimate = MemoryEstimate::of(&sizes, size_of::<f32>());
         let most = match device {
             // more views than threads wait for each other
             Device::Cpu => rayon::current_num_threads().min(sizes.denoiser.ring.views),
-            Device::Gpu(_) => (BINDING / footprint.largest).clamp(1, sizes.denoiser.ring.views),
+            Device::Gpu(_) => (BINDING / memory_estimate.largest).clamp(1, sizes.denoiser.ring.views),
         };
         let budget = arguments.memory.map_or(MEMORY, |size| size.0);
-        let at_once = footprint.at_once(budget, most).map_err(|e| e.at("--memory"))?;
+        let at_once = memory_estimate.at_once(budget, most).map_err(|e| e.at("--memory"))?;
         // buffers that wait for their next use count as well
-        pool::set_limit(pool::limit().min(budget - footprint.total(at_once)));
+        pool::set_limit(pool::limit().min(budget - memory_estimate.total(at_once)));
         let folder = folder(&settings)?;
-        Ok(Self { folder, settings, sizes, weights, picture, at_once, footprint })
+        Ok(Self { folder, settings, sizes, weights, picture, at_once, memory_estimate })
     }
 
     /// Where everything goes.
@@ -296,13 +296,13 @@ impl Job {
 
 impl fmt::Display for Job {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { folder, settings, sizes, at_once, footprint, .. } = self;
+        let Self { folder, settings, sizes, at_once, memory_estimate, .. } = self;
         write!(
             f,
             "{}: {} views, {at_once} at once (about {} beside the weights) → {}",
             settings.image.path,
             sizes.denoiser.ring.views,
-            megabytes(footprint.total(*at_once)),
+            megabytes(memory_estimate.total(*at_once)),
             folder.root().display()
         )
     }

@@ -24,43 +24,43 @@ macro_rules! kernels {
 kernels! {
     /// Marks the box of cells of the first substep.
     SURVEY = "advance", "survey",
-        ["shared/substep.wgsl", "shared/marks_write.wgsl", "shared/lattice.wgsl", "shared/stencil.wgsl", "advance.wgsl"],
+        ["shared/substep.wgsl", "shared/marks_write.wgsl", "shared/node_grid.wgsl", "shared/stencil.wgsl", "advance.wgsl"],
         ["marks", "now"];
     /// Counts the particles of each cell.
     COUNT = "sort", "count",
-        ["shared/substep.wgsl", "shared/marks_write.wgsl", "shared/lattice.wgsl", "sort.wgsl"],
+        ["shared/substep.wgsl", "shared/marks_write.wgsl", "shared/node_grid.wgsl", "sort.wgsl"],
         ["cells", "counts", "marks", "now"];
     /// Running sums within spans.
     SCAN = "sort", "scan",
-        ["shared/substep.wgsl", "shared/marks_write.wgsl", "shared/lattice.wgsl", "sort.wgsl"],
+        ["shared/substep.wgsl", "shared/marks_write.wgsl", "shared/node_grid.wgsl", "sort.wgsl"],
         ["sums", "totals", "numbers"];
     /// Lists particles by cell.
     ARRIVE = "sort", "arrive",
-        ["shared/substep.wgsl", "shared/marks_write.wgsl", "shared/lattice.wgsl", "sort.wgsl"],
+        ["shared/substep.wgsl", "shared/marks_write.wgsl", "shared/node_grid.wgsl", "sort.wgsl"],
         ["arrivals", "cell_and_arrival", "starts", "bases"];
     /// The place of each particle in the sorted list.
     SETTLE = "sort", "settle",
-        ["shared/substep.wgsl", "shared/marks_write.wgsl", "shared/lattice.wgsl", "sort.wgsl"],
+        ["shared/substep.wgsl", "shared/marks_write.wgsl", "shared/node_grid.wgsl", "sort.wgsl"],
         ["slots", "cell_and_arrival", "starts", "bases", "arrived"];
     /// Particle to grid, gravity, obstacles.
     GRID = "grid", "main",
-        ["shared/substep.wgsl", "shared/marks_read.wgsl", "shared/lattice.wgsl", "shared/scatter.wgsl",
+        ["shared/substep.wgsl", "shared/marks_read.wgsl", "shared/node_grid.wgsl", "shared/scatter.wgsl",
          "shared/contact.wgsl", "grid.wgsl"],
         ["grid", "counts", "marks", "starts", "bases", "records", "obstacles"];
     /// The adjoint of [`GRID`].
     GRID_VJP = "grid_vjp", "main",
-        ["shared/substep.wgsl", "shared/marks_read.wgsl", "shared/lattice.wgsl", "shared/scatter.wgsl",
+        ["shared/substep.wgsl", "shared/marks_read.wgsl", "shared/node_grid.wgsl", "shared/scatter.wgsl",
          "shared/contact.wgsl", "grid_vjp.wgsl"],
         ["grid", "counts", "on_world", "marks", "starts", "bases", "records", "obstacles"];
     /// Grid to particle.
     ADVANCE = "advance", "main",
-        ["shared/substep.wgsl", "shared/marks_write.wgsl", "shared/lattice.wgsl", "shared/stencil.wgsl", "advance.wgsl"],
+        ["shared/substep.wgsl", "shared/marks_write.wgsl", "shared/node_grid.wgsl", "shared/stencil.wgsl", "advance.wgsl"],
         ["next", "marks", "now", "grid"];
     /// What the adjoint of grid-to-particle scatters.
     LIFT = "lift", "main", ["shared/substep.wgsl", "lift.wgsl"], ["records", "cotangent", "slots"];
     /// The adjoint of both transfers.
     PULL = "pull", "main",
-        ["shared/substep.wgsl", "shared/marks_read.wgsl", "shared/lattice.wgsl", "shared/stencil.wgsl", "pull.wgsl"],
+        ["shared/substep.wgsl", "shared/marks_read.wgsl", "shared/node_grid.wgsl", "shared/stencil.wgsl", "pull.wgsl"],
         ["cotangent", "on_record", "marks", "now", "slots", "records", "grid"];
     /// Positions of a frame out of a state.
     SHOW = "frames", "show", ["shared/substep.wgsl", "frames.wgsl"], ["frames", "labels", "now"];
@@ -70,7 +70,7 @@ kernels! {
 
 /// Around a material; see `law.rs`.
 pub(super) const MATERIAL: (&str, &[&str]) = (
-    text!["shared/substep.wgsl", "shared/marks_write.wgsl", "shared/lattice.wgsl", "material.wgsl"],
+    text!["shared/substep.wgsl", "shared/marks_write.wgsl", "shared/node_grid.wgsl", "material.wgsl"],
     &["next", "records", "marks", "now", "slots", "values"],
 );
 

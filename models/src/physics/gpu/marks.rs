@@ -1,5 +1,5 @@
 //! What substeps leave about themselves: the box of cells that they need, and what went wrong. Twin of
-//! `models/kernels/shared/lattice.wgsl`.
+//! `models/kernels/shared/node_grid.wgsl`.
 
 const HEADER: usize = 8;
 const PER_STEP: usize = 8;

@@ -9,7 +9,7 @@ use super::obstacles::Table;
 use super::simulation::GpuSimulation;
 use super::words::Words;
 use crate::physics::failure::{Moment, failure};
-use crate::physics::lattice::Lattice;
+use crate::physics::node_grid::NodeGrid;
 use crate::physics::remat::Remat;
 use crate::physics::state::State;
 use crate::physics::values::ValueGradients;
@@ -153,8 +153,8 @@ impl GpuSimulation<'_> {
         if start.is_empty() {
             return Ok(1);
         }
-        let lattice = Lattice::covering(start.extent, self.plan.world.dx, self.plan.world.node_limit)?;
-        Ok(lattice.shape.iter().map(|nodes| nodes + 2 * MARGIN).product())
+        let node_grid = NodeGrid::covering(start.extent, self.plan.world.dx, self.plan.world.node_limit)?;
+        Ok(node_grid.shape.iter().map(|nodes| nodes + 2 * MARGIN).product())
     }
 
     /// The state after so many substeps, none of which fails in a grid with this much room, and the one after it.
@@ -175,7 +175,7 @@ impl GpuSimulation<'_> {
         let limit = self.plan.world.node_limit;
         let world = self
             .replay(start, step, capacity)
-            .and_then(|[now, _]| Lattice::covering(now.extent, self.plan.world.dx, limit).map(|_| ()));
+            .and_then(|[now, _]| NodeGrid::covering(now.extent, self.plan.world.dx, limit).map(|_| ()));
         world.err().unwrap_or_else(|| {
             Error::new(ErrorKind::Device, "the grid around the particles does not fit this GPU")
                 .at(format!("{}, substep {step}", self.gpu.name()))

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use crate::video::image::Image;
 
-/// By how much a pixel stands out from all four around it, to be of the grain. Outlines and textures have pixels alike on one side or
+/// By how much a pixel stands out from all four around it, to be of the grain. Silhouettes and textures have pixels alike on one side or
 /// the other.
 const STANDS_OUT: u8 = 12;
 

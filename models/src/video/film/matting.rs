@@ -15,7 +15,7 @@ use crate::video::image::Image;
 use crate::video::mask::Mask;
 use crate::video::matte::{self, Light, Matte};
 
-/// How far the border of a plain background may be from its median in every channel, and the share of it that is not farther.
+/// How far the border of a plain background may be from its median in every channel, and the share of it that is not further.
 const PLAIN: (u8, f64) = (12, 0.95);
 
 /// A background that is at least so bright in every channel is white.

@@ -20,8 +20,8 @@ const COME_OFF: f64 = 1.0;
 /// Objects that meet are larger by this factor than one of them was.
 const MEETING: f64 = 1.3;
 
-/// Pixels around another object that its blurred outline takes.
-const OUTLINE: usize = 3;
+/// Pixels around another object that its blurred silhouette takes.
+const EDGE: usize = 3;
 
 /// What was left of the mattes, and what there is to say.
 pub(super) struct Alone {
@@ -238,11 +238,11 @@ pub(super) fn leave_out_of((rgb, alpha): &mut Matte, left: &[f32], all: &[bool],
     leave_out(rgb, alpha, &out, size);
 }
 
-/// Makes pixels, and the outline around them, white and empty.
+/// Makes pixels, and the silhouette around them, white and empty.
 fn leave_out(rgb: &mut [[f32; 3]], alpha: &mut [f32], out: &[bool], [width, height]: [usize; 2]) {
     let solid: Vec<bool> = alpha.iter().zip(out).map(|(alpha, out)| *alpha > 0.5 && !out).collect();
     let keep = matte::grown(&solid, width, height, 1);
-    let around = matte::grown(out, width, height, OUTLINE);
+    let around = matte::grown(out, width, height, EDGE);
     for i in (0..alpha.len()).filter(|&i| around[i] && !keep[i]) {
         (rgb[i], alpha[i]) = ([1.0; 3], 0.0);
     }

@@ -1,6 +1,6 @@
 //! How fast a film is: the interval of its frames, and for how many intervals each is shown.
 
-/// A frame that lies farther than this share of the interval off an even pace is off it.
+/// A frame that lies further than this share of the interval off an even pace is off it.
 const OFF: f64 = 0.25;
 
 /// How often interval and counts follow from each other.

@@ -1,6 +1,6 @@
-//! Coverage and colour of the pixels along the outline.
+//! Coverage and colour of the pixels along the silhouette.
 //!
-//! A pixel on the outline mixes object and background, `I = α F + (1 − α) B` in linear light. `F` is the mean colour of
+//! A pixel on the silhouette mixes object and background, `I = α F + (1 − α) B` in linear light. `F` is the mean colour of
 //! nearby pixels well inside, `B` the plate darkened as nearby pixels well outside are; `α` is the projection of `I` on
 //! the line from `B` to `F`, and the colour that remains after taking `(1 − α) B` away is the object's.
 
@@ -16,7 +16,7 @@ const TRUSTED: f32 = 0.03;
 /// Colour in linear light where it had to be un-mixed (`None`: the image's own colour) and alpha, per pixel.
 pub(super) fn refine(mask: &Mask, seen: &[[f32; 3]], empty: &[[f32; 3]]) -> (Vec<Option<[f32; 3]>>, Vec<f32>) {
     let (width, height) = (mask.width as isize, mask.height as isize);
-    // A pixel is on the outline if its 3×3 neighbourhood is mixed.
+    // A pixel is on the silhouette if its 3×3 neighbourhood is mixed.
     let mixed: Vec<bool> = (0..seen.len())
         .map(|pixel| {
             let inside = mask.inside[pixel];
@@ -55,7 +55,7 @@ pub(super) fn refine(mask: &Mask, seen: &[[f32; 3]], empty: &[[f32; 3]]) -> (Vec
     (colour, alpha)
 }
 
-/// Projection of a colour on the line from background to object; where both are alike, the outline's own verdict.
+/// Projection of a colour on the line from background to object; where both are alike, the silhouette's own verdict.
 fn coverage(seen: [f32; 3], object: [f32; 3], back: [f32; 3], verdict: f32) -> f32 {
     let span = [0, 1, 2].map(|c| object[c] - back[c]);
     let length2: f32 = span.iter().map(|s| s * s).sum();

@@ -1,20 +1,20 @@
 //! Parts of an object that a palette of few colours gave the background's hue.
 //!
 //! Such a part looks like a shadow: darker or brighter than the background, in the same hue. But it is of one piece with the
-//! object, and its outline is sharp, while that of the shadow which an extended light leaves behind something in the air is not.
-//! The shadow under something that touches the ground has a sharp outline, too: there the two cannot be told apart.
+//! object, and its silhouette is sharp, while that of the shadow which an extended light leaves behind something in the air is not.
+//! The shadow under something that touches the ground has a sharp silhouette, too: there the two cannot be told apart.
 
 use super::Mask;
 use super::change::Change;
-use super::outline::fill_holes;
+use super::silhouette::fill_holes;
 
 /// Change of brightness from which a pixel may be of such a part.
 const CHANGED: f32 = 0.1;
 /// Step of brightness between neighbours within a part, at most.
 const SMOOTH: f32 = 0.06;
-/// Share of a part's outline, where it does not touch the object, that must be sharp.
+/// Share of a part's silhouette, where it does not touch the object, that must be sharp.
 const SHARP: f64 = 0.75;
-/// Share of its whole outline that must touch the object.
+/// Share of its whole silhouette that must touch the object.
 const TOUCHING: f64 = 0.2;
 
 /// Adds the parts to the object.
@@ -46,7 +46,7 @@ pub(super) fn add(mask: &mut Mask, change: &Change) {
         let (mut touching, mut sharp, mut soft) = (0, 0, 0);
         for &pixel in &pixels {
             for neighbour in mask.neighbours(pixel).filter(|n| part[*n] != number) {
-                // outlines are blurred over a pixel or two
+                // silhouettes are blurred over a pixel or two
                 let beyond = (2 * neighbour).checked_sub(pixel).filter(|b| *b < open.len()).unwrap_or(neighbour);
                 match step(pixel, neighbour).max(step(pixel, beyond)) >= level {
                     _ if mask.inside[neighbour] || mask.inside[beyond] => touching += 1,
@@ -70,7 +70,7 @@ mod tests {
 
     /// A square that is half red, half of the floor's hue, above a shadow that grows darker towards its middle.
     #[test]
-    fn what_has_a_sharp_outline_is_of_the_object() {
+    fn what_has_a_sharp_silhouette_is_of_the_object() {
         let side = 60;
         let red = |x: usize, y: usize| (10..20).contains(&x) && (10..30).contains(&y);
         let grey = |x: usize, y: usize| (20..30).contains(&x) && (10..30).contains(&y);

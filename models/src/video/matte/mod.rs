@@ -3,20 +3,20 @@
 //! Against a background plate there are three things to tell apart: pixels that did not change, pixels that changed
 //! because the object's *shadow* or reflected light falls on them, and the object. Colour alone does not do it: a patch
 //! of the object may have the floor's hue, and light reflected by a bright object tints the floor beside it. But a
-//! shadow of an extended light fades in over many pixels, and an outline does not. So
+//! shadow of an extended light fades in over many pixels, and an silhouette does not. So
 //!
 //! 1. [`change`] compares image and plate in linear light, discounting what a shadow does, in the [`light`] of the camera's pictures;
 //! 2. [`walk`] spreads this evidence to neighbouring pixels except across sharp edges of the change;
-//! 3. [`outline`] cuts the result at the level whose contour is sharpest and drops specks and pinholes;
-//! 4. [`edge`] estimates coverage in the pixels along the outline and removes the background from their colour.
+//! 3. [`silhouette`] cuts the result at the level whose contour is sharpest and drops specks and pinholes;
+//! 4. [`edge`] estimates coverage in the pixels along the silhouette and removes the background from their colour.
 //!
-//! In images of few colours, parts of the object may have got the background's hue: [`hueless`] finds them by their outline.
+//! In images of few colours, parts of the object may have got the background's hue: [`hueless`] finds them by their silhouette.
 
 mod change;
 mod edge;
 mod hueless;
 mod light;
-mod outline;
+mod silhouette;
 mod walk;
 
 use self::change::Change;
@@ -84,7 +84,7 @@ impl Difference {
     /// Where the object is.
     fn mask(&self, image: &Image, weight: &[f32]) -> Mask {
         let belief = walk::spread(&self.change, self.even, weight, image.width, image.height);
-        outline::cut(&belief, image.width, image.height)
+        silhouette::cut(&belief, image.width, image.height)
     }
 
     fn matte(&self, image: &Image, mask: &Mask) -> Matte {
@@ -109,7 +109,7 @@ pub(crate) fn from_white(image: &Image) -> Matte {
     let inside = alpha.iter().map(|&a| a > 0.0).collect();
     let mut mask = Mask { width: image.width, height: image.height, inside };
     let area = mask.inside.iter().filter(|i| **i).count();
-    for pixel in outline::fill_holes(&mut mask, area / 100) {
+    for pixel in silhouette::fill_holes(&mut mask, area / 100) {
         alpha[pixel] = 1.0;
     }
     let rgb = image.pixels.iter().map(|p| [p[0], p[1], p[2]].map(|v| f32::from(v) / 255.0)).collect();
@@ -118,7 +118,7 @@ pub(crate) fn from_white(image: &Image) -> Matte {
 
 /// The connected pieces of what a matte shows, as lists of pixels.
 pub(super) fn pieces(alpha: &[f32], width: usize, height: usize) -> Vec<Vec<usize>> {
-    outline::pieces(&Mask { width, height, inside: alpha.iter().map(|a| *a > 0.5).collect() }, true)
+    silhouette::pieces(&Mask { width, height, inside: alpha.iter().map(|a| *a > 0.5).collect() }, true)
 }
 
 /// The largest connected piece of what a matte shows.

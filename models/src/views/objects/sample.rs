@@ -99,8 +99,8 @@ impl Sample {
 
     /// Where the object is: its box in the input image, and the depth of its middle before the input camera of a ring.
     pub fn seen(&self, ring: &Ring) -> Option<Detection> {
-        let outline = ImageBox::of_coverage(&self.input.coverage, self.input.size)?;
+        let bounds = ImageBox::of_coverage(&self.input.coverage, self.input.size)?;
         let [_, _, depth] = ring.project(&ring.input_pose(self.elevation), self.placement.shift, 1);
-        Some(Detection { outline, depth: Some(depth) })
+        Some(Detection { bounds, depth: Some(depth) })
     }
 }

@@ -14,9 +14,9 @@ impl Ring {
 
     /// As [`Ring::covered`], with a margin on all sides, in shares of the image.
     fn covered_widely(&self, size: usize, elevation: f64, seen: &Detection, margin: f64) -> Vec<bool> {
-        let (pose, outline) = (self.input_pose(elevation), seen.outline.padded(margin));
+        let (pose, bounds) = (self.input_pose(elevation), seen.bounds.padded(margin));
         let [near, far] = seen.depths(self, margin).unwrap_or([NEAR, f64::INFINITY]);
-        let within = |at: f64, axis: usize| (outline.low[axis]..=outline.high[axis]).contains(&at);
+        let within = |at: f64, axis: usize| (bounds.low[axis]..=bounds.high[axis]).contains(&at);
         self.voxels(size)
             .map(|voxel| {
                 let [u, v, depth] = self.project(&pose, voxel, 1);

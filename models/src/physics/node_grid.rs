@@ -15,15 +15,15 @@ pub(crate) const SLAB: usize = 2;
 /// in space are then neighbours in memory. A [`Simulation`](super::Simulation) is fastest in this order; a
 /// [`rollout`](super::rollout()) puts its particles into it by itself.
 pub fn neighbours<T: Number>(dx: f64, positions: &[[T; 3]], material: impl Fn(usize) -> u32) -> Vec<u32> {
-    let lattice = Lattice::of_spacing(dx);
+    let node_grid = NodeGrid::of_spacing(dx);
     let mut order: Vec<u32> = (0..positions.len() as u32).collect();
-    order.sort_by_cached_key(|&p| (material(p as usize), positions[p as usize].map(|x| lattice.locate(x).0)));
+    order.sort_by_cached_key(|&p| (material(p as usize), positions[p as usize].map(|x| node_grid.locate(x).0)));
     order
 }
 
 /// A dense box of grid nodes.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Lattice<T> {
+pub(crate) struct NodeGrid<T> {
     /// Node spacing \[m\].
     pub dx: T,
     /// `1/dx` \[1/m\]
@@ -36,7 +36,7 @@ pub(crate) struct Lattice<T> {
     pub stride: [usize; 2],
 }
 
-impl<T: Number> Lattice<T> {
+impl<T: Number> NodeGrid<T> {
     /// The box for particles inside `extent` (lowest and highest coordinates \[m\]).
     ///
     /// # Errors
@@ -53,23 +53,23 @@ impl<T: Number> Lattice<T> {
                 .wanted(format!("at most {limit} nodes (World::node_limit)"))
                 .fix("remove stray particles, give the world bounds, or raise the limit")
         };
-        let mut lattice = Self::of_spacing(dx);
+        let mut node_grid = Self::of_spacing(dx);
         let far = (T::SPLITTABLE - 1.0) * dx;
         if !extent.iter().flatten().all(|x| x.to_f64().abs() < far) {
             return Err(too_large(format!("coordinates beyond {far:.3e} m")));
         }
-        let [low, high] = extent.map(|corner| corner.map(|x| lattice.locate(x).0));
+        let [low, high] = extent.map(|corner| corner.map(|x| node_grid.locate(x).0));
         let slab = SLAB as i32;
-        lattice.origin = [low[0].div_euclid(slab) * slab, low[1], low[2]];
+        node_grid.origin = [low[0].div_euclid(slab) * slab, low[1], low[2]];
         // One plane of nodes more along z: a row may carry a fourth node.
-        lattice.shape = std::array::from_fn(|axis| (high[axis] - lattice.origin[axis]) as usize + 3 + axis / 2);
-        let nodes = lattice.shape.iter().map(|&n| n as f64).product::<f64>();
+        node_grid.shape = std::array::from_fn(|axis| (high[axis] - node_grid.origin[axis]) as usize + 3 + axis / 2);
+        let nodes = node_grid.shape.iter().map(|&n| n as f64).product::<f64>();
         if nodes > limit as f64 {
-            let [x, y, z] = lattice.shape;
+            let [x, y, z] = node_grid.shape;
             return Err(too_large(format!("a box of {x} x {y} x {z} nodes")));
         }
-        lattice.stride = [4 * lattice.shape[1] * lattice.shape[2], 4 * lattice.shape[2]];
-        Ok(lattice)
+        node_grid.stride = [4 * node_grid.shape[1] * node_grid.shape[2], 4 * node_grid.shape[2]];
+        Ok(node_grid)
     }
 
     /// No nodes yet, only the spacing \[m\].
@@ -127,10 +127,10 @@ impl<T: Number> Lattice<T> {
 
     /// # Panics
     ///
-    /// If a grid has not all nodes of the lattice. The memory safety of the transfers rests on it.
+    /// If a grid has not all nodes of the grid. The memory safety of the transfers rests on it.
     #[inline(always)]
     pub fn check_whole(&self, grid: &[T]) {
-        assert!(grid.len() >= self.shape[0] * self.stride[0], "a grid smaller than its lattice");
+        assert!(grid.len() >= self.shape[0] * self.stride[0], "a grid smaller than its grid");
     }
 
     /// World coordinates of a node \[m\].

@@ -6,7 +6,7 @@ use super::{Coding, ModelSizes};
 
 /// Bytes that sampling holds beside the weights' file, estimated from the sizes of the largest activations and weights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Footprint {
+pub struct MemoryEstimate {
     /// What all views of a step share, at its largest: the un-projected volume on its way through the spatial net.
     pub shared: usize,
     /// What each view that runs adds: the UNet's largest weight, widened and made ready for a minimal filter, beside the
@@ -18,7 +18,7 @@ pub struct Footprint {
     pub largest: usize,
 }
 
-impl Footprint {
+impl MemoryEstimate {
     /// The estimate for numbers of so many bytes.
     pub fn of(sizes: &ModelSizes, number: usize) -> Self {
         let (volume, unet, width) = (&sizes.denoiser.volume, &sizes.denoiser.unet, sizes.latent_width());

@@ -1,4 +1,4 @@
-//! From belief to a clean outline: the level with the sharpest contour, without specks and pinholes.
+//! From belief to a clean silhouette: the level with the sharpest contour, without specks and pinholes.
 
 use super::Mask;
 

@@ -1,4 +1,4 @@
-//! Particles sown from a radiance field, differentiable in density and features.
+//! Particles seeded from a radiance field, differentiable in density and features.
 
 use gradreel::{Error, ErrorKind, Key, Result, Var};
 
@@ -8,15 +8,15 @@ use crate::field::{Occupancy, channel, opacity};
 /// Which places of a field become particles.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Sowing {
-    /// Whether places are exactly half a spacing apart. The published lattice has `2 (N − 1)` places between the first node and
-    /// half a spacing beyond the last, which are 1–2 % farther apart.
+pub struct Seeding {
+    /// Whether places are exactly half a spacing apart. The published grid has `2 (N − 1)` places between the first node and
+    /// half a spacing beyond the last, which are 1–2 % further apart.
     pub exact: bool,
     /// Places less opaque than this share of the most opaque one become no particle.
     pub least_opacity: f64,
 }
 
-impl Default for Sowing {
+impl Default for Seeding {
     fn default() -> Self {
         Self { exact: false, least_opacity: 1e-3 }
     }
@@ -27,13 +27,13 @@ impl Default for Sowing {
 pub enum Jitter {
     /// Drawn from a key, for each place by itself.
     Drawn(Key),
-    /// Given in 0…1 per axis, for each occupied place in the order of [`Sowing::places`].
+    /// Given in 0…1 per axis, for each occupied place in the order of [`Seeding::places`].
     Given(Vec<[f64; 3]>),
 }
 
 /// Material points with what the field says of each.
 #[derive(Debug, Clone)]
-pub struct Sown {
+pub struct Seeded {
     /// Positions \[m\], `[n, 3]`, constant.
     pub positions: Var,
     /// Opacity over one unit of length, `[n]` in 0…1.
@@ -42,7 +42,7 @@ pub struct Sown {
     pub features: Var,
 }
 
-impl Sowing {
+impl Seeding {
     /// The occupied places that particles may come from \[m\], z fastest.
     pub fn places(&self, occupancy: &Occupancy) -> Vec<[f64; 3]> {
         let grid = &occupancy.grid;
@@ -62,14 +62,14 @@ impl Sowing {
         places
     }
 
-    /// Sows particles in the occupied places of a field: each is moved by up to half a spacing along each axis, and stays if
+    /// Seeds particles in the occupied places of a field: each is moved by up to half a spacing along each axis, and stays if
     /// it is opaque enough there. Which ones stay is not differentiated; opacity and features are.
     ///
     /// `values` holds raw density and features, `[x, y, z, 1 + features]`; `shift` is added to the densities.
     ///
     /// # Errors
     /// [`ErrorKind::Input`] when the field is empty, or jitter was given for another number of places.
-    pub fn sow(&self, occupancy: &Occupancy, values: &Var, shift: f64, jitter: &Jitter) -> Result<Sown> {
+    pub fn seed(&self, occupancy: &Occupancy, values: &Var, shift: f64, jitter: &Jitter) -> Result<Seeded> {
         let grid = &occupancy.grid;
         let mut places = self.places(occupancy);
         let half = grid.spacing / 2.0;
@@ -84,7 +84,7 @@ impl Sowing {
             Jitter::Given(units) => {
                 return Err(Error::new(ErrorKind::Input, "the jitter is not that of the occupied places")
                     .found(format!("{} rows for {} places", units.len(), places.len()))
-                    .fix("give one row for each place of Sowing::places"));
+                    .fix("give one row for each place of Seeding::places"));
             }
         }
         let (density, scale) = (channel(values.value()?, 0)?, grid.scale());
@@ -92,12 +92,12 @@ impl Sowing {
         let least = self.least_opacity * alpha.iter().fold(0.0, |most: f64, a| most.max(*a));
         let kept: Vec<_> = places.iter().zip(&alpha).filter(|(_, alpha)| **alpha >= least).map(|(x, _)| *x).collect();
         if kept.is_empty() {
-            return Err(Error::new(ErrorKind::Input, "no particle can be sown: no node of the field is occupied")
+            return Err(Error::new(ErrorKind::Input, "no particle can be seeded: no node of the field is occupied")
                 .fix("check the masks and cameras of the first frame with `gradreel check`"));
         }
         let positions = constant::points(values, &kept)?;
         let features = grid.lookup(values, &positions)?;
         let opacity = features.slice(1, 0..1).reshape([kept.len()]).density_to_alpha(shift, 1.0);
-        Ok(Sown { positions, opacity, features })
+        Ok(Seeded { positions, opacity, features })
     }
 }

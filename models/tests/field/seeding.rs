@@ -2,7 +2,7 @@
 
 use gradreel::Tape;
 use gradreel_models::field::Occupancy;
-use gradreel_models::particles::{Jitter, Sowing};
+use gradreel_models::particles::{Jitter, Seeding};
 use gradreel_models::render::{FeatureSplat, splat_features};
 
 use crate::grids::grid_of;
@@ -19,18 +19,18 @@ fn particles_of_occupied_nodes_and_their_gradients() {
     assert_eq!(found, file.get("occupancy"));
     let [low, high] = occupancy.bounds().unwrap();
     let jitter = Jitter::Given(file.points("jitter_unit"));
-    let sowing = Sowing { least_opacity: file.number("mask_thres"), ..Sowing::default() };
+    let seeding = Seeding { least_opacity: file.number("mask_thres"), ..Seeding::default() };
     for place in places() {
         place.close("low", &low, file.get("occ_xyz_min"));
         place.close("high", &high, file.get("occ_xyz_max"));
         let tape = Tape::new();
         let [density, features] = ["density", "features"].map(|name| place.leaf(&tape, &file.grid(name)));
-        let sown = sowing.sow(&occupancy, &density.concat(&[&features], 3), shift, &jitter).unwrap();
-        place.close_var("positions", &sown.positions, file.get("positions"));
-        place.close_var("alpha", &sown.opacity, file.get("alpha"));
-        place.close_var("features", &sown.features, file.get("particle_features"));
-        let loss =
-            contract(&sown.opacity, &file.tensor("cot_alpha")) + contract(&sown.features, &file.tensor("cot_features"));
+        let seeded = seeding.seed(&occupancy, &density.concat(&[&features], 3), shift, &jitter).unwrap();
+        place.close_var("positions", &seeded.positions, file.get("positions"));
+        place.close_var("alpha", &seeded.opacity, file.get("alpha"));
+        place.close_var("features", &seeded.features, file.get("particle_features"));
+        let loss = contract(&seeded.opacity, &file.tensor("cot_alpha"))
+            + contract(&seeded.features, &file.tensor("cot_features"));
         let gradients = loss.backward().unwrap();
         for (name, leaf) in [("g_density", &density), ("g_features", &features)] {
             place.close_gradient(name, &channels_first(gradients.wrt(leaf).unwrap()), file.get(name));
@@ -42,7 +42,7 @@ fn particles_of_occupied_nodes_and_their_gradients() {
 fn exact_places_are_half_a_spacing_apart() {
     let file = File::load("particles");
     let grid = grid_of(&file, "density", file.number("dx"));
-    let places = Sowing { exact: true, ..Sowing::default() }.places(&Occupancy::full(grid.clone()));
+    let places = Seeding { exact: true, ..Seeding::default() }.places(&Occupancy::full(grid.clone()));
     let [nx, ny, nz] = grid.dims;
     assert_eq!(places.len(), 8 * (nx - 1) * (ny - 1) * (nz - 1));
     assert!((places[1][2] - places[0][2] - grid.spacing / 2.0).abs() < 1e-12);
