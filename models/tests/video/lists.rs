@@ -259,6 +259,9 @@ fn listed_masks_without_times() {
     same(&clip, &reference());
 }
 
+/// Colour type, depth, palette, and a sample where the square is or is not.
+type Kind<'a> = (png::ColorType, png::BitDepth, Option<&'a [u8]>, fn(bool) -> Vec<u8>);
+
 /// Writes a mask of the square in one of the ways of segmentation tools; `value` is a sample where the square is or is not.
 fn write_mask(
     path: &Path,
@@ -294,7 +297,7 @@ fn masks_of_many_kinds() {
         }
     };
     let classes: &[u8] = &[0, 0, 0, 128, 0, 0, 0, 128, 0];
-    let kinds: [(png::ColorType, png::BitDepth, Option<&[u8]>, fn(bool) -> Vec<u8>); 5] = [
+    let kinds: [Kind<'_>; 5] = [
         (Grayscale, Eight, None, |inside| vec![u8::from(inside)]),
         (Indexed, Eight, Some(classes), |inside| vec![u8::from(inside)]),
         (Grayscale, Sixteen, None, |inside| vec![0, if inside { 255 } else { 0 }]),
