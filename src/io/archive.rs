@@ -12,6 +12,13 @@ use crate::io::{TensorFile, checkpoint, npz, safetensors, zip};
 use crate::{DType, Error, ErrorKind, Result, Shape, Spec, Tensor};
 
 /// What an [`Archive`] was read from.
+///
+/// ```
+/// use gradreel::io::{Archive, Format, TensorFile};
+/// let archive = Archive::from_bytes(TensorFile::default().to_bytes()?)?;
+/// assert_eq!(archive.format(), Format::Safetensors);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Format {
@@ -26,6 +33,16 @@ pub enum Format {
 }
 
 /// A tensor in a file: its type, its shape, and where its numbers are.
+///
+/// ```
+/// use gradreel::Tensor;
+/// use gradreel::io::{Archive, TensorFile};
+/// let mut file = TensorFile::default();
+/// file.tensors.insert("slope".into(), Tensor::from_vec(vec![1.0f32, 2.0], [2]));
+/// let archive = Archive::from_bytes(file.to_bytes()?)?;
+/// assert_eq!(archive.entry("slope")?.shape.dims(), [2]);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Entry {
     /// The type in the file; [`Stored::dtype`] says what it becomes.
@@ -130,6 +147,16 @@ impl Entry {
     }
 
     /// Bytes of the tensor once it is read (twice that for integers that become `f64`).
+    ///
+    /// ```
+    /// use gradreel::Tensor;
+    /// use gradreel::io::{Archive, TensorFile};
+    /// let mut file = TensorFile::default();
+    /// file.tensors.insert("slope".into(), Tensor::from_vec(vec![1.0f32, 2.0], [2]));
+    /// let archive = Archive::from_bytes(file.to_bytes()?)?;
+    /// assert_eq!(archive.entry("slope")?.bytes(), 8);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn bytes(&self) -> usize {
         self.shape.len() * self.stored.dtype().size()
     }
@@ -176,6 +203,12 @@ impl Archive {
     /// A file up to 64 MiB is read at once. Of a larger one a tensor is read when it is asked for; when the file is changed
     /// meanwhile (not replaced by a rename, as [`TensorFile::write`] does), what is read is an error or other numbers.
     ///
+    /// ```
+    /// use gradreel::io::Archive;
+    /// let error = Archive::open("no-such-file.safetensors").err().expect("there is none");
+    /// assert!(error.to_string().contains("no-such-file"));
+    /// ```
+    ///
     /// # Errors
     /// [`ErrorKind::Input`] for a file that is missing, damaged or of another format, with what was found where, and for what
     /// is no regular file, such as a folder, a pipe or a device.
@@ -186,6 +219,12 @@ impl Archive {
     /// As [`Archive::open`]; of a PyTorch checkpoint, the tensors of a nested dictionary or list, such as
     /// `["optimizer_states", "0", "state"]`. Without keys, that is `["state_dict"]` where there is one, else everything.
     ///
+    /// ```
+    /// use gradreel::io::Archive;
+    /// let state = Archive::open_at("no-such-file.ckpt", &["optimizer_states", "0", "state"]);
+    /// assert!(state.is_err());
+    /// ```
+    ///
     /// # Errors
     /// As [`Archive::open`], and for a key that is not there, or keys for a file of another format.
     pub fn open_at(path: impl AsRef<Path>, keys: &[&str]) -> Result<Self> {
@@ -195,6 +234,12 @@ impl Archive {
 
     /// As [`Archive::open`], with the file mapped, so that [`Archive::map`] copies nothing and a model may be larger than the
     /// memory.
+    ///
+    /// ```
+    /// use gradreel::io::Archive;
+    /// // SAFETY: there is no such file, so that nobody changes it
+    /// assert!(unsafe { Archive::open_mapped("no-such-file.safetensors") }.is_err());
+    /// ```
     ///
     /// # Safety
     /// Nobody, in this process or another, changes or shortens the file while the archive, or a tensor that
@@ -210,6 +255,16 @@ impl Archive {
     }
 
     /// Lists the tensors of a file that is already in memory.
+    ///
+    /// ```
+    /// use gradreel::Tensor;
+    /// use gradreel::io::{Archive, TensorFile};
+    /// let mut file = TensorFile::default();
+    /// file.tensors.insert("slope".into(), Tensor::from_vec(vec![1.0f32, 2.0], [2]));
+    /// let archive = Archive::from_bytes(file.to_bytes()?)?;
+    /// assert!(archive.has("slope"));
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// As [`Archive::open`].
@@ -245,27 +300,77 @@ impl Archive {
     }
 
     /// What the file is.
+    ///
+    /// ```
+    /// use gradreel::Tensor;
+    /// use gradreel::io::{Archive, TensorFile};
+    /// let mut file = TensorFile::default();
+    /// file.tensors.insert("slope".into(), Tensor::from_vec(vec![1.0f32, 2.0], [2]));
+    /// let archive = Archive::from_bytes(file.to_bytes()?)?;
+    /// println!("{:?}", archive.format());
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn format(&self) -> Format {
         self.format
     }
 
     /// Every name, in order, including those of entries that cannot be read.
+    ///
+    /// ```
+    /// use gradreel::Tensor;
+    /// use gradreel::io::{Archive, TensorFile};
+    /// let mut file = TensorFile::default();
+    /// file.tensors.insert("slope".into(), Tensor::from_vec(vec![1.0f32, 2.0], [2]));
+    /// let archive = Archive::from_bytes(file.to_bytes()?)?;
+    /// assert_eq!(archive.names().collect::<Vec<_>>(), ["slope"]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.contents.entries.keys().map(String::as_str)
     }
 
     /// Whether there is an entry of this name, readable or not.
+    ///
+    /// ```
+    /// use gradreel::Tensor;
+    /// use gradreel::io::{Archive, TensorFile};
+    /// let mut file = TensorFile::default();
+    /// file.tensors.insert("slope".into(), Tensor::from_vec(vec![1.0f32, 2.0], [2]));
+    /// let archive = Archive::from_bytes(file.to_bytes()?)?;
+    /// assert!(!archive.has("offset"));
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn has(&self, name: &str) -> bool {
         self.contents.entries.contains_key(name)
     }
 
     /// Text and constants by name: the metadata of safetensors; of a PyTorch checkpoint the numbers and texts beside the
     /// tensors, such as `epoch` and `global_step`.
+    ///
+    /// ```
+    /// use gradreel::Tensor;
+    /// use gradreel::io::{Archive, TensorFile};
+    /// let mut file = TensorFile::default();
+    /// file.tensors.insert("slope".into(), Tensor::from_vec(vec![1.0f32, 2.0], [2]));
+    /// let archive = Archive::from_bytes(file.to_bytes()?)?;
+    /// assert!(archive.metadata().is_empty());
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn metadata(&self) -> &BTreeMap<String, String> {
         &self.contents.metadata
     }
 
     /// Type and shape of a tensor.
+    ///
+    /// ```
+    /// use gradreel::Tensor;
+    /// use gradreel::io::{Archive, TensorFile};
+    /// let mut file = TensorFile::default();
+    /// file.tensors.insert("slope".into(), Tensor::from_vec(vec![1.0f32, 2.0], [2]));
+    /// let archive = Archive::from_bytes(file.to_bytes()?)?;
+    /// assert_eq!(archive.entry("slope")?.shape.len(), 2);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::Input`] when there is none of this name or what is there is no tensor; [`ErrorKind::Unsupported`] when
@@ -279,6 +384,16 @@ impl Archive {
     }
 
     /// Reads a tensor, as [`Stored::dtype`].
+    ///
+    /// ```
+    /// use gradreel::Tensor;
+    /// use gradreel::io::{Archive, TensorFile};
+    /// let mut file = TensorFile::default();
+    /// file.tensors.insert("slope".into(), Tensor::from_vec(vec![1.0f32, 2.0], [2]));
+    /// let archive = Archive::from_bytes(file.to_bytes()?)?;
+    /// assert_eq!(archive.load("slope")?.slice::<f32>(), [1.0, 2.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// As [`Archive::entry`]; [`ErrorKind::Unsupported`] for an integer that neither `u32` nor `f64` holds.
@@ -325,6 +440,16 @@ impl Archive {
 
     /// Reads a tensor in another dtype: floats are rounded to the nearest, integers must be held exactly.
     ///
+    /// ```
+    /// use gradreel::Tensor;
+    /// use gradreel::io::{Archive, TensorFile};
+    /// let mut file = TensorFile::default();
+    /// file.tensors.insert("slope".into(), Tensor::from_vec(vec![1.0f32, 2.0], [2]));
+    /// let archive = Archive::from_bytes(file.to_bytes()?)?;
+    /// assert_eq!(archive.load_as("slope", gradreel::DType::F64)?.slice::<f64>(), [1.0, 2.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// As [`Archive::load`]; [`ErrorKind::Unsupported`] for floats as `u32`.
     pub fn load_as(&self, name: &str, dtype: DType) -> Result<Tensor> {
@@ -333,6 +458,16 @@ impl Archive {
     }
 
     /// Reads everything.
+    ///
+    /// ```
+    /// use gradreel::Tensor;
+    /// use gradreel::io::{Archive, TensorFile};
+    /// let mut file = TensorFile::default();
+    /// file.tensors.insert("slope".into(), Tensor::from_vec(vec![1.0f32, 2.0], [2]));
+    /// let archive = Archive::from_bytes(file.to_bytes()?)?;
+    /// assert_eq!(archive.load_all()?.tensors.len(), 1);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// As [`Archive::load`] of the first entry that cannot be read; [`ErrorKind::Input`] when entries that share storages

@@ -9,6 +9,11 @@ use crate::backend::cpu;
 use crate::{DType, Element, Error, ErrorKind, Result, Shape, Tensor};
 
 /// The type of the numbers in a file. Tensors have fewer: see [`Stored::dtype`].
+///
+/// ```
+/// use gradreel::{DType, io::Stored};
+/// assert_eq!(Stored::Bf16.dtype(), DType::F32);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[expect(missing_docs, reason = "the names are the documentation")]
 pub enum Stored {
@@ -29,6 +34,10 @@ pub enum Stored {
 
 impl Stored {
     /// Bytes per element.
+    ///
+    /// ```
+    /// assert_eq!(gradreel::io::Stored::F64.size(), 8);
+    /// ```
     pub fn size(self) -> usize {
         match self {
             Self::Bool | Self::U8 | Self::I8 => 1,
@@ -41,6 +50,11 @@ impl Stored {
     /// What it is read as: `f16`, `f32` and `f64` as they are; `bf16` as `f32`, which holds every value of it exactly
     /// (`f16` would not); booleans as 0 and 1, and integers, as `u32`. A tensor with an integer that `u32` does not hold, a
     /// negative one for instance, becomes `f64`, if that holds all of its numbers exactly (up to 2⁵³).
+    ///
+    /// ```
+    /// use gradreel::{DType, io::Stored};
+    /// assert_eq!(Stored::F16.dtype(), DType::F16);
+    /// ```
     pub fn dtype(self) -> DType {
         match self {
             Self::F16 => DType::F16,
@@ -51,6 +65,10 @@ impl Stored {
     }
 
     /// Whether it is one of the four types of floats.
+    ///
+    /// ```
+    /// assert!(gradreel::io::Stored::F32.is_float());
+    /// ```
     pub fn is_float(self) -> bool {
         matches!(self, Self::F16 | Self::Bf16 | Self::F32 | Self::F64)
     }

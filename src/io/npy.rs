@@ -19,6 +19,11 @@ const MAGIC: &[u8] = b"\x93NUMPY";
 
 /// Reads a file.
 ///
+/// ```
+/// use gradreel::io::npy;
+/// assert!(npy::read("no-such-file.npy").is_err());
+/// ```
+///
 /// # Errors
 /// [`ErrorKind::Input`] for a file that is missing, cut short or not of this format, [`ErrorKind::Unsupported`] for
 /// elements that tensors do not hold.
@@ -53,6 +58,16 @@ fn array(source: &Source, file: Range<usize>) -> Result<Tensor> {
 
 /// Writes a file, whole or not at all.
 ///
+/// ```
+/// use gradreel::{Tensor, io::npy};
+/// let x = Tensor::from_vec(vec![1.0, 2.0], [2]);
+/// let path = std::env::temp_dir().join(format!("gradreel-npy-write-{}.npy", std::process::id()));
+/// npy::write(&path, &x)?;
+/// assert_eq!(npy::read(&path)?.slice::<f64>(), [1.0, 2.0]);
+/// # std::fs::remove_file(path).unwrap();
+/// # Ok::<(), gradreel::Error>(())
+/// ```
+///
 /// # Errors
 /// [`ErrorKind::Io`] when writing fails, [`ErrorKind::Device`] when the tensor cannot be read back from its GPU.
 pub fn write(path: impl AsRef<Path>, tensor: &Tensor) -> Result<()> {
@@ -61,6 +76,13 @@ pub fn write(path: impl AsRef<Path>, tensor: &Tensor) -> Result<()> {
 }
 
 /// The file as bytes.
+///
+/// ```
+/// use gradreel::{Tensor, io::npy};
+/// let x = Tensor::from_vec(vec![1.0, 2.0], [2]);
+/// assert_eq!(npy::from_bytes(&npy::to_bytes(&x)?)?.slice::<f64>(), [1.0, 2.0]);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 ///
 /// # Errors
 /// [`ErrorKind::Device`] when the tensor cannot be read back from its GPU.

@@ -19,6 +19,14 @@ use crate::io::{Archive, Stored};
 use crate::{DType, Device, Error, ErrorKind, Result, Tensor};
 
 /// Named tensors with text metadata, in memory.
+///
+/// ```
+/// use gradreel::{Tensor, io::TensorFile};
+/// let mut file = TensorFile::default();
+/// file.tensors.insert("slope".into(), Tensor::from_vec(vec![2.0], [1]));
+/// assert_eq!(TensorFile::from_bytes(&file.to_bytes()?)?.get("slope")?.item()?, 2.0);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Debug, Clone, Default)]
 pub struct TensorFile {
     /// Tensors by name.
@@ -30,6 +38,15 @@ pub struct TensorFile {
 impl TensorFile {
     /// The tensor of this name.
     ///
+    /// ```
+    /// use gradreel::{Tensor, io::TensorFile};
+    /// let mut file = TensorFile::default();
+    /// file.tensors.insert("slope".into(), Tensor::from_vec(vec![2.0], [1]));
+    /// assert_eq!(file.get("slope")?.item()?, 2.0);
+    /// assert!(file.get("offset").is_err());
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// [`ErrorKind::Input`] when there is none.
     pub fn get(&self, name: &str) -> Result<&Tensor> {
@@ -37,6 +54,11 @@ impl TensorFile {
     }
 
     /// Reads a whole file, of any format that [`Archive`] reads.
+    ///
+    /// ```
+    /// use gradreel::io::TensorFile;
+    /// assert!(TensorFile::read("no-such-file.safetensors").is_err());
+    /// ```
     ///
     /// # Errors
     /// As [`Archive::open`] and [`Archive::load_all`].
@@ -47,6 +69,14 @@ impl TensorFile {
 
     /// Reads a file that is already in memory.
     ///
+    /// ```
+    /// use gradreel::{Tensor, io::TensorFile};
+    /// let mut file = TensorFile::default();
+    /// file.tensors.insert("slope".into(), Tensor::from_vec(vec![2.0], [1]));
+    /// assert_eq!(TensorFile::from_bytes(&file.to_bytes()?)?.tensors.len(), 1);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// As [`TensorFile::read`].
     pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
@@ -55,6 +85,17 @@ impl TensorFile {
 
     /// Writes a safetensors file: a new one beside `path`, which then takes its place. Whoever opens `path`, even after a
     /// crash, finds the old content or the new.
+    ///
+    /// ```
+    /// use gradreel::{Tensor, io::TensorFile};
+    /// let mut file = TensorFile::default();
+    /// file.tensors.insert("slope".into(), Tensor::from_vec(vec![2.0], [1]));
+    /// let path = std::env::temp_dir().join(format!("gradreel-write-{}.safetensors", std::process::id()));
+    /// file.write(&path)?;
+    /// assert_eq!(TensorFile::read(&path)?.get("slope")?.item()?, 2.0);
+    /// # std::fs::remove_file(path).unwrap();
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::Io`] when writing fails, [`ErrorKind::Input`] when the folder is missing or not writable,
@@ -71,6 +112,14 @@ impl TensorFile {
     }
 
     /// The safetensors file as bytes.
+    ///
+    /// ```
+    /// use gradreel::{Tensor, io::TensorFile};
+    /// let mut file = TensorFile::default();
+    /// file.tensors.insert("slope".into(), Tensor::from_vec(vec![2.0], [1]));
+    /// assert!(!file.to_bytes()?.is_empty());
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::Device`] when a tensor cannot be read back from its GPU; [`ErrorKind::Io`] when the format refuses.

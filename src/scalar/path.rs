@@ -90,6 +90,13 @@ impl Path {
 
     /// The path of this name.
     ///
+    /// ```
+    /// use gradreel::scalar::Path;
+    /// assert_eq!(Path::named("scalar")?, Path::Portable);
+    /// assert!(Path::named("mmx").is_err());
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// [`ErrorKind::Input`] when there is none of this name on this kind of processor, or when this processor lacks it.
     pub fn named(name: &str) -> Result<Self> {
@@ -109,6 +116,12 @@ impl Path {
     }
 
     /// The path that the environment asks for: the one that [`Path::VARIABLE`] names, or the widest available one.
+    ///
+    /// ```
+    /// let path = gradreel::scalar::Path::of_environment()?; // GRADREEL_ISA, or the widest
+    /// println!("{path}");
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// As [`Path::named`].

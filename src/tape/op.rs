@@ -269,6 +269,28 @@ impl From<Tensor> for Forward {
 }
 
 /// What [`Op::vjp`] may use: the cotangent of the result, the operands, the result and the residual.
+///
+/// ```
+/// use gradreel::{Backward, Forward, Op, Operands, Result, Spec, Tape, Tensor, Var};
+/// #[derive(Debug)]
+/// struct Double;
+/// impl Op for Double {
+///     fn name(&self) -> &str { "double" }
+///     fn infer(&self, inputs: &[Spec]) -> Result<Spec> { Ok(inputs[0].clone()) }
+///     fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+///         let twice = inputs[0].slice::<f64>().iter().map(|x| 2.0 * x).collect();
+///         Ok(Tensor::from_vec(twice, inputs[0].shape()).into())
+///     }
+///     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
+///         assert!(cx.wants(0) && cx.inputs().len() == 1 && !cx.is_recorded());
+///         Ok(vec![Some(cx.gradient() * 2.0)])
+///     }
+/// }
+/// let tape = Tape::new();
+/// let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+/// assert_eq!(x.apply(Double, &[])?.backward()?.wrt(&x)?.item()?, 2.0);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 pub struct Backward<'a> {
     pub(super) gradient: &'a Var,
     pub(super) inputs: &'a [Var],
