@@ -61,7 +61,11 @@ fn a_frame_that_is_not_there_is_not_made_up() {
     let folder = Folder::new();
     let mut all = pictures(|_, _| [255, 255, 255, 255]);
     all.remove(3);
-    write_gif_with(&folder.path("film.gif"), &all, |k| if k == 2 { 8 } else { 4 });
+    write_gif_with(&folder.path("film.gif"), &all, |k| match k {
+        2 => 8,
+        5 => 5,
+        _ => 4,
+    });
     let clip = open(&folder, "film.gif", 0.0);
     is_true(&clip);
     assert_eq!(clip.frame_count(), FRAMES);

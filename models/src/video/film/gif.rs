@@ -7,7 +7,7 @@ use std::path::Path;
 use gif::{ColorOutput, DecodeOptions, DecodingError, DisposalMethod, MemoryLimit};
 use gradreel::{Error, ErrorKind, Result};
 
-use super::pile::{Pile, check_size};
+use super::pile::{Pile, check_size, halvings_of};
 use super::{Clock, Decoded, Wanted};
 use crate::video::image::Image;
 
@@ -34,10 +34,13 @@ pub(super) fn read(path: &Path, wanted: Wanted) -> Result<Decoded> {
     options.set_color_output(ColorOutput::RGBA);
     options.set_memory_limit(MemoryLimit::Bytes(std::num::NonZeroU64::new(MOST_BYTES).expect("not 0")));
     let mut decoder = options.read_info(BufReader::new(file)).map_err(broken)?;
-    let size @ (width, height) = (usize::from(decoder.width()), usize::from(decoder.height()));
+    let size = (usize::from(decoder.width()), usize::from(decoder.height()));
     check_size(path, size)?;
+    // of a canvas that is too large, one pixel in so many is painted along either side
+    let halvings = halvings_of(size);
+    let (width, height) = (size.0 >> halvings, size.1 >> halvings);
     let mut canvas = vec![[0u8; 4]; width * height];
-    let mut pile = Pile::default();
+    let mut pile = Pile::halved(size, halvings);
     let (mut count, mut hundredths) = (0usize, 0u64);
     let mut shown = Vec::new();
     let mut said = Vec::new();
@@ -54,7 +57,12 @@ pub(super) fn read(path: &Path, wanted: Wanted) -> Result<Decoded> {
         let before = (frame.dispose == DisposalMethod::Previous).then(|| canvas.clone());
         let (left, top) = (usize::from(frame.left), usize::from(frame.top));
         let (across, down) = (usize::from(frame.width), usize::from(frame.height));
-        let place = |x: usize, y: usize| (left + x < width && top + y < height).then(|| (top + y) * width + left + x);
+        let step = (1 << halvings) - 1;
+        let place = |x: usize, y: usize| {
+            let (x, y) = (left + x, top + y);
+            let painted = (x | y) & step == 0 && x >> halvings < width && y >> halvings < height;
+            painted.then(|| (y >> halvings) * width + (x >> halvings))
+        };
         for (i, pixel) in frame.buffer.chunks_exact(4).take(across * down).enumerate() {
             if let (Some(to), true) = (place(i % across, i / across), pixel[3] > 0) {
                 canvas[to] = [pixel[0], pixel[1], pixel[2], pixel[3]];
@@ -64,7 +72,7 @@ pub(super) fn read(path: &Path, wanted: Wanted) -> Result<Decoded> {
             shown.push(UNIT * hundredths as f64);
             pile.add(path, wanted, Image { width, height, pixels: canvas.clone(), has_alpha: true })?;
         } else {
-            pile.count(path, size)?;
+            pile.count(path, (width, height))?;
         }
         let delay = u32::from(frame.delay);
         hundredths += u64::from(if delay < SHORTEST { 10 } else { delay });
@@ -78,10 +86,15 @@ pub(super) fn read(path: &Path, wanted: Wanted) -> Result<Decoded> {
         count += 1;
     }
     // shrunk pictures have more colours
-    let few_colours = pile.halvings == 0;
+    let few_colours = pile.halvings == halvings;
     let decoded = Decoded::of(pile);
     said.extend_from_slice(&decoded.said);
-    Ok(Decoded { clock: Some(Clock { shown, unit: UNIT }), few_colours, said, ..decoded })
+    Ok(Decoded {
+        clock: Some(Clock { shown, until: Some(UNIT * hundredths as f64), unit: UNIT }),
+        few_colours,
+        said,
+        ..decoded
+    })
 }
 
 /// Whether the file ends before it should.

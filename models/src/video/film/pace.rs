@@ -11,6 +11,8 @@ const ROUNDS: usize = 4;
 pub(super) struct Clock {
     /// The time of each frame \[s\].
     pub shown: Vec<f64>,
+    /// The time until which the last one is shown, if that is known \[s\].
+    pub until: Option<f64>,
     /// Times are counted in this \[s\].
     pub unit: f64,
 }
@@ -33,26 +35,23 @@ impl Clock {
     /// Most frames are shown for one interval. Where frames were merged or left out, one is shown for several. How long the last
     /// is held says nothing of the film, and the first was taken one interval before the second, however long it is held.
     pub fn pace(&self) -> Option<Pace> {
-        let gaps: Vec<f64> = self.shown.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        if gaps.is_empty() || !gaps.iter().all(|gap| *gap > 0.0 && gap.is_finite()) {
+        let count = self.shown.len();
+        let times: Vec<f64> = self.shown.iter().copied().chain(self.until).collect();
+        let gaps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        if count < 2 || !gaps.iter().all(|gap| *gap > 0.0 && gap.is_finite()) {
             return None;
         }
-        let within = if gaps.len() > 1 { &gaps[1..] } else { &gaps[..] };
-        let mut sorted = within.to_vec();
+        let mut sorted = gaps.clone();
         sorted.sort_by(f64::total_cmp);
         // the usual gap, or the smallest if others are not multiples of the usual one
-        let usual = self.paced(within, sorted[sorted.len() / 2]);
-        let found = if usual.off > OFF {
-            let least = self.paced(within, sorted[0]);
-            if least.off < usual.off { least } else { usual }
-        } else {
-            usual
-        };
-        let mut steps = vec![1; self.shown.len()];
-        let skipped = gaps.len() - within.len();
-        steps[skipped..skipped + within.len()].copy_from_slice(&found.steps);
-        let off = if found.off > OFF { found.off } else { 0.0 };
-        Some(Pace { steps, off, ..found })
+        let mut found = self.paced(&gaps, sorted[(sorted.len() - 1) / 2]);
+        if found.off > OFF {
+            let least = self.paced(&gaps, sorted[0]);
+            found = if least.off < found.off { least } else { found };
+        }
+        found.steps.resize(count, 1);
+        (found.steps[0], found.steps[count - 1]) = (1, 1);
+        Some(Pace { off: if found.off > OFF { found.off } else { 0.0 }, ..found })
     }
 
     /// The pace of gaps most of which are about this long.
@@ -68,8 +67,9 @@ impl Clock {
             }
         }
         let off = |(gap, steps): (&f64, &usize)| (gap - *steps as f64 * interval).abs() - self.unit;
-        // of a long hold the count is known no better than the interval
-        let near = gaps.iter().zip(&steps).filter(|(_, steps)| **steps < 4);
+        // of a long hold the count is known no better than the interval, and the first and the last may be held for any time
+        let inner = gaps.iter().zip(&steps).take(self.shown.len() - 1).skip(1);
+        let near = inner.filter(|(_, steps)| **steps < 4);
         let off = near.map(off).fold(0.0, f64::max) / interval;
         Pace { interval, steps, off }
     }
@@ -84,13 +84,13 @@ mod tests {
             *sum += gap;
             Some(0.01 * f64::from(*sum))
         });
-        Clock { shown: std::iter::once(0.0).chain(sums).collect(), unit: 0.01 }
+        Clock { shown: std::iter::once(0.0).chain(sums).collect(), until: None, unit: 0.01 }
     }
 
     #[test]
     fn holds_and_merged_frames_are_counted() {
         // 24 1/s in hundredths, three intervals of rest merged, and a first frame held for two seconds
-        let mut gaps = [4, 4, 5].repeat(20);
+        let mut gaps = [4, 4, 4, 4, 4, 5].repeat(10);
         gaps[0] = 200;
         gaps[30] = 13;
         let pace = clock(&gaps).pace().unwrap();
@@ -109,12 +109,18 @@ mod tests {
     #[test]
     fn what_has_no_pace() {
         assert_eq!(clock(&[]).pace(), None);
-        assert_eq!(Clock { shown: vec![0.0, 0.1, 0.1], unit: 0.0 }.pace(), None);
-        assert_eq!(Clock { shown: vec![0.0, f64::INFINITY], unit: 0.0 }.pace(), None);
+        assert_eq!(Clock { shown: vec![0.0, 0.1, 0.1], until: None, unit: 0.0 }.pace(), None);
+        assert_eq!(Clock { shown: vec![0.0, f64::INFINITY], until: None, unit: 0.0 }.pace(), None);
         // frames of a phone in the dark
-        let uneven = Clock { shown: vec![0.0, 0.033, 0.067, 0.115, 0.148, 0.181, 0.23, 0.263], unit: 0.001 };
+        let uneven =
+            Clock { shown: vec![0.0, 0.033, 0.067, 0.115, 0.148, 0.181, 0.23, 0.263], until: None, unit: 0.001 };
         let pace = uneven.pace().unwrap();
-        assert!(pace.off > 0.3 && (pace.interval - 0.037).abs() < 0.005, "{pace:?}");
+        assert!(pace.off > 0.25 && (pace.interval - 0.037).abs() < 0.005, "{pace:?}");
         assert_eq!(clock(&[4]).pace().unwrap().steps, [1, 1]);
+        // the last delay counts unless it is a hold
+        let even = Clock { until: Some(0.25), ..clock(&[4, 4, 4, 4, 4]) };
+        assert!((even.pace().unwrap().interval - 0.25 / 6.0).abs() < 1e-12);
+        let held = Clock { until: Some(3.0), ..even };
+        assert!((held.pace().unwrap().interval - 0.04).abs() < 1e-12);
     }
 }

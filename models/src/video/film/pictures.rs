@@ -65,7 +65,7 @@ impl Series {
             let names: Vec<String> = others.map(|(_, path)| name(path)).collect();
             let named = names.iter().take(3).cloned().collect::<Vec<_>>().join(", ");
             let more = if names.len() > 3 { format!(" and {} more", names.len() - 3) } else { String::new() };
-            said.push(format!("{named}{more} are no frames: frames are called like {}", name(&kind[0].1)));
+            said.push(format!("no frames: {named}{more}; frames are called like {}", name(&kind[0].1)));
         }
         let mut kind = kind.clone();
         kind.sort();
@@ -231,7 +231,7 @@ mod tests {
         order("hidden", &["._1.png", "1.png", "2.jpg", ".3.png"], "1.png 2.jpg");
         order("none", &["b.png", "a.png"], "a.png b.png");
         order("tens", &["0.png", "20.png", "10.png"], "0.png 10.png 20.png");
-        let odd = "f1.png f2.png background.png are no frames: frames are called like f1.png";
+        let odd = "f1.png f2.png no frames: background.png; frames are called like f1.png";
         order("odd", &["f1.png", "f2.png", "background.png"], odd);
         // times in milliseconds, and the time of day
         order("times", &["t33.png", "t67.png", "t100.png", "t134.png"], "t33.png t67.png t100.png t134.png");

@@ -21,7 +21,7 @@ const MOST_DECODED: u64 = 1 << 33;
 const MOST_IN_FILE: u64 = 64 << 20;
 
 /// Pictures are not shrunk below this length of their longer side \[pixels\].
-const LEAST_SIDE: usize = 160;
+const LEAST_SIDE: usize = 100;
 
 /// The pictures of a film. When they become too many or too large, all are shrunk to half their sides.
 #[derive(Default)]
@@ -31,20 +31,32 @@ pub(super) struct Pile {
     pub size: (usize, usize),
     /// How often the sides were halved.
     pub halvings: u32,
+    /// How often they were before the pictures are added.
+    before: u32,
     decoded: u64,
 }
 
+/// How often the sides of a picture are halved at once, for it to be one that is kept.
+pub(super) fn halvings_of((width, height): (usize, usize)) -> u32 {
+    (0..).find(|halvings| (width >> halvings) * (height >> halvings) <= MOST_OF_ONE).unwrap_or(0)
+}
+
 impl Pile {
+    /// No pictures yet, of films that are of this size in the file and halved so often as they are read.
+    pub fn halved(size: (usize, usize), halvings: u32) -> Self {
+        Self { size, halvings, before: halvings, ..Self::default() }
+    }
+
     /// Adds a picture.
     ///
     /// # Errors
     /// [`ErrorKind::Input`] for a picture of another size than the first, and for more pictures than there is memory or time for.
     pub fn add(&mut self, path: &Path, wanted: Wanted, image: Image) -> Result<()> {
         let size = (image.width, image.height);
-        if self.images.is_empty() {
+        if self.images.is_empty() && self.before == 0 {
             self.size = size;
         }
-        if self.size != size {
+        if (self.size.0 >> self.before, self.size.1 >> self.before) != size {
             return Err(Error::new(ErrorKind::Input, "the frames of the film differ in size")
                 .at(path.display())
                 .found(format!("{} × {} pixels in frame {}", size.0, size.1, wanted.first + self.images.len()))
@@ -53,7 +65,7 @@ impl Pile {
         }
         check_size(path, size)?;
         self.count(path, size)?;
-        let image = (0..self.halvings).fold(image, |image, _| halved(&image));
+        let image = shrunk(image, self.halvings - self.before);
         self.images.push(image);
         while self.images[0].pixels.len() > MOST_OF_ONE || self.images[0].pixels.len() * self.images.len() > MOST_OF_ALL
         {

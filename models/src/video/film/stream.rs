@@ -13,6 +13,9 @@ use crate::video::image::Image;
 /// Rate at which pictures leave the decoder, whose own times count \[1/s\].
 const RATE: u32 = 25;
 
+/// Times are told in so many parts of a second.
+const TICKS: u32 = 1_000_000_000;
+
 /// Times of containers are counted in this, or finer \[s\].
 const UNIT: f64 = 0.001;
 
@@ -23,7 +26,7 @@ const MOST_SAID: usize = 1 << 16;
 pub(super) fn read(path: &Path, wanted: Wanted) -> Result<Decoded> {
     // every frame of the stream once: its time goes to stderr, and the decoder is given even times, which drop and repeat nothing
     let print = "metadata=mode=add:key=shown:value=1,metadata=mode=print:file=pipe\\\\:2";
-    let filter = format!("select=gte(n\\,{}),{print},settb=1/{RATE},setpts=N,fps={RATE}", wanted.first);
+    let filter = format!("select=gte(n\\,{}),settb=1/{TICKS},{print},settb=1/{RATE},setpts=N,fps={RATE}", wanted.first);
     let mut command = decoder("ffmpeg", path);
     command.args(["-vf", &filter, "-f", "image2pipe", "-c:v", "pam", "-pix_fmt", "rgba"]);
     if wanted.count < usize::MAX {
@@ -61,7 +64,7 @@ pub(super) fn read(path: &Path, wanted: Wanted) -> Result<Decoded> {
             (0..count).map(|k| k as f64 / rate).collect()
         }
     };
-    Ok(Decoded { clock: Some(Clock { shown, unit: UNIT }), ..Decoded::of(pile) })
+    Ok(Decoded { clock: Some(Clock { shown, until: None, unit: UNIT }), ..Decoded::of(pile) })
 }
 
 /// The times of the frames that are passed on, and what else ffmpeg says.
@@ -72,8 +75,9 @@ fn told(mut stderr: impl BufRead) -> (Vec<Option<f64>>, String) {
     while stderr.by_ref().take(MOST_SAID as u64).read_until(b'\n', &mut line).is_ok_and(|read| read > 0) {
         let text = String::from_utf8_lossy(&line);
         if text.starts_with("frame:") {
-            let time = text.split_once("pts_time:").and_then(|(_, time)| time.trim().parse::<f64>().ok());
-            times.push(time.filter(|time| time.is_finite()));
+            let ticks =
+                text.split_once(" pts:").and_then(|(_, rest)| rest.split_whitespace().next()?.parse::<i64>().ok());
+            times.push(ticks.map(|ticks| ticks as f64 / f64::from(TICKS)));
         } else if !text.starts_with("shown=") && said.len() < MOST_SAID {
             said.push_str(&text);
         }
@@ -164,8 +168,8 @@ mod tests {
 
     #[test]
     fn times_are_told_from_errors() {
-        let text = "frame:0    pts:1024    pts_time:0.0833333\nshown=1\n[h264] error\nframe:1 pts:NOPTS pts_time:NOPTS\nshown=1\n";
+        let text = "frame:0    pts:83333333    pts_time:0.0833333\nshown=1\n[h264] error\nframe:1 pts:NOPTS pts_time:NOPTS\nshown=1\n";
         let (times, said) = told(text.as_bytes());
-        assert_eq!((times, said.as_str()), (vec![Some(0.0833333), None], "[h264] error\n"));
+        assert_eq!((times, said.as_str()), (vec![Some(0.083_333_333), None], "[h264] error\n"));
     }
 }
