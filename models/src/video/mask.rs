@@ -113,11 +113,11 @@ mod tests {
     fn one_mask_in_many_files() {
         use png::BitDepth::{Eight, One, Sixteen, Two};
         use png::ColorType::{Grayscale, GrayscaleAlpha, Indexed, Rgb, Rgba};
-        let cut_out = [[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0], [20, 30, 10, 255]].concat();
-        let on_black = [[0, 0, 0, 255], [0, 0, 0, 255], [9, 9, 9, 0], [255, 255, 255, 255]].concat();
-        let blue = [[0, 0, 0], [0, 0, 0], [0, 0, 0], [30, 60, 90]].concat();
-        let dark = [0, 0, 0, 128, 0, 0];
-        let grey = [0, 0, 0, 255, 255, 255, 77, 77, 77];
+        let cut_out: Vec<u8> = [[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0], [20, 30, 10, 255]].concat();
+        let on_black: Vec<u8> = [[0, 0, 0, 255], [0, 0, 0, 255], [9, 9, 9, 0], [255, 255, 255, 255]].concat();
+        let blue: Vec<u8> = [[0, 0, 0], [0, 0, 0], [0, 0, 0], [30, 60, 90]].concat();
+        let dark: [u8; 6] = [0, 0, 0, 128, 0, 0];
+        let grey: [u8; 9] = [0, 0, 0, 255, 255, 255, 77, 77, 77];
         let files: [(&str, png::ColorType, png::BitDepth, Option<&[u8]>, &[u8]); 12] = [
             ("0 and 255", Grayscale, Eight, None, &[0, 0, 0, 255]),
             ("0 and 1", Grayscale, Eight, None, &[0, 0, 0, 1]),
@@ -126,8 +126,8 @@ mod tests {
             ("two bits", Grayscale, Two, None, &[0, 0x10]),
             ("0 and 1 of 16 bits", Grayscale, Sixteen, None, &[0, 0, 0, 0, 0, 0, 0, 1]),
             ("0 and 255 of 16 bits", Grayscale, Sixteen, None, &[0, 0, 0, 0, 0, 0, 0, 255]),
-            ("a dark palette", Indexed, Eight, Some(&dark), &[0, 0, 0, 1]),
-            ("a grey palette", Indexed, Eight, Some(&grey), &[0, 0, 0, 1]),
+            ("a dark palette", Indexed, Eight, Some(&dark[..]), &[0, 0, 0, 1]),
+            ("a grey palette", Indexed, Eight, Some(&grey[..]), &[0, 0, 0, 1]),
             ("a cut-out", Rgba, Eight, None, &cut_out),
             ("black, white and transparent", Rgba, Eight, None, &on_black),
             ("black and blue", Rgb, Eight, None, &blue),

@@ -87,7 +87,7 @@ mod tests {
         }
         let prefixed = [b"Exif\0\0", &exif(6, true)[..]].concat();
         assert_eq!(Orientation::of(Some(&prefixed)), Orientation(6));
-        for nothing in [None, Some(&b"rubbish"[..]), Some(&exif(0, true)), Some(&exif(9, false))] {
+        for nothing in [None, Some(&b"rubbish"[..]), Some(exif(0, true).as_slice()), Some(exif(9, false).as_slice())] {
             assert_eq!(Orientation::of(nothing), Orientation(1));
         }
     }

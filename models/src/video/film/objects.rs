@@ -125,9 +125,8 @@ pub(super) fn alone(mattes: &mut [Matte], width: usize, height: usize, place: &s
     let until = if end < frames.len() { format!(", until frame {end}, where they meet") } else { String::new() };
     let sizes: Vec<String> = others.iter().map(|object| most(&areas[*object]).to_string()).collect();
     let said = format!(
-        "{} objects are seen: the largest of the first frame is taken ({} pixels there, others up to {}){until}; give masks (--masks) \
+        "several objects are seen: the largest of the first frame is taken ({} pixels there, others up to {}){until}; give masks (--masks) \
          for another one",
-        others.len() + 1,
         areas[kept][start],
         sizes.join(", ")
     );
@@ -275,7 +274,7 @@ mod tests {
         let mut mattes: Vec<Matte> = (0..8).map(scene).collect();
         let alone = alone(&mut mattes, SIZE[0], SIZE[1], "film").unwrap().unwrap();
         assert_eq!(alone.frames, 8);
-        assert!(alone.said.contains("2 objects") && alone.said.contains("256 pixels"), "{}", alone.said);
+        assert!(alone.said.contains("several objects") && alone.said.contains("256 pixels"), "{}", alone.said);
         for (k, found) in mattes.iter().enumerate() {
             assert_eq!(*found, matte(&[(16, 10 + 6 * k, 5 + 6 * k)]), "frame {k}");
         }

@@ -90,7 +90,7 @@ mod tests {
     #[test]
     fn holds_and_merged_frames_are_counted() {
         // 24 1/s in hundredths, three intervals of rest merged, and a first frame held for two seconds
-        let mut gaps = [4, 4, 5].repeat(20);
+        let mut gaps = [4, 4, 4, 4, 4, 5].repeat(10);
         gaps[0] = 200;
         gaps[30] = 13;
         let pace = clock(&gaps).pace().unwrap();
