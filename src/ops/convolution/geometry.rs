@@ -82,13 +82,13 @@ impl Links {
             let fix = "a stride or dilation of 1 takes every place";
             return Err(wrong("strides and dilations of at least 1".to_owned(), fix));
         }
-        if a[2..].contains(&0) || b[2..].contains(&0) {
-            return Err(wrong("spatial axes that are not empty".to_owned(), "leave the convolution of nothing out"));
-        }
         let most = self.places(&a[2..], &w[2..]);
         if w[2..].contains(&0) || most.contains(&0) || b[2..].iter().zip(&most).any(|(b, most)| b > most) {
             let wanted = format!("a kernel that fits the padded image, and at most {most:?} places");
             return Err(wrong(wanted, "use a smaller kernel or dilation, or more padding"));
+        }
+        if a[2..].contains(&0) || b[2..].contains(&0) {
+            return Err(wrong("spatial axes that are not empty".to_owned(), "leave the convolution of nothing out"));
         }
         let spatial = |dims: &[usize]| {
             three(&dims[2..], 1).ok_or_else(|| wrong("at most 3 spatial axes".to_owned(), "merge axes"))
