@@ -35,7 +35,11 @@ impl ChoiceArguments {
     /// [`ErrorKind::Input`] for no frames at all.
     pub fn apply(&self, clip: &mut ClipConfig) -> Result<()> {
         if self.frames == Some(0) {
-            return Err(outside("--frames", 0, "a number of frames from 1 on"));
+            return Err(Error::new(ErrorKind::Input, "a clip needs at least two frames to show motion")
+                .at("--frames")
+                .found(0)
+                .wanted("2 or more")
+                .fix("leave it out for all frames"));
         }
         if let Some(cameras) = &self.cameras {
             clip.cameras.clone_from(cameras);

@@ -49,12 +49,12 @@ impl Changes {
             unknowns.parameters[at] = value;
         }
         if let Some(velocity) = self.velocity {
-            finite("velocity", velocity)?;
+            finite("--velocity", velocity)?;
             words.push(format!("v {velocity:?} m/s instead of {:.3?}", unknowns.velocity));
             unknowns.velocity = velocity;
         }
         if let Some(spin) = self.spin {
-            finite("spin", spin)?;
+            finite("--spin", spin)?;
             words.push(format!("ω {spin:?} rad/s instead of {:.3?}", unknowns.spin));
             (unknowns.spin, config.estimate.spin) = (spin, true);
         }
@@ -82,10 +82,13 @@ impl Changes {
     }
 }
 
-/// Refuses what is no number; `name` is that of the option, too.
-fn finite(name: &str, values: [f64; 3]) -> Result<()> {
+/// Refuses values of an option that are not finite.
+fn finite(option: &str, values: [f64; 3]) -> Result<()> {
     match values.iter().all(|value| value.is_finite()) {
         true => Ok(()),
-        false => Err(Error::new(ErrorKind::Input, format!("the {name} is not finite")).at(format!("--{name}"))),
+        false => {
+            Err(Error::new(ErrorKind::Input, format!("the {} is not finite", option.trim_start_matches('-')))
+                .at(option))
+        }
     }
 }

@@ -45,7 +45,7 @@ fn a_run_goes_on_where_it_was_stopped() {
     assert!(scene.path("out/field.safetensors").is_file());
 
     // The same run with fewer iterations ahead.
-    let config = fs::read_to_string(scene.path("out/config.toml")).unwrap().replace("100000", "2");
+    let config = fs::read_to_string(scene.path("out/config.toml")).unwrap().replace("= 100000\n", "= 2\n");
     scene.write("out/config.toml", config);
     scene.succeeds("reconstruct clip --out out --resume");
     let state = scene.state("out");
