@@ -340,6 +340,10 @@ fn stuff(name: &str, given: &Substance) -> Result<Stuff> {
             Some(&value) if p.map == Map::Log10 && value < 0.0 => {
                 fault("a parameter must not be negative".into(), format!("{value} {}", p.unit), plausible)
             }
+            // further from its range than a law may be tried, it is a slip of the pen
+            Some(&value) if matches!(p.map, Map::Bounded { low, high } if (value - low).max(high - value) > 2.0 * (high - low)) => {
+                fault("a parameter is far outside its range".into(), format!("{value} {}", p.unit), plausible)
+            }
             Some(&value) => Ok(value),
         }
     };

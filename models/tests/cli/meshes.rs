@@ -23,7 +23,7 @@ fn scene() -> Scene {
     }
     scene.write("things/cube.glb", cube_glb());
     scene.write("things/cut.glb", &cube_glb()[..400]);
-    scene.write("things/out.obj", "mtllib ../tiny.toml\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+    scene.write("things/out.obj", "mtllib ../tiny.toml\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
     scene
 }
 

@@ -245,7 +245,7 @@ fn parameters_come_back_from_json() {
 
     let read: Value = serde_json::from_slice(&bytes).unwrap();
     let keys = |value: &Value| value.as_object().unwrap().keys().cloned().collect::<Vec<_>>();
-    assert_eq!(keys(&read), ["material", "parameters", "assumed", "quality"]);
+    assert_eq!(keys(&read), ["material", "parameters", "assumed", "quality", "isa"]);
     assert_eq!(read["material"], "neo_hookean");
     assert_eq!(keys(&read["parameters"]), ["young", "poisson"], "in the order given");
     let young = &read["parameters"]["young"];

@@ -148,6 +148,6 @@ fn truncated_and_altered_files_are_refused_or_read_but_never_panic() {
     }
     // Announced sizes beyond the file reserve nothing.
     let huge = b"ply\nformat binary_little_endian 1.0\nelement vertex 18446744073709551615\nproperty float x\n\
-                 property float y\nproperty float z\nend_header\n";
+                 property float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n";
     assert!(Mesh::from_bytes(huge, "ply").unwrap_err().to_string().contains("cut short"));
 }
