@@ -124,7 +124,7 @@ impl<'a> Buffers<'a> {
 
     /// The numbers of an accessor; normalised integers are within −1..1.
     pub fn elements(&self, index: usize) -> Result<Elements> {
-        self.numbers_of(index).map_err(|e| e.at(format!("accessor {index}")))
+        self.numbers_of(index).map_err(|e| e.within(format!("accessor {index}")))
     }
 
     fn numbers_of(&self, index: usize) -> Result<Elements> {
