@@ -121,10 +121,10 @@ impl Truth {
             }
         }
         let found = VELOCITY.map(|name| estimates.get(name).copied());
-        if let ([Some(x), Some(y), Some(z)], Some(truth)) = (found, self.velocity) {
-            if norm(truth) > 0.0 {
-                errors.insert("velocity".into(), norm(minus([x, y, z], truth)) / norm(truth));
-            }
+        if let ([Some(x), Some(y), Some(z)], Some(truth)) = (found, self.velocity)
+            && norm(truth) > 0.0
+        {
+            errors.insert("velocity".into(), norm(minus([x, y, z], truth)) / norm(truth));
         }
         errors
     }

@@ -138,7 +138,7 @@ fn commit() -> String {
 /// The day of so many seconds after 1970 began, in UTC and the Gregorian calendar.
 fn date(seconds: u64) -> String {
     let (mut year, mut day) = (1970, seconds / 86_400);
-    let leap = |year: u64| u64::from(year % 4 == 0 && (year % 100 != 0 || year % 400 == 0));
+    let leap = |year: u64| u64::from(year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400)));
     while day >= 365 + leap(year) {
         day -= 365 + leap(year);
         year += 1;

@@ -217,7 +217,7 @@ fn volume(shape: &Shape) -> Option<f64> {
         Shape::Cylinder { radius_m, height_m, .. } => Some(PI * radius_m * radius_m * height_m),
         Shape::Cone { radius_m, height_m, .. } => Some(PI * radius_m * radius_m * height_m / 3.0),
         Shape::Torus { ring_radius_m, tube_radius_m, .. } => {
-            (tube_radius_m <= ring_radius_m).then(|| 2.0 * PI * PI * ring_radius_m * tube_radius_m * tube_radius_m)
+            (tube_radius_m <= ring_radius_m).then_some(2.0 * PI * PI * ring_radius_m * tube_radius_m * tube_radius_m)
         }
         Shape::Mesh { .. } | Shape::Particles { .. } => None,
     }

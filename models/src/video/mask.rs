@@ -118,7 +118,8 @@ mod tests {
         let blue: Vec<u8> = [[0, 0, 0], [0, 0, 0], [0, 0, 0], [30, 60, 90]].concat();
         let dark: [u8; 6] = [0, 0, 0, 128, 0, 0];
         let grey: [u8; 9] = [0, 0, 0, 255, 255, 255, 77, 77, 77];
-        let files: [(&str, png::ColorType, png::BitDepth, Option<&[u8]>, &[u8]); 12] = [
+        type File<'a> = (&'a str, png::ColorType, png::BitDepth, Option<&'a [u8]>, &'a [u8]);
+        let files: [File<'_>; 12] = [
             ("0 and 255", Grayscale, Eight, None, &[0, 0, 0, 255]),
             ("0 and 1", Grayscale, Eight, None, &[0, 0, 0, 1]),
             ("0 and 7", Grayscale, Eight, None, &[0, 0, 0, 7]),

@@ -81,7 +81,8 @@ fn a_single_frame_is_not_simply_ready() {
 /// What looking finds is what opening finds, whatever is wrong.
 #[test]
 fn looking_is_opening() {
-    let damage: [(&str, fn(&mut Builder)); 11] = [
+    type Damage = (&'static str, fn(&mut Builder));
+    let damage: [Damage; 11] = [
         ("nothing", |_| {}),
         ("the second half of a later image", |b| {
             let path = b.path('r', 1, 2);

@@ -52,7 +52,7 @@ fn every_dialect_of_materials_is_the_same_colour() {
     let materials = "newmtl blue\nKd 0 0 1\nnewmtl red\nKd 1 0 0\n";
     let wanted = || painted(materials, head);
     let same = |materials: &[u8], head: &str| assert_same(painted(materials, head), wanted());
-    same(format!("\u{feff}newmtl red\nKd 1 0 0").as_bytes(), head);
+    same("\u{feff}newmtl red\nKd 1 0 0".as_bytes(), head);
     same(materials.replace("0\n", "0 # red or not\n").as_bytes(), head);
     same(materials.replace('\n', "\r").as_bytes(), head);
     same(materials.replace("Kd ", "Kd \\\n").as_bytes(), head);

@@ -128,7 +128,7 @@ fn halved(image: &Image) -> Image {
         // colour counts as much as it covers
         let colour = |c: usize| {
             let sum: u32 = four.iter().map(|p| u32::from(p[c]) * u32::from(p[3])).sum();
-            if alpha > 0 { ((sum + alpha / 2) / alpha) as u8 } else { 0 }
+            (sum + alpha / 2).checked_div(alpha).unwrap_or(0) as u8
         };
         [colour(0), colour(1), colour(2), ((alpha + 2) / 4) as u8]
     };

@@ -158,7 +158,8 @@ fn image_lines(content: &str) -> impl Iterator<Item = (usize, &str)> {
     lines(content).filter(move |(_, line)| {
         let mut count = 0;
         let numbers = line.split_whitespace().inspect(|_| count += 1).all(|word| word.parse::<f64>().is_ok());
-        let is_image = !line.is_empty() && !(behind_image && numbers && count % 3 == 0);
+        let points = behind_image && numbers && count % 3 == 0;
+        let is_image = !line.is_empty() && !points;
         behind_image = is_image;
         is_image
     })
