@@ -72,7 +72,7 @@ impl Var {
     /// ```
     ///
     /// # Panics
-    /// From or to `u32`, which has no derivative: use [`Tensor::cast`].
+    /// From or to `u32`, which has no derivative: use [`Tensor::cast`](crate::Tensor::cast).
     #[track_caller]
     #[must_use]
     pub fn to_dtype(&self, dtype: DType) -> Self {

@@ -255,7 +255,7 @@ impl Tape {
     ///
     /// # Errors
     /// What [`Op::infer`] and [`Op::forward`] return; in anomaly mode, a non-finite result.
-    /// [`ErrorKind::NoGradient`](crate::ErrorKind::NoGradient) when an op that has to be recorded has an operand of another
+    /// [`ErrorKind::NoGradient`] when an op that has to be recorded has an operand of another
     /// tape; the fault of that tape, if it has one.
     #[track_caller]
     pub fn apply(&self, op: Rc<dyn Op>, inputs: &[&Var]) -> Result<Var> {
