@@ -14,8 +14,11 @@ use crate::{DType, Error, ErrorKind, Result, Shape, Spec, Tensor};
 /// What an [`Archive`] was read from.
 ///
 /// ```
+/// use gradreel::Tensor;
 /// use gradreel::io::{Archive, Format, TensorFile};
-/// let archive = Archive::from_bytes(TensorFile::default().to_bytes()?)?;
+/// let mut file = TensorFile::default();
+/// file.tensors.insert("slope".into(), Tensor::from_vec(vec![1.0], [1]));
+/// let archive = Archive::from_bytes(file.to_bytes()?)?;
 /// assert_eq!(archive.format(), Format::Safetensors);
 /// # Ok::<(), gradreel::Error>(())
 /// ```

@@ -70,7 +70,7 @@ impl Var {
     /// Merges neighbouring axes into one: `x.flatten(1..3)` makes `[n, a, b, c]` to `[n, a · b, c]`.
     ///
     /// ```
-    /// # use gradreel::Tensor;
+    /// # use gradreel::{Tape, Tensor};
     /// # let tape = Tape::new();
     /// let x = tape.leaf(Tensor::zeros([2, 3, 4], gradreel::DType::F64));
     /// assert_eq!(x.flatten(1..3).dims(), [2, 12]);

@@ -260,7 +260,7 @@ pub fn uniform(seed: u64, shape: impl Into<Shape>, range: std::ops::Range<f64>) 
 ///
 /// ```
 /// for entry in gradreel::ops::registry() {
-///     println!("{} with {} cases", entry.name, entry.cases.len());
+///     println!("{} with {} cases", entry.name, (entry.cases)().len());
 /// }
 /// ```
 pub fn registry() -> Vec<Entry> {

@@ -106,7 +106,7 @@ impl Var {
     /// Sizes per axis.
     ///
     /// ```
-    /// # use gradreel::{DType, Tensor};
+    /// # use gradreel::{DType, Tape, Tensor};
     /// # let tape = Tape::new();
     /// let x = tape.leaf(Tensor::zeros([2, 3], DType::F32));
     /// assert_eq!(x.shape().rank(), 2);
@@ -118,7 +118,7 @@ impl Var {
     /// Sizes per axis as a slice.
     ///
     /// ```
-    /// # use gradreel::{DType, Tensor};
+    /// # use gradreel::{DType, Tape, Tensor};
     /// # let tape = Tape::new();
     /// let x = tape.leaf(Tensor::zeros([2, 3], DType::F32));
     /// assert_eq!(x.dims(), [2, 3]);
@@ -130,7 +130,7 @@ impl Var {
     /// Number of elements.
     ///
     /// ```
-    /// # use gradreel::{DType, Tensor};
+    /// # use gradreel::{DType, Tape, Tensor};
     /// # let tape = Tape::new();
     /// let x = tape.leaf(Tensor::zeros([2, 3], DType::F32));
     /// assert_eq!(x.len(), 6);
@@ -142,7 +142,7 @@ impl Var {
     /// Whether there are no elements.
     ///
     /// ```
-    /// # use gradreel::{DType, Tensor};
+    /// # use gradreel::{DType, Tape, Tensor};
     /// # let tape = Tape::new();
     /// let x = tape.leaf(Tensor::zeros([2, 3], DType::F32));
     /// assert!(!x.is_empty());
@@ -154,7 +154,7 @@ impl Var {
     /// Element type.
     ///
     /// ```
-    /// # use gradreel::{DType, Tensor};
+    /// # use gradreel::{DType, Tape, Tensor};
     /// # let tape = Tape::new();
     /// let x = tape.leaf(Tensor::zeros([2, 3], DType::F32));
     /// assert_eq!(x.dtype(), DType::F32);
@@ -166,7 +166,7 @@ impl Var {
     /// Shape and dtype.
     ///
     /// ```
-    /// # use gradreel::{DType, Tensor};
+    /// # use gradreel::{DType, Tape, Tensor};
     /// # let tape = Tape::new();
     /// let x = tape.leaf(Tensor::zeros([2, 3], DType::F32));
     /// assert_eq!(x.spec().dtype, DType::F32);
@@ -178,7 +178,7 @@ impl Var {
     /// Where it lives.
     ///
     /// ```
-    /// # use gradreel::{DType, Tensor};
+    /// # use gradreel::{DType, Tape, Tensor};
     /// # let tape = Tape::new();
     /// let x = tape.leaf(Tensor::zeros([2, 3], DType::F32));
     /// assert_eq!(x.device(), gradreel::Device::Cpu);

