@@ -94,7 +94,7 @@ fn no_particle_is_inside_a_ball_or_a_rod_smaller_than_a_cell() {
 }
 
 #[test]
-fn a_tilted_thin_plate_lets_nothing_pass() {
+fn a_thin_plate_that_moves_or_is_tilted_hits_a_body_as_one_at_rest_does() {
     // At 45° to the way of the ball, 5 m/s along x become 5 m/s upwards, less what the ball keeps of the impact.
     let tilted =
         "contact = \"separate\"\nturn_deg = [0, 0, -45]\nshape.box = { centre_m = [0, 1, 0], size_m = [0.01, 2, 2] }";
@@ -102,4 +102,17 @@ fn a_tilted_thin_plate_lets_nothing_pass() {
         let depth = positions.iter().map(|x| (x[0] - (x[1] - 1.0)) / 2.0_f32.sqrt()).fold(f32::NEG_INFINITY, f32::max);
         assert!(depth < -0.005 + 1e-4, "frame {frame}: {depth} m beyond the middle of the plate");
     });
+    // the plate comes at 40 m/s
+    let coming = "contact = \"separate\"\nvelocity_m_s = [-40, 0, 0]\nshape.box = { centre_m = [0.1, 1, 0], size_m = [0.01, 3, 3] }";
+    let setup = scene(1.0, WATER, coming);
+    let setup = Setup { schedule: gradreel_models::physics::Schedule { frames: 3, ..setup.schedule }, ..setup };
+    let dt = setup.schedule.frame_dt;
+    let substep = setup.schedule.dt();
+    let end = run(&setup, |frame, positions| {
+        // where the plate was one substep before, which is what the particles have met
+        let face = (0.1 - 0.005 - 40.0 * (dt * frame as f64 - substep)) as f32;
+        let behind = positions.iter().filter(|x| x[0] > face + 1e-4).count();
+        assert_eq!(behind, 0, "frame {frame}: particles behind the plate");
+    });
+    assert!(end < -39.0, "{end} m/s: it carries the water along");
 }
