@@ -61,8 +61,8 @@ impl Faces {
     /// use gradreel::{Tape, Tensor};
     /// use gradreel_models::field::Field;
     ///
-    /// let grid = NodeGrid { origin: [0.0; 3], spacing: 0.01, dims: [5; 3] };
-    /// let faces = Field { grid, voxels: (0..125).collect() }.faces();
+    /// let node_grid = NodeGrid { origin: [0.0; 3], spacing: 0.01, dims: [5; 3] };
+    /// let faces = Field { node_grid, voxels: (0..125).collect() }.faces();
     /// let tape = Tape::new();
     /// let mut opacity = vec![1.0; 125];
     /// let whole = faces.area(&tape.constant(Tensor::from_vec(opacity.clone(), [125, 1])))?.item()?;

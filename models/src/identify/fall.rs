@@ -18,7 +18,7 @@ pub(super) struct Fallen {
     deviations: Vec<f64>,
 }
 
-/// A velocity is nowhere surer than this \[m/s\]: what a silhouette's outline is wrong by.
+/// A velocity is nowhere surer than this \[m/s\]: the error of a silhouette's contour.
 const LEAST: f64 = 1e-3;
 
 impl Fallen {

@@ -455,10 +455,10 @@ fn shrink_factor(clip: &Clip, run: &Run, dx: f64) -> Result<usize> {
         return Ok(run.config.clip.shrink);
     }
     let sphere = bounding_sphere(clip, 0)?;
-    let memory_estimate = clip
+    let pixel = clip
         .cameras
         .iter()
         .filter_map(|camera| camera.project(sphere.centre).map(|[_, _, depth]| depth / camera.fx))
         .fold(0.0f64, f64::max);
-    Ok(((dx / 3.0 / memory_estimate) as usize).max(1))
+    Ok(((dx / 3.0 / pixel) as usize).max(1))
 }

@@ -44,7 +44,7 @@ impl Measured {
         let arguments = std::env::args_os().skip(1).map(|word| quoted(&word.to_string_lossy()));
         Self {
             machine: format!("{}, {cores} cores", processor()),
-            instruction_set: format!("{:?}", gradreel::scalar::Path::best()).to_lowercase(),
+            instruction_set: gradreel::isa().to_owned(),
             commit: format!("{} ({})", env!("CARGO_PKG_VERSION"), commit()),
             date: date(SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())),
             command: [program.to_owned()].into_iter().chain(arguments).collect::<Vec<_>>().join(" "),

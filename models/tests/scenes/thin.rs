@@ -42,13 +42,15 @@ fn a_ball_bounces_off_a_plate_wherever_that_lies_on_the_grid() {
         for at in [0.0, 0.01, 0.02, 0.033] {
             let plate = format!("{contact}\nshape.box = {{ centre_m = [{at}, 1, 0], size_m = [0.02, 1, 1] }}");
             let setup = scene(5.0, RUBBER, &plate);
+            let thick = format!("{contact}\nshape.box = {{ centre_m = [{}, 1, 0], size_m = [0.5, 1, 1] }}", at + 0.24);
+            let thick = run(&scene(5.0, RUBBER, &thick), |_, _| ());
             assert!(setup.notes.iter().any(|note| note.starts_with("colliders[0]")), "{:?}", setup.notes);
             let face = at as f32 - 0.01;
             let back = run(&setup, |frame, positions| {
                 let passed = positions.iter().filter(|x| x[0] > face + 1e-5).count();
                 assert_eq!(passed, 0, "{contact}, plate at {at} m, frame {frame}");
             });
-            println!("{contact}, plate at {at} m: {back:.3} m/s");
+            println!("{contact}, plate at {at} m: {back:.3} m/s, thick {thick:.3}");
             assert!(back < 0.0, "{contact}, plate at {at} m: {back} m/s after the bounce of 5 m/s");
         }
     }

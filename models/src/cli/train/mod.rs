@@ -40,7 +40,8 @@ struct NovelView {
     /// What is trained: the model itself, or its spatial-aware module with everything else frozen [default: base]
     #[arg(long, value_name = "STAGE", conflicts_with = "resume")]
     stage: Option<Stage>,
-    /// Weights to start from: needed for the module; without, a base model starts afresh
+    /// Weights to start from: needed for the module; without, a base model starts afresh. A file is read while it is used: leave
+    /// it as it is until the command ends
     #[arg(long, value_name = "FILE")]
     weights: Option<PathBuf>,
     /// Settings as TOML; what it does not name keeps its default (see --print-config)

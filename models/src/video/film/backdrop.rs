@@ -19,7 +19,7 @@ type Frames = u32;
 /// The background behind a moving object.
 ///
 /// Where a pixel shows the same in all frames, that is the background. Elsewhere there are several candidates: sets of frames in
-/// which it shows the same thing. Neighbouring pixels are covered in the same frames, but where an silhouette passes between them,
+/// which it shows the same thing. Neighbouring pixels are covered in the same frames, but where an edge passes between them,
 /// which is an edge in the picture; from the pixels that are known, those around them are decided in the order of how well they agree,
 /// by the set that agrees best. Also a pixel that the object covers for most of the time is found so, if only it is free once.
 pub(super) fn of(images: &[Image]) -> Image {
@@ -41,7 +41,7 @@ pub(super) fn of(images: &[Image]) -> Image {
         .into_iter()
         .flatten()
     };
-    // how little a pixel agrees with a neighbour that is free in these frames: an silhouette passes between them where they differ,
+    // how little a pixel agrees with a neighbour that is free in these frames: an edge passes between them where they differ,
     // which an edge in the picture must show
     let best = |i: usize, neighbour: usize, free: Frames| {
         let smooth = frames.iter().enumerate().filter(|(_, f)| is_alike(f.pixels[i], f.pixels[neighbour]));

@@ -70,7 +70,7 @@ pub(super) fn evidence(brightness: f32, [x, y]: Hue, tint: Option<Tint>) -> f32 
     (along * along + across * across + 3.0 * excess * excess).sqrt()
 }
 
-/// From differences of neighbouring pixels, of which only few cross an silhouette. Pixels equal to the plate to the last
+/// From differences of neighbouring pixels, of which only few cross an edge. Pixels equal to the plate to the last
 /// bit (a rendered sky) say nothing about noise.
 fn noise(hue: &[Hue]) -> f32 {
     let changed = |h: &Hue| *h != [0.0; 2];

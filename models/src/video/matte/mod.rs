@@ -3,7 +3,7 @@
 //! Against a background plate there are three things to tell apart: pixels that did not change, pixels that changed
 //! because the object's *shadow* or reflected light falls on them, and the object. Colour alone does not do it: a patch
 //! of the object may have the floor's hue, and light reflected by a bright object tints the floor beside it. But a
-//! shadow of an extended light fades in over many pixels, and an silhouette does not. So
+//! shadow of an extended light fades in over many pixels, and an edge does not. So
 //!
 //! 1. [`change`] compares image and plate in linear light, discounting what a shadow does, in the [`light`] of the camera's pictures;
 //! 2. [`walk`] spreads this evidence to neighbouring pixels except across sharp edges of the change;

@@ -3,7 +3,7 @@
 //! The belief `z` that a pixel shows the object minimises
 //! `Σ w_ab (z_a − z_b)² + Σ λ_a (z_a − p_a)²` over neighbouring pixels `a, b`, with the prior `p` from the evidence and
 //! weights `w` that vanish across sharp changes. (Grady, *Random walks for image segmentation*, 2006, with a prior
-//! instead of seeds.) Within an silhouette a patch with the floor's hue takes the belief of what surrounds it; a shadow,
+//! instead of seeds.) Within an edge a patch with the floor's hue takes the belief of what surrounds it; a shadow,
 //! which joins the unchanged floor without an edge, takes the floor's.
 
 use super::change::Change;

@@ -13,7 +13,7 @@
 //! let sample = Sample::draw(Key::new(7), &ring, 32, &SampleSettings::default());
 //! assert_eq!(sample.views.len(), 16);
 //! let seen = sample.seen(&ring).expect("the object is in the image");
-//! assert!(seen.silhouette.low.iter().all(|x| *x > 0.0) && seen.silhouette.high.iter().all(|x| *x < 1.0));
+//! assert!(seen.bounds.low.iter().all(|x| *x > 0.0) && seen.bounds.high.iter().all(|x| *x < 1.0));
 //! assert!(seen.depth.is_some_and(|depth| (0.6..2.4).contains(&depth)));
 //! ```
 
