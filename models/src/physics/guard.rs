@@ -1,8 +1,9 @@
 //! Solid obstacles as particles meet them: nothing passes through their surface, however thin they are and however fast it
 //! comes.
 //!
-//! On the grid an obstacle acts where it has nodes. What is thinner than two cells may have none, and nodes of both its sides
-//! are neighbours; here the way of each particle during a substep is followed instead.
+//! On the grid an obstacle acts where it has nodes. A plate thinner than two cells acts there as if it were as thick as that.
+//! What is thin in two directions, such as a rod, does not act on the grid. The guard follows the way of each particle during a
+//! substep, so that none enters the solid itself.
 
 use rayon::prelude::*;
 
@@ -23,6 +24,25 @@ pub(crate) fn is_thin(collider: &Collider, dx: f64) -> bool {
     collider.thickness() < 2.0 * dx
 }
 
+/// An obstacle as it acts on the grid: a plate thinner than two cells as if it were as thick as that, so that it has nodes on both
+/// of its sides wherever it lies, and nothing that is thin in two directions.
+fn on_grid(collider: &Collider, dx: f64) -> Option<Collider> {
+    let wide = |half: f64| half >= dx;
+    let region = match collider.region {
+        _ if !is_thin(collider, dx) => collider.region,
+        Region::Cuboid { centre, half } if half.into_iter().filter(|half| wide(*half)).count() == 2 => {
+            Region::Cuboid { centre, half: half.map(|half| half.max(dx)) }
+        }
+        Region::Cylinder { start, end, radius } if wide(radius) => {
+            let axis = minus(end, start);
+            let longer = axis.map(|a| a * 0.5 * ((2.0 * dx / dot(axis, axis).sqrt()).max(1.0) - 1.0));
+            Region::Cylinder { start: minus(start, longer), end: plus(end, longer), radius }
+        }
+        _ => return None,
+    };
+    Some(Collider { region, ..*collider })
+}
+
 /// The solids of a world.
 #[derive(Debug)]
 pub(crate) struct Guard {
@@ -34,7 +54,7 @@ impl Guard {
     /// The solids of a world, and the obstacles that act on the grid, too.
     pub fn of(world: &World) -> (Self, Vec<Collider>) {
         let solids = world.colliders.iter().filter(|collider| collider.thickness().is_finite()).copied().collect();
-        let on_grid = world.colliders.iter().filter(|collider| !is_thin(collider, world.dx)).copied().collect();
+        let on_grid = world.colliders.iter().filter_map(|collider| on_grid(collider, world.dx)).collect();
         (Self { solids, skin: SKIN * world.dx }, on_grid)
     }
 

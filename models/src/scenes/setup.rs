@@ -265,8 +265,8 @@ impl Setup {
     fn note_thin_obstacles(&mut self, colliders: &[(String, Collider)]) {
         for (name, collider) in colliders.iter().filter(|(_, collider)| is_thin(collider, self.world.dx)) {
             self.notes.push(format!(
-                "{name} is {:.4} m thick, less than two cells ({:?} m): it stops particles at its surface and lets them lift \
-                 off, but bodies on both sides of it feel each other",
+                "{name} is {:.4} m thick, less than two cells ({:?} m): no particle enters it, but bodies feel it up to a cell \
+                 before its surface, and those on both sides of it may feel each other",
                 collider.thickness(),
                 2.0 * self.world.dx
             ));

@@ -50,8 +50,7 @@ fn a_ball_bounces_off_a_plate_wherever_that_lies_on_the_grid() {
                 let passed = positions.iter().filter(|x| x[0] > face + 1e-5).count();
                 assert_eq!(passed, 0, "{contact}, plate at {at} m, frame {frame}");
             });
-            println!("{contact}, plate at {at} m: {back:.3} m/s, thick {thick:.3}");
-            assert!(back < 0.0, "{contact}, plate at {at} m: {back} m/s after the bounce of 5 m/s");
+            assert!(back < 0.8 * thick, "{contact}, plate at {at} m: {back} m/s, and {thick} m/s from a thick wall");
         }
     }
 }
