@@ -6,7 +6,7 @@ use std::path::Path;
 
 use gradreel::{Error, ErrorKind, Result};
 
-/// Largest size of a settings or scene file [bytes].
+/// Largest size of a settings or scene file \[bytes\].
 pub(crate) const SETTINGS: u64 = 16 << 20;
 
 /// The UTF-8 byte order mark, which some editors write at the start of a file.

@@ -19,7 +19,7 @@ impl Linear {
         Self::named(scope, ["weight", "bias"], inputs, outputs)
     }
 
-    /// The layer whose weight and bias have other names.
+    /// The layer with other names for weight and bias.
     ///
     /// # Errors
     /// As [`Linear::new`].
@@ -28,7 +28,7 @@ impl Linear {
         Ok(Self { weight, bias: Some(scope.weight(bias, [outputs], Init::FanIn(inputs))?) })
     }
 
-    /// The layer at a scope, without the constant term.
+    /// The layer at a scope, without bias.
     ///
     /// # Errors
     /// As [`Linear::new`].
@@ -36,7 +36,7 @@ impl Linear {
         Ok(Self { weight: scope.weight("weight", [outputs, inputs], Init::FanIn(inputs))?, bias: None })
     }
 
-    /// Applies it.
+    /// Applies the layer.
     ///
     /// # Panics
     /// When the last axis is not `inputs` long.

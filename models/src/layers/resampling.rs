@@ -27,7 +27,7 @@ impl Downsample {
     }
 }
 
-/// Nearest neighbours twice the size, then a 3×3 convolution (`conv`).
+/// Nearest-neighbour upsampling by 2, then a 3×3 convolution (`conv`).
 pub struct Upsample(Convolution);
 
 impl Upsample {

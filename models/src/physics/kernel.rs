@@ -84,7 +84,8 @@ unsafe fn spread<T: Number, R: Row<T>>(
     let mut nothing = [T::ZERO; 4];
     for (quad, four) in found.as_chunks::<4>().0.iter().enumerate() {
         let at = first + 4 * quad;
-        // SAFETY: the batch lies within the arrays, whose lengths were fixed above; a record holds four times four values.
+        // SAFETY: the batch lies within the arrays, whose lengths were fixed above; a record holds four times four
+        // values.
         unsafe {
             let from = |part: usize| [0, 1, 2, 3].map(|i| four[i].as_ptr().add(4 * part));
             R::turn(from(0), [0, 1, 2, 3].map(|k| sums.add(k * BLOCK + at)));

@@ -4,8 +4,8 @@
 //! MLS-MPM: quadratic B-splines, affine velocities (APIC, or a blend with FLIP), no damping. All of it has an exact
 //! adjoint: the transfers by hand, the material by differentiation of its scalar program.
 //!
-//! - [`World`]: grid spacing, gravity, [`Collider`]s (planes, boxes, balls, cylinders; solid or containers; at rest or moving;
-//!   sticky, slippery or with Coulomb friction), the blend of APIC with FLIP, limits.
+//! - [`World`]: grid spacing, gravity, [`Collider`]s (planes, boxes, balls, cylinders; solid or containers; at rest or
+//!   moving; sticky, slippery or with Coulomb friction), the blend of APIC and FLIP, limits.
 //! - [`Material`]: one constitutive law, written for one particle; [`Law`]: the same, traced. [`materials`] lists them,
 //!   and [`check_material`] checks them.
 //! - [`rollout`]: thousands of substeps as one node of the tape, with a [`Schedule`] and [`Remat`]; [`simulate`]: the

@@ -83,7 +83,8 @@ impl<T: Number> NodeGrid<T> {
         self.shape[0] * self.stride[0]
     }
 
-    /// The world index of the lowest node of a stencil along an axis, `floor(x/dx − ½)`, and `x/dx` minus it, in `[½, 1½)`.
+    /// The world index of the lowest node of a stencil along an axis, `floor(x/dx − ½)`, and `x/dx` minus it, in
+    /// `[½, 1½)`.
     #[inline(always)]
     pub fn locate(&self, x: T) -> (i32, T) {
         let scaled = x * self.inverse_dx;

@@ -71,8 +71,8 @@ pub struct Substance {
 ///
 /// # Errors
 ///
-/// [`ErrorKind::Physics`](gradreel::ErrorKind::Physics) when the simulation breaks down, naming particle, substep, time and
-/// position; [`ErrorKind::NonFinite`](gradreel::ErrorKind::NonFinite) for inputs that are not finite;
+/// [`ErrorKind::Physics`](gradreel::ErrorKind::Physics) when the simulation breaks down, naming particle, substep, time
+/// and position; [`ErrorKind::NonFinite`](gradreel::ErrorKind::NonFinite) for inputs that are not finite;
 /// [`ErrorKind::Shape`](gradreel::ErrorKind::Shape) for inputs of the wrong shape;
 /// [`ErrorKind::Input`](gradreel::ErrorKind::Input) for a particle without material.
 pub fn simulate(world: &World, scene: &Scene, schedule: Schedule, remat: Remat) -> Result<Var> {
