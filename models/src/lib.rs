@@ -20,7 +20,7 @@
 //! | [`identify::Config`] | every setting, with defaults; [`Config::parse`](identify::Config::parse) reads TOML |
 //! | [`identify::reconstruct()`] | runs the stages in a run folder, from which it can continue |
 //! | [`scenes::Runner`], [`physics::rollout()`] | simulate a scene file, or a body on the tape with derivatives |
-//! | [`identify::Tracks::fit`] | velocity and material from particle tracks, without pictures |
+//! | [`identify::Tracks::fit`] | velocity and material from particle tracks, without images |
 //!
 //! A reconstruction takes minutes:
 //!

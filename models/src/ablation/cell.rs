@@ -12,7 +12,7 @@ use crate::identify::Config;
 use crate::report::progress::Progress;
 use crate::video::Clip;
 
-/// One way to treat a clip.
+/// A treatment of a clip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 #[value(rename_all = "snake_case")]
@@ -93,7 +93,7 @@ impl Cell {
 pub struct AblationSettings {
     /// Id of the camera that stays real; the first camera if not given.
     pub primary: Option<i64>,
-    /// How the other views are imagined.
+    /// Perturbation of the other views.
     pub perturbation: Perturbation,
     /// Settings of the reconstructions and of the temporal fits.
     pub config: Config,

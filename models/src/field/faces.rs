@@ -76,7 +76,7 @@ impl Faces {
     /// ```
     ///
     /// # Errors
-    /// What the ops return.
+    /// Propagates errors of the ops.
     pub fn area(&self, opacity: &Var) -> Result<Var> {
         let size = |difference: &Var| (difference.square() + ALIKE * ALIKE).sqrt() - ALIKE;
         let [low, high] = [0, 1].map(|side| constant::indices(opacity, self.between[side].clone()));

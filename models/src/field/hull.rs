@@ -29,7 +29,7 @@ pub struct Sphere {
 pub struct Hull {
     /// The grid of the voxels.
     pub node_grid: NodeGrid,
-    /// Flat numbers of the voxels inside, increasing.
+    /// Flat indices of the voxels inside, increasing.
     pub voxels: Vec<u32>,
 }
 

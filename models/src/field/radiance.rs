@@ -66,7 +66,7 @@ impl RadianceField {
     /// Initial values: zero grids and a random network.
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// Only for types other than `f32` and `f64`.
     pub fn initialise(&self, key: Key, dtype: DType) -> Result<Params> {
         let mut params = initialise(key, dtype, |scope| ColourNet::new(&scope.at("radiance.colour"), &self.sizes))?;
         let [x, y, z] = self.grid.dims;
@@ -149,7 +149,7 @@ impl ColourNet {
     /// Colours `[n, 3]` in 0…1 from features `[n, features]`, each seen along its ray in `ray_of`.
     ///
     /// # Errors
-    /// What the ops return.
+    /// Propagates errors of the ops.
     pub fn forward(&self, features: &Var, rays: &Rays, ray_of: Vec<u32>) -> Result<Var> {
         let views = constant::points(features, &rays.unit_directions())?.positional_encoding(self.view_levels);
         let views = views.index_select(&constant::indices(features, ray_of)?)?;

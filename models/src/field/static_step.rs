@@ -106,7 +106,7 @@ impl StaticStep {
     /// The gradients by path, including that of the total variation.
     ///
     /// # Errors
-    /// What the backward pass returns.
+    /// Propagates errors of the backward pass.
     pub fn gradients(
         &self,
         bound: &Bound,

@@ -19,7 +19,7 @@ pub enum Reach {
 /// The published optimiser divides `weight` by the number of nodes beforehand.
 ///
 /// # Errors
-/// What the ops return.
+/// Propagates errors of the ops.
 pub fn variation_gradient(grid: &Tensor, weight: f64) -> Result<Tensor> {
     let tape = Tape::new();
     let grid = tape.constant(grid.clone());
@@ -35,7 +35,7 @@ pub fn variation_gradient(grid: &Tensor, weight: f64) -> Result<Tensor> {
 /// Adds the gradient of the total variation ([`variation_gradient`]) to a gradient of the grid.
 ///
 /// # Errors
-/// What the ops return.
+/// Propagates errors of the ops.
 pub fn with_variation(gradient: &Tensor, grid: &Tensor, weight: f64, reach: Reach) -> Result<Tensor> {
     let tape = Tape::new();
     let [gradient, added]: [Var; 2] =

@@ -28,7 +28,7 @@ impl Attention {
     /// The layer at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, sizes: AttentionSizes) -> Result<Self> {
         let AttentionSizes { channels, context, .. } = sizes;
         Ok(Self {

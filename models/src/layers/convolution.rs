@@ -68,7 +68,7 @@ impl Convolution {
     /// The layer at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, kernel: Kernel) -> Result<Self> {
         Self::build(scope, kernel, false)
     }

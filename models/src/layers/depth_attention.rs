@@ -38,7 +38,7 @@ impl DepthAttention {
     /// The block at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, sizes: DepthAttentionSizes) -> Result<Self> {
         let DepthAttentionSizes { channels, head, context } = sizes;
         let inner = HEADS * head;

@@ -4,7 +4,8 @@ use gradreel::{Result, Var};
 
 use super::{Init, Scope};
 
-/// `y = x·Wᵀ + b` on the last axis: `[.., inputs] → [.., outputs]`. Weights `weight [outputs, inputs]`, `bias [outputs]`.
+/// `y = x·Wᵀ + b` on the last axis: `[.., inputs] → [.., outputs]`. Weights `weight [outputs, inputs]`,
+/// `bias [outputs]`.
 pub struct Linear {
     weight: Var,
     bias: Option<Var>,
@@ -14,7 +15,7 @@ impl Linear {
     /// The layer at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, inputs: usize, outputs: usize) -> Result<Self> {
         Self::named(scope, ["weight", "bias"], inputs, outputs)
     }

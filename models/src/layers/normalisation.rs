@@ -17,7 +17,7 @@ impl GroupNorm {
     /// The layer at a scope; `epsilon` is added to the variance.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, groups: usize, channels: usize, epsilon: f64) -> Result<Self> {
         let weight = scope.weight("weight", [channels], Init::Ones)?;
         Ok(Self { weight, bias: scope.weight("bias", [channels], Init::Zeros)?, groups, epsilon })
@@ -59,7 +59,7 @@ impl LayerNorm {
     /// The layer at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, channels: usize) -> Result<Self> {
         let weight = scope.weight("weight", [channels], Init::Ones)?;
         Ok(Self { weight, bias: scope.weight("bias", [channels], Init::Zeros)? })

@@ -15,7 +15,7 @@ impl Perceptron {
     /// The layers with these names and output widths, at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, inputs: usize, layers: &[(&str, usize)]) -> Result<Self> {
         Self::ending_in(scope, inputs, layers, None)
     }

@@ -19,7 +19,7 @@ impl ResidualBlock {
     /// The block at a scope: `inputs` channels to `outputs`, a time vector of `embedding` channels.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, inputs: usize, outputs: usize, embedding: usize) -> Result<Self> {
         let skip = || Convolution::new(&scope.at("skip_connection"), Kernel::image(inputs, outputs, 1));
         Ok(Self {

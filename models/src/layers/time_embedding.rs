@@ -15,7 +15,7 @@ impl TimeEmbedding {
     /// The layer at a scope: `features` sinusoids to `outputs` channels.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, features: usize, outputs: usize) -> Result<Self> {
         Ok(Self {
             features,

@@ -28,7 +28,7 @@ impl SpatialTransformer {
     /// The layer at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, sizes: TransformerSizes) -> Result<Self> {
         let pointwise = Kernel::image(sizes.channels, sizes.channels, 1);
         Ok(Self {

@@ -84,7 +84,7 @@ impl Particles {
     /// Positions as a tensor `[particles, 3]` \[m\].
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// Only for types other than `f32` and `f64`.
     pub fn positions(&self, dtype: DType) -> Result<Tensor> {
         Tensor::from_vec(self.positions.as_flattened().to_vec(), [self.len(), 3]).cast(dtype)
     }
@@ -92,7 +92,7 @@ impl Particles {
     /// Opacities as a tensor `[particles, 1]`.
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// Only for types other than `f32` and `f64`.
     pub fn opacity(&self, dtype: DType) -> Result<Tensor> {
         Tensor::from_vec(self.opacity.clone(), [self.len(), 1]).cast(dtype)
     }
@@ -100,7 +100,7 @@ impl Particles {
     /// Colours as a tensor `[particles, 3]`.
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// Only for types other than `f32` and `f64`.
     pub fn colour(&self, dtype: DType) -> Result<Tensor> {
         Tensor::from_vec(self.colour.as_flattened().to_vec(), [self.len(), 3]).cast(dtype)
     }

@@ -324,7 +324,7 @@ mod tests {
     const CONTACTS: [Contact; 5] =
         [Contact::Sticky, Contact::Slip, Contact::Separate, Contact::Friction(0.3), Contact::Friction(3.0)];
 
-    /// A node inside all of them, one after the other, at rest and in motion.
+    /// Obstacles that all contain the test node, at rest and in motion.
     fn pile(contact: Contact, t: f64) -> Vec<Placed> {
         let colliders = [
             Collider::plane([0.0; 3], [0.3, 1.0, -0.2], contact),
@@ -443,7 +443,7 @@ mod tests {
         let v = later.collide([0.0, 0.5, 0.0], [0.0; 3]);
         assert!((v[0] + 1.0).abs() < 1e-12 && v[1].abs() < 1e-12, "{v:?}");
         assert_eq!(later.collide([0.5, 0.0, 0.0], [0.3; 3]), [0.3; 3]);
-        // Turned at the start about the same axis, it stands like that and stays.
+        // Rotated at the start about the same axis, it is in that pose at rest.
         let tilted = Collider::cuboid([0.5, 0.0, 0.0], [0.5, 0.1, 0.1], Contact::Separate);
         let tilted = tilted.turned([0.0, 0.0, FRAC_PI_2], [0.0; 3]);
         assert_eq!(tilted.normal([0.5, 0.0, 0.0]), None);

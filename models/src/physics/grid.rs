@@ -273,7 +273,7 @@ mod tests {
     use super::*;
     use crate::physics::transfer::record;
 
-    /// Particles all over a box that spans several slabs, with anything to scatter.
+    /// Particles throughout a box that spans several slabs, with arbitrary records.
     fn records<T: Number>() -> Vec<Record<T>> {
         let wave = |p: usize, k: usize| (1.3 * p as f64 + 2.1 * k as f64).sin();
         let number = |p: usize, k: usize| T::from_f64(wave(p, k));

@@ -16,7 +16,7 @@ pub enum Remat {
 }
 
 impl Default for Remat {
-    /// Two gigabytes.
+    /// At most 2 GiB of states.
     fn default() -> Self {
         Self::Auto { bytes: 2 << 30 }
     }

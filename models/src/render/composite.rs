@@ -24,7 +24,7 @@ impl Visible {
     /// Selects the rows of visible samples from those of all samples.
     ///
     /// # Errors
-    /// What the ops return.
+    /// Propagates errors of the ops.
     pub fn rows_seen(&self, rows: &Var) -> Result<Var> {
         if self.seen.len() == self.samples.len() {
             return Ok(rows.clone());
@@ -36,7 +36,7 @@ impl Visible {
     /// `w_k = α_k Π_{j<k} (1 − α_j)`, colour `Σ w c + left · background`.
     ///
     /// # Errors
-    /// What the ops return.
+    /// Propagates errors of the ops.
     pub fn composite(&self, density: &Var, colours: &Var, absorption: &Absorption, background: f64) -> Result<Pixels> {
         let samples = &self.samples;
         let rays = samples.offsets.len() - 1;

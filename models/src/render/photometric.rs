@@ -32,7 +32,7 @@ impl Robust {
     /// All pixels of a clip's imagined views.
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// Only for types other than `f32` and `f64`.
     pub fn of(clip: &Clip, delta: f64, dtype: DType) -> Result<Self> {
         let views = clip.cameras.iter().zip(&clip.imagined);
         let rays: Vec<f64> =
@@ -65,7 +65,7 @@ impl Target {
     /// The pixels of one frame of a clip.
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// Only for types other than `f32` and `f64`.
     pub fn of(clip: &Clip, frame: usize, weights: &Weights, dtype: DType) -> Result<Self> {
         Self::of_views(clip, frame, weights, &vec![1.0; clip.cameras.len()], dtype)
     }
@@ -73,7 +73,7 @@ impl Target {
     /// [`Target::of`] with a weight for each view ([`ViewWeights`](super::ViewWeights)).
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// Only for types other than `f32` and `f64`.
     ///
     /// # Panics
     /// When `views` does not have one weight per camera.

@@ -44,7 +44,7 @@ impl RadianceSettings {
 /// Samples that do not contribute are found beforehand, outside the tape; they have no gradient.
 ///
 /// # Errors
-/// What the ops return.
+/// Propagates errors of the ops.
 pub fn render_radiance(
     values: &Var,
     grid: &DenseGrid,

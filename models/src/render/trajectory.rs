@@ -46,7 +46,7 @@ impl Trajectory {
     /// The centroids of one frame of a clip, with a weight for each view.
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// Only for types other than `f32` and `f64`.
     ///
     /// # Panics
     /// When `views` does not have one weight per camera.

@@ -92,7 +92,7 @@ impl ViewWeights {
     /// `Σ w_i L_i` over the losses `[views]` of all views.
     ///
     /// # Errors
-    /// What the ops return.
+    /// Propagates errors of the ops.
     pub fn total(&self, losses: &Var, angles: &[f64]) -> Result<Var> {
         let weights = constant::numbers(losses, self.of_angles(angles), [angles.len()])?;
         Ok((losses * &weights).sum_all())

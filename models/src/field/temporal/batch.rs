@@ -94,7 +94,7 @@ impl<'c> ClipRays<'c> {
     /// Draws a batch of rays. The same key gives the same batch.
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// Only for types other than `f32` and `f64`.
     pub fn draw(&self, key: Key, count: usize, dtype: DType) -> Result<RayBatch> {
         let [views, frames, places, shares] = key.split();
         let cameras = self.views.draw(&self.angles, self.primary, views, count);
@@ -127,7 +127,7 @@ impl<'c> ClipRays<'c> {
     /// Draws rays of one image, or all of them if the image has no more pixels.
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// Only for types other than `f32` and `f64`.
     ///
     /// # Panics
     /// When the camera or frame is out of range.
@@ -144,7 +144,7 @@ impl<'c> ClipRays<'c> {
     /// Every pixel of one image, row by row.
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// Only for types other than `f32` and `f64`.
     ///
     /// # Panics
     /// When the camera or frame is out of range.

@@ -57,7 +57,7 @@ impl TemporalPixels {
     /// The loss of the rendered pixels against their targets.
     ///
     /// # Errors
-    /// What the ops return.
+    /// Propagates errors of the ops.
     pub fn loss(&self, targets: &RayTargets, weights: &TemporalWeights) -> Result<TemporalLoss> {
         let rgb = &self.pixels.rgb;
         let rays = rgb.dims()[0];

@@ -96,7 +96,7 @@ impl TemporalNet {
     /// Embeds times in 0…1, in the type and on the device of `beside`.
     ///
     /// # Errors
-    /// What the ops return.
+    /// Propagates errors of the ops.
     pub fn moments(&self, beside: &Var, times: &[f64]) -> Result<Moments> {
         let times = constant::numbers(beside, times.to_vec(), [times.len(), 1])?;
         let encoded = times.positional_encoding(self.settings.time_levels);
@@ -132,7 +132,7 @@ impl TemporalNet {
     /// Evaluates the field at points `[n, 3]` \[m\]; `which` `[n]` holds the index of each point's time in `moments`.
     ///
     /// # Errors
-    /// What the ops return.
+    /// Propagates errors of the ops.
     pub fn at(&self, points: &Var, moments: &Moments, which: &Var) -> Result<TemporalSample> {
         let encoded = self.encoded(points)?;
         let (mut bent, mut known) = (points.clone(), None);
@@ -157,7 +157,7 @@ impl TemporalNet {
     /// Colours `[n, 3]` in 0…1 from hidden features `[n, width]`, each seen along its ray in `ray_of`.
     ///
     /// # Errors
-    /// What the ops return.
+    /// Propagates errors of the ops.
     pub fn colours(&self, hidden: &Var, rays: &Rays, ray_of: Vec<u32>) -> Result<Var> {
         let views = constant::points(hidden, &rays.unit_directions())?.positional_encoding(self.settings.view_levels);
         let views = views.index_select(&constant::indices(hidden, ray_of)?)?;

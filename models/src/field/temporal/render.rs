@@ -66,7 +66,7 @@ impl TemporalField {
     /// Initial values: empty grids, random networks.
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// Only for types other than `f32` and `f64`.
     pub fn initialise(&self, key: Key, dtype: DType) -> Result<Params> {
         initialise(key, dtype, |scope| self.net(scope))
     }

@@ -12,7 +12,7 @@ use crate::physics::law::Law;
 
 /// Number of points on the path.
 const POINTS: usize = 400;
-/// The share of points that may lie on different sides of a kink.
+/// Allowed share of points on different sides of a kink.
 const OUTLIERS: f64 = 0.02;
 
 /// Compares projection and stress, contracted to one number, and its derivative along the path, both in `f32`.

@@ -20,7 +20,7 @@ pub(super) struct Buffers {
     /// Number of particles in each span, and before it.
     pub totals: Tensor,
     pub bases: Tensor,
-    /// Total number of particles.
+    /// Total over all spans.
     pub total: Tensor,
     /// Particles sorted by cell, in the order of arrival.
     pub arrivals: Tensor,
