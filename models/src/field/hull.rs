@@ -39,8 +39,8 @@ struct Silhouette {
     reach: f64,
 }
 
-/// A bounding ball of the object in one frame, from its silhouettes: the point nearest to all central rays, and the
-/// largest extent of a silhouette at its distance.
+/// A bounding ball of the object in one frame, from its silhouettes: the point nearest to all central rays, and 1.1
+/// times the largest extent of a silhouette at its distance.
 ///
 /// With a single camera the distance comes from the flight; without a known flight, the centre is the point of the
 /// central ray nearest to the world's origin.
