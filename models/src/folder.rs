@@ -1,17 +1,17 @@
-//! What is in a folder: without what computers leave there, in the order in which people count.
+//! Folder listings: hidden files omitted, names in natural order.
 
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
 use gradreel::{Error, ErrorKind, Result};
 
-/// The entries of a folder in natural order, without hidden ones: `._0001.png` and `.DS_Store` are notes that computers make for
-/// themselves.
+/// The entries of a folder in natural order, without hidden ones (`._0001.png`, `.DS_Store`).
 ///
-/// `what` names what is looked for in errors, as in `"the masks"`.
+/// `what` names the contents in errors, as in `"the masks"`.
 ///
 /// # Errors
-/// [`ErrorKind::Input`] if there is no such folder, it is a file, or nobody may look into it; [`ErrorKind::Io`] if reading fails.
+/// [`ErrorKind::Input`] if the folder does not exist, is a file or cannot be accessed; [`ErrorKind::Io`] if reading
+/// fails.
 pub(crate) fn entries(folder: &Path, what: &str) -> Result<Vec<PathBuf>> {
     let failed = |e: std::io::Error| Error::io(folder, &format!("list {what}"), &e).fix("give the path of a folder");
     if folder.exists() && !folder.is_dir() {
@@ -32,7 +32,7 @@ pub(crate) fn entries(folder: &Path, what: &str) -> Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
-/// Whether the name of a file begins with a dot.
+/// Whether a file name begins with a dot.
 pub(crate) fn is_hidden(path: &Path) -> bool {
     path.file_name().is_some_and(|name| name.as_encoded_bytes().first() == Some(&b'.'))
 }
@@ -42,16 +42,16 @@ pub(crate) fn name(path: &Path) -> String {
     path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
 }
 
-/// A stretch of a name.
+/// A part of a name.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Part<'a> {
-    /// Digits as the number that they write; more digits than a number has room for are text.
+    /// A run of digits as a number; longer runs than a `u128` holds are text.
     Number(u128),
     /// Anything else.
     Text(&'a str),
 }
 
-/// The numbers of a name and the text between them.
+/// Splits a name into numbers and the text between them.
 pub(crate) fn parts(name: &str) -> Vec<Part<'_>> {
     let mut parts = Vec::new();
     let mut rest = name;
@@ -65,7 +65,7 @@ pub(crate) fn parts(name: &str) -> Vec<Part<'_>> {
     parts
 }
 
-/// The order of names in which 2 is before 10; names that differ by leading zeros only are ordered as text.
+/// Natural order of names: 2 before 10. Names that differ only by leading zeros are ordered as text.
 pub(crate) fn natural(a: &str, b: &str) -> Ordering {
     parts(a).cmp(&parts(b)).then_with(|| a.cmp(b))
 }
@@ -84,7 +84,7 @@ mod tests {
         assert_eq!(sorted(&["b_10_cam2", "b_2_cam2", "b_1_cam2"]), ["b_1_cam2", "b_2_cam2", "b_10_cam2"]);
         assert_eq!(sorted(&["x10y2", "x10y1", "x9y30"]), ["x9y30", "x10y1", "x10y2"]);
         assert_eq!(sorted(&["10", "9", "a", "009"]), ["009", "9", "10", "a"]);
-        // more digits than any number has room for
+        // more digits than a u128 holds
         let long = "1".repeat(60);
         assert_eq!(sorted(&[&format!("{long}2"), "5"])[0], "5");
         assert_eq!(natural("Ä1", "Ä1"), Ordering::Equal);

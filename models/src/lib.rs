@@ -1,4 +1,5 @@
-//! From a video to shape, motion and material: the method, one module a stage in the order of the flow, and the `gradreel` command.
+//! The method from video to shape, motion and material, one module per stage in the order of the flow, and the
+//! `gradreel` command.
 //!
 //! ```text
 //! video ─┬─► monocular ─┐
@@ -9,17 +10,17 @@
 //! scenes ─► physics ─► report                      (simulate a scene file, film it)
 //! ```
 //!
-//! Quantities are in SI units; the world's y axis points up. `docs/method.md` of the sources has the equations.
+//! Quantities are in SI units; the world's y axis points up. The equations are in `docs/method.md` of the source tree.
 //!
-//! # The five calls of a library user
+//! # Entry points of the library
 //!
 //! | call | does |
 //! |---|---|
-//! | [`video::Clip::open`] | reads a folder with calibrated cameras; [`monocular::clip_of_film`] makes a clip of a film |
+//! | [`video::Clip::open`] | reads a folder with calibrated cameras; [`monocular::clip_of_film`] reads a film |
 //! | [`identify::Config`] | every setting, with defaults; [`Config::parse`](identify::Config::parse) reads TOML |
 //! | [`identify::reconstruct()`] | runs the stages in a run folder, from which it can continue |
-//! | [`scenes::Runner`], [`physics::rollout()`] | simulate: a scene file frame by frame; a body on the tape, with derivatives |
-//! | [`identify::Tracks::fit`] | velocity and material from particle tracks, without pictures |
+//! | [`scenes::Runner`], [`physics::rollout()`] | simulate a scene file, or a body on the tape with derivatives |
+//! | [`identify::Tracks::fit`] | velocity and material from particle tracks, without images |
 //!
 //! A reconstruction takes minutes:
 //!
@@ -75,7 +76,7 @@
 //! # Ok::<(), gradreel::Error>(())
 //! ```
 //!
-//! A material of one's own implements [`physics::Material`]; [`physics::check_material`] tests it.
+//! A custom material implements [`physics::Material`]; [`physics::check_material`] tests it.
 
 #![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
 

@@ -1,7 +1,7 @@
-//! The name that somebody probably meant.
+//! Spelling suggestions for unknown names.
 
-/// The known name nearest to `wanted`: the one with the fewest letters to add, drop or change, if they are few, or
-/// one that begins alike.
+/// The known name nearest to `wanted` by edit distance, if at most `1 + length/3` edits apart or with the same first
+/// four letters.
 ///
 /// ```
 /// use gradreel_models::scenes::nearest;
@@ -28,7 +28,7 @@ pub(crate) fn suggestion(message: &str) -> Option<String> {
     nearest(unknown, known.iter().copied()).map(|near| format!("did you mean `{near}`?"))
 }
 
-/// Names one after the other, for the messages that list what there is.
+/// Names joined by commas, for messages.
 pub(crate) fn listed<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
     names.into_iter().collect::<Vec<_>>().join(", ")
 }

@@ -1,4 +1,4 @@
-//! Files of text that people or other programs wrote: read within a size, as UTF-8, without a byte order mark.
+//! Reading of text files: limited size, UTF-8, byte order mark removed.
 
 use std::fs::File;
 use std::io::Read;
@@ -6,28 +6,28 @@ use std::path::Path;
 
 use gradreel::{Error, ErrorKind, Result};
 
-/// Most bytes of a file of settings or of a scene.
+/// Largest size of a settings or scene file \[bytes\].
 pub(crate) const SETTINGS: u64 = 16 << 20;
 
-/// The UTF-8 byte order mark, which some editors write in front.
+/// The UTF-8 byte order mark, which some editors write at the start of a file.
 const MARK: &[u8] = &[0xef, 0xbb, 0xbf];
 
-/// Reads a file of text.
+/// Reads a text file.
 ///
-/// `what` names the contents in errors, as in `"the scene"`; `fix` says which file is meant; `most` is the largest size that is
-/// read \[bytes\].
+/// `what` names the contents in errors, as in `"the scene"`; `fix` is the advice on which file is meant; `most` is the
+/// largest accepted size \[bytes\].
 ///
 /// # Errors
-/// [`ErrorKind::Input`] that names the file: there is no such file, it is a folder, it is too large, or it is not UTF-8.
+/// [`ErrorKind::Input`], naming the file, if it does not exist, is a folder, is too large, or is not UTF-8.
 pub(crate) fn read(path: &Path, what: &str, fix: &str, most: u64) -> Result<String> {
     let bytes = bytes(path, what, fix, most)?;
     Ok(of(&bytes).map_err(|e| e.within(path.display()))?.to_owned())
 }
 
-/// Reads a file of at most `most` bytes. Nothing beyond that is read, also of a device that never ends.
+/// Reads a file of at most `most` bytes. Never reads further, so that endless devices are safe.
 ///
 /// # Errors
-/// [`ErrorKind::Input`] that names the file: there is no such file, it is a folder, or it is too large.
+/// [`ErrorKind::Input`], naming the file, if it does not exist, is a folder, or is too large.
 pub(crate) fn bytes(path: &Path, what: &str, fix: &str, most: u64) -> Result<Vec<u8>> {
     let fault = |e: std::io::Error| Error::io(path, &format!("read {what}"), &e).fix(fix);
     let refused = |found: String, wanted: String| {
@@ -45,10 +45,10 @@ pub(crate) fn bytes(path: &Path, what: &str, fix: &str, most: u64) -> Result<Vec
     Ok(bytes)
 }
 
-/// The text in the bytes of a file, without a byte order mark.
+/// Decodes the bytes of a file as UTF-8, without a byte order mark.
 ///
 /// # Errors
-/// [`ErrorKind::Input`] for bytes that are not UTF-8; the caller adds the file.
+/// [`ErrorKind::Input`] if the bytes are not UTF-8; the caller adds the file name.
 pub(crate) fn of(bytes: &[u8]) -> Result<&str> {
     std::str::from_utf8(unmarked(bytes)).map_err(|e| {
         let found = match bytes {
@@ -65,7 +65,7 @@ pub(crate) fn of(bytes: &[u8]) -> Result<&str> {
     })
 }
 
-/// The bytes behind a byte order mark, or all of them if there is none.
+/// The bytes after a byte order mark, or all of them if there is none.
 pub(crate) fn unmarked(bytes: &[u8]) -> &[u8] {
     bytes.strip_prefix(MARK).unwrap_or(bytes)
 }

@@ -1,4 +1,4 @@
-//! Points and directions in space as three numbers, and 3×3 matrices row by row.
+//! 3-vectors and row-major 3×3 matrices.
 
 type Vector = [f64; 3];
 type Matrix = [Vector; 3];

@@ -1,4 +1,4 @@
-//! One way to treat a clip, and what came out of it.
+//! A treatment of a clip, and its result.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -12,7 +12,7 @@ use crate::identify::Config;
 use crate::report::progress::Progress;
 use crate::video::Clip;
 
-/// One way to treat a clip.
+/// A treatment of a clip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 #[value(rename_all = "snake_case")]
@@ -38,7 +38,7 @@ pub enum Cell {
 }
 
 impl Cell {
-    /// All of them, in the order of the table.
+    /// All cells, in the order of the table.
     pub const ALL: [Self; 9] = [
         Self::Single,
         Self::Real,
@@ -51,7 +51,7 @@ impl Cell {
         Self::Still,
     ];
 
-    /// Its name in files.
+    /// The name in files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Single => "single",
@@ -66,7 +66,7 @@ impl Cell {
         }
     }
 
-    /// What it is, for the table.
+    /// The label in the table.
     pub fn label(self) -> &'static str {
         match self {
             Self::Single => "one real view",
@@ -81,55 +81,55 @@ impl Cell {
         }
     }
 
-    /// Whether it reconstructs; it fits a temporal field otherwise.
+    /// Whether the cell is a reconstruction; otherwise it fits a temporal field.
     pub fn reconstructs(self) -> bool {
         !matches!(self, Self::Time | Self::Bending | Self::Still)
     }
 }
 
-/// What all cells share.
+/// Settings shared by all cells.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AblationSettings {
-    /// Number of the camera that stays real; the first if not given.
+    /// Id of the camera that stays real; the first camera if not given.
     pub primary: Option<i64>,
-    /// How the other views are imagined.
+    /// Perturbation of the other views.
     pub perturbation: Perturbation,
-    /// The reconstructions, and the fits of the temporal field.
+    /// Settings of the reconstructions and of the temporal fits.
     pub config: Config,
 }
 
-/// What came out of a cell.
+/// The result of a cell.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct CellResult {
     /// Parameters and components of the velocity by name, in SI units.
     pub estimates: BTreeMap<String, f64>,
-    /// The ends of the 90 % intervals of those that have one.
+    /// The 90 % intervals of those that have one.
     #[serde(default)]
     pub intervals: BTreeMap<String, [f64; 2]>,
-    /// The family of materials, or name of a law, where it was found.
+    /// The family of materials, or the name of a law, if it was found.
     #[serde(default)]
     pub family: String,
-    /// Their errors, where the truth is known: decades for magnitudes, a share of the true one for the velocity.
+    /// The errors, if the truth is known: in decades for magnitudes, relative for the velocity.
     pub errors: BTreeMap<String, f64>,
-    /// How well pictures agree with those that were filmed.
+    /// Agreement of rendered images with the filmed ones.
     pub quality: BTreeMap<String, f64>,
-    /// Why there is nothing, if there is nothing.
+    /// The error message of a failed cell.
     pub failed: Option<String>,
-    /// How long it took \[s\].
+    /// Duration \[s\].
     pub seconds: f64,
 }
 
 impl AblationSettings {
-    /// The position of the camera that stays real.
+    /// The index of the camera that stays real.
     pub fn primary_of(&self, clip: &Clip) -> usize {
         clip.cameras.iter().position(|camera| Some(camera.id) == self.primary).unwrap_or(0)
     }
 
-    /// Treats a clip as a cell says; a reconstruction goes on in `folder`, if it was begun there before.
+    /// Runs a cell on a clip; a reconstruction continues in `folder` if it was begun there.
     ///
     /// # Errors
-    /// [`ErrorKind::Interrupted`] and [`ErrorKind::Io`]; a reconstruction that fails otherwise is a result, too.
+    /// [`ErrorKind::Interrupted`] and [`ErrorKind::Io`]; any other failure of a reconstruction is a result.
     pub fn run(
         &self,
         cell: Cell,

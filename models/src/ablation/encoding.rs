@@ -1,4 +1,4 @@
-//! Fits of the temporal field, judged by a view that they do not see.
+//! Temporal fits, evaluated on a held-out view.
 
 use gradreel::optim::Params;
 use gradreel::{DType, Error, ErrorKind, Result, Tape};
@@ -10,11 +10,11 @@ use crate::report::interrupt;
 use crate::report::progress::Progress;
 use crate::video::Clip;
 
-/// Pixels that are compared have at least this coverage, filmed or rendered.
+/// Minimum coverage, filmed or rendered, of pixels that are compared.
 const COVERED: f64 = 0.02;
 
 impl AblationSettings {
-    /// Fits the field to all views but one, and renders that one.
+    /// Fits the field to all views but one, and renders the held-out view.
     pub(super) fn encode(&self, cell: Cell, clip: &Clip, progress: &Progress) -> Result<CellResult> {
         if clip.cameras.len() < 3 {
             return Err(Error::new(ErrorKind::Input, "a view is to be held out: too few are left")
@@ -24,7 +24,7 @@ impl AblationSettings {
         }
         let settings = &self.config.temporal.first;
         let FirstFramesClip { clip, corners } = settings.of(clip)?;
-        // the view that is farthest in the list from the real one
+        // the view halfway around the list from the real one
         let held = (self.primary_of(&clip) + clip.cameras.len() / 2) % clip.cameras.len();
         let others: Vec<usize> = (0..clip.cameras.len()).filter(|view| *view != held).collect();
         let [filmed, unseen] =
@@ -42,7 +42,7 @@ impl AblationSettings {
         let mut result = CellResult::default();
         result.quality.insert("psnr_held_out_db".into(), psnr);
         let world = &self.config.world;
-        // a field that is nowhere opaque says nothing of the motion
+        // a field without opaque nodes has no motion
         if let Ok(flight) = filmed.flight(&fitted, &rays, world.gravity, world.ground) {
             let named = VELOCITY.into_iter().zip(flight.velocity);
             result.estimates = named.map(|(name, value)| (name.to_owned(), value)).collect();
@@ -52,7 +52,7 @@ impl AblationSettings {
     }
 }
 
-/// Some views of a clip, all of them real.
+/// A selection of views of a clip, all of them marked real.
 fn of_views(clip: &Clip, views: &[usize]) -> Clip {
     Clip {
         cameras: views.iter().map(|&view| clip.cameras[view].clone()).collect(),
@@ -63,7 +63,7 @@ fn of_views(clip: &Clip, views: &[usize]) -> Clip {
     }
 }
 
-/// The peak signal-to-noise ratio \[dB\] of the first view's pictures, where the object is or seems to be.
+/// Peak signal-to-noise ratio \[dB\] over the images of the first view, where filmed or rendered coverage is present.
 fn psnr(field: &TemporalField, params: &Params, rays: &ClipRays<'_>, frames: usize) -> Result<f64> {
     let (mut squares, mut count) = (0.0, 0.0);
     for frame in 0..frames {

@@ -32,7 +32,7 @@ impl AblationSettings {
         config
     }
 
-    /// Reconstructs and compares with the views as they were filmed, all of them.
+    /// Reconstructs, and compares with all views as filmed.
     pub(super) fn identify(&self, cell: Cell, clip: &Clip, folder: &Path, progress: &Progress) -> Result<CellResult> {
         let seen = match cell {
             Cell::Single => {
@@ -50,7 +50,7 @@ impl AblationSettings {
         run.go_on(&seen)?;
         let found = reconstruct(&seen, &mut run, progress)?;
         let quality = publish(&found, &run, clip, progress)?;
-        // what was held is no estimate
+        // fixed parameters are not estimates
         let mut quantities = quantities(&found, &run);
         quantities.retain(|quantity| quantity.source == "fitted");
         let intervals = quantities.iter().filter_map(|quantity| Some((quantity.name.clone(), quantity.interval_90?)));

@@ -1,9 +1,9 @@
-//! Ablations: what the parts of the method are worth when views are imagined, measured on clips whose truth is known.
+//! Ablations: the contribution of parts of the method when views are imagined, measured on clips with known truth.
 //!
-//! A [`Perturbation`] makes imagined views of real ones: misregistered by a few pixels, colour-shifted, alike for the same seed.
-//! Each [`Cell`] is one way to treat a clip: reconstructions from one view, from all, with and without the view-adaptive loss, and fits of the temporal
-//! field with and without its encoding of time. [`CellResult`] is what came out, [`markdown`] the table of all, with errors where
-//! a [`Truth`] lies beside the clip.
+//! A [`Perturbation`] derives imagined views from real ones: misregistered by a few pixels and colour-shifted,
+//! reproducibly for a given seed. Each [`Cell`] is one treatment of a clip: reconstructions from one view or all, with
+//! and without the view-adaptive loss, and temporal fits with and without the encoding of time. [`CellResult`] is the
+//! outcome, [`markdown`] the table of all, with errors where a [`Truth`] is stored with the clip.
 
 mod cell;
 mod encoding;

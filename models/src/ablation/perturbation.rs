@@ -1,4 +1,4 @@
-//! Imagined views made of real ones, as wrong as synthesized ones are.
+//! Imagined views derived from real ones, with the errors of synthesised views.
 
 use gradreel::Key;
 use ndarray::{Array2, Array3};
@@ -7,15 +7,15 @@ use serde::{Deserialize, Serialize};
 
 use crate::video::{Clip, Frame};
 
-/// How far imagined views are from what a camera would have seen.
+/// Deviation of imagined views from real ones.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Perturbation {
-    /// Largest shift of a picture \[pixels\]: half of it alike in all frames of a view, the rest anew in each.
+    /// Largest shift of an image \[pixels\]: half of it constant over the frames of a view, half redrawn in each frame.
     pub shift: f64,
-    /// Largest change of a colour channel, as a share, alike in all frames of a view.
+    /// Largest relative change of a colour channel, constant over the frames of a view.
     pub tint: f64,
-    /// The same seed makes the same views.
+    /// Seed; the same seed gives the same views.
     pub seed: u64,
 }
 
@@ -26,10 +26,10 @@ impl Default for Perturbation {
 }
 
 impl Perturbation {
-    /// The clip with all views but the one at position `primary` made anew, and marked as imagined.
+    /// The clip with all views except `primary` perturbed and marked as imagined.
     ///
     /// # Panics
-    /// When there is no such view.
+    /// When `primary` is out of range.
     #[must_use]
     pub fn of(&self, clip: &Clip, primary: usize) -> Clip {
         assert!(primary < clip.cameras.len(), "view {primary} of {}", clip.cameras.len());
@@ -61,11 +61,11 @@ fn polar(length: f64, turn: f64) -> [f64; 2] {
     [length * cos, length * sin]
 }
 
-/// The picture moved to the right and down by some pixels, bilinear; white and empty where nothing comes from.
+/// The image shifted to the right and down by some pixels, bilinear; white and empty where there is no source.
 fn shifted(frame: &Frame, [right, down]: [f64; 2]) -> Frame {
     let (height, width) = frame.alpha.dim();
     let (whole, part) = ([right, down].map(f64::floor), [right - right.floor(), down - down.floor()]);
-    // four neighbours with their weights; `None` beyond the picture
+    // four neighbours with their weights; `None` outside the image
     let corners = |row: usize, column: usize| {
         [(0, 0), (0, 1), (1, 0), (1, 1)].map(|(below, beside): (i64, i64)| {
             let weight = [(part[1], below), (part[0], beside)].map(|(p, one)| if one == 1 { p } else { 1.0 - p });
@@ -84,11 +84,11 @@ fn shifted(frame: &Frame, [right, down]: [f64; 2]) -> Frame {
     }
 }
 
-/// The picture with the object's colours multiplied.
+/// The image with the object's colours multiplied by gains.
 fn tinted(frame: &Frame, gains: [f64; 3]) -> Frame {
     let colour = |(y, x, c): (usize, usize, usize)| {
         let alpha = frame.alpha[[y, x]];
-        // the object lies on white
+        // the object is over white
         let object = frame.rgb[[y, x, c]] - (1.0 - alpha);
         (object * gains[c] as f32).clamp(0.0, alpha.max(0.0)) + (1.0 - alpha)
     };
@@ -116,7 +116,7 @@ mod tests {
             moved.alpha.indexed_iter().fold([0.0; 2], |m, ((y, x), a)| [m[0] + a * x as f32, m[1] + a * y as f32]);
         assert!((sum - 1.0).abs() < 1e-6);
         assert!((middle[0] - 5.25).abs() < 1e-6 && (middle[1] - 2.5).abs() < 1e-6, "{middle:?}");
-        // still on white: what is not covered is white
+        // still over white: uncovered pixels are white
         for ((y, x), alpha) in moved.alpha.indexed_iter() {
             for c in 0..3 {
                 let white = 1.0 - 0.25 * (c + 1) as f32 * alpha;

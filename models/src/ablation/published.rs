@@ -1,4 +1,4 @@
-//! What the paper prints.
+//! Results printed in the paper.
 
 use serde::{Deserialize, Serialize};
 
@@ -13,7 +13,7 @@ pub enum Published {
 }
 
 impl Published {
-    /// The table as it is printed, in Markdown.
+    /// The printed table in Markdown.
     pub fn markdown(self) -> &'static str {
         match self {
             Self::Table1 => TABLE_1,

@@ -1,11 +1,11 @@
-//! How often intervals hold the truth, and how often the family was found.
+//! Coverage of the intervals, and success rate of the family choice.
 
 use std::fmt::Write as _;
 
 use super::{Cell, CellResult, ClipResults, Truth};
 use crate::identify::VELOCITY;
 
-/// A line for each cell that states intervals of clips whose truth is known.
+/// One line for each cell with intervals on clips of known truth.
 pub(super) fn summary(results: &[ClipResults]) -> String {
     let mut text = String::new();
     for cell in Cell::ALL {
@@ -34,7 +34,7 @@ pub(super) fn summary(results: &[ClipResults]) -> String {
     text
 }
 
-/// For every number that has an interval and is known: its name, and whether the interval holds the truth.
+/// For every known quantity with an interval: its name, and whether the interval contains the truth.
 pub(super) fn held_by(truth: &Truth, result: &CellResult) -> Vec<(String, bool)> {
     let of = |name: &String| {
         let axis = VELOCITY.iter().position(|velocity| velocity == name);

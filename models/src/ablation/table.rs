@@ -16,9 +16,9 @@ use crate::report::quantity::Quantity;
 pub struct ClipResults {
     /// Name of the clip.
     pub clip: String,
-    /// What it was made of, if that is known.
+    /// The truth, if it is known.
     pub truth: Option<Truth>,
-    /// The cells that are done, by name.
+    /// The completed cells, by name.
     pub cells: BTreeMap<String, CellResult>,
 }
 
@@ -145,12 +145,12 @@ fn vector([x, y, z]: [f64; 3]) -> String {
     format!("{x:.2}, {y:.2}, {z:.2} m/s")
 }
 
-/// As in the published table, and why.
+/// A failed cell, formatted as in the published table, with the reason.
 fn failure(why: &str) -> String {
     format!("fails: {}", why.lines().next().unwrap_or_default())
 }
 
-/// A table whose columns are aligned.
+/// A table with aligned columns.
 fn aligned(rows: &[Vec<String>]) -> String {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     // a long sentence in place of numbers must not widen its column

@@ -1,4 +1,4 @@
-//! What a clip was made of, where somebody wrote it down beside the clip.
+//! The true material of a clip, if a file beside the clip states it.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -12,7 +12,7 @@ use crate::scenes::SceneFile;
 use crate::text;
 use crate::vector::{minus, norm};
 
-/// The truth about a clip.
+/// The truth of a clip.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Truth {
     /// Family of materials, or name of a law.
@@ -23,7 +23,7 @@ pub struct Truth {
     pub velocity: Option<[f64; 3]>,
 }
 
-/// Symbols that parameters are also known by; μ is a viscosity or a shear modulus.
+/// Alternative symbols of parameters; μ is a viscosity or a shear modulus.
 const SYMBOLS: [(&str, &str); 6] = [
     ("E", "young"),
     ("nu", "poisson"),
@@ -34,8 +34,8 @@ const SYMBOLS: [(&str, &str); 6] = [
 ];
 
 impl Truth {
-    /// What is known of the clip in a folder: from `truth.json` in it, from the `scene.toml` of the simulation that filmed it into
-    /// `clip/`, or from a JSON file beside it that has its name. `None` if there is no such file, or it cannot be understood.
+    /// Reads the truth of a clip folder: from `truth.json` in it, from the `scene.toml` of the simulation that rendered
+    /// it into `clip/`, or from a JSON file beside it with its name. `None` if there is no such file, or it is invalid.
     pub fn beside(clip: &Path) -> Option<Self> {
         let clip = clip.canonicalize().ok()?;
         let text = |path: &Path| text::read(path, "what is known of the clip", "correct it", text::SETTINGS).ok();
@@ -69,7 +69,7 @@ impl Truth {
         Some(Self { family, parameters, velocity })
     }
 
-    /// From the scene of a single object.
+    /// From a scene with a single object.
     fn of_scene(scene: &SceneFile) -> Option<Self> {
         let [object] = &scene.objects[..] else { return None };
         let stuff = scene.materials.get(&object.material)?;
@@ -79,13 +79,13 @@ impl Truth {
         Some(Self { family: family.to_owned(), parameters, velocity })
     }
 
-    /// The law of its material.
+    /// The law of the material.
     pub fn law(&self) -> Option<Law> {
         law_of(&self.family)
     }
 
-    /// Where a search starts that is to find the truth from afar: magnitudes so many times below and above it in turn, the rest at
-    /// the end of what is plausible that is further off; without those that `held` names.
+    /// Initial values far from the truth: magnitudes alternately `factor` times below and above it, others at the more
+    /// distant end of the plausible range; without those listed in `held`.
     pub fn off(&self, factor: f64, held: &[&str]) -> BTreeMap<String, f64> {
         let law = self.law();
         let searched = law.iter().flat_map(|law| law.parameters()).filter(|p| !held.contains(&p.name));
@@ -107,14 +107,14 @@ impl Truth {
         known.map(start).collect()
     }
 
-    /// The errors of estimates by their names: decades for magnitudes, the parameter's unit for others; `velocity` is the
-    /// length of the difference over that of the true velocity.
+    /// The errors of estimates, by name: decades for magnitudes, the parameter's unit for others; `velocity` is the
+    /// length of the difference relative to the true speed.
     pub fn errors(&self, estimates: &BTreeMap<String, f64>) -> BTreeMap<String, f64> {
         let mut errors = BTreeMap::new();
         for parameter in self.law().iter().flat_map(|law| law.parameters()) {
             if let (Some(found), Some(truth)) = (estimates.get(parameter.name), self.parameters.get(parameter.name)) {
                 let off = if parameter.map == Map::Log10 { (found / truth).log10() } else { found - truth };
-                // no magnitude is known of what is not there
+                // the logarithm is not finite for zero
                 if off.is_finite() {
                     errors.insert(parameter.name.to_owned(), off);
                 }

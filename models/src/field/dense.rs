@@ -1,17 +1,16 @@
-//! A dense grid over a box: where its nodes are, how many, and the values between them.
+//! A dense node grid over a box, with trilinear lookups.
 
 use gradreel::ops::NodeGrid;
 use gradreel::{Error, ErrorKind, Result, Tensor, Var};
 
 use crate::constant;
 
-/// Most nodes of a grid.
+/// Largest number of nodes of a grid.
 const MOST_NODES: f64 = (1u32 << 28) as f64;
 
 /// A box with nodes along each axis; values at the nodes are tensors `[x, y, z, channels]`.
 ///
-/// The first node of an axis lies on the lower face of the box, the last on the upper one, and lookups space the others
-/// evenly between them.
+/// The first and last node of each axis lie on the faces of the box; the others are evenly spaced between them.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct DenseGrid {
     /// Lowest corner \[m\].
@@ -20,7 +19,7 @@ pub struct DenseGrid {
     pub high: [f64; 3],
     /// Nodes per axis, at least 2.
     pub dims: [usize; 3],
-    /// The spacing that was asked for \[m\]; where the box is not a multiple of it, nodes are a little nearer or wider apart.
+    /// Nominal spacing \[m\]. The actual spacing differs slightly where the extent is not a multiple of it.
     pub spacing: f64,
 }
 
@@ -41,7 +40,7 @@ impl DenseGrid {
     pub fn of_count(low: [f64; 3], high: [f64; 3], count: usize) -> Result<Self> {
         let volume: f64 = (0..3).map(|axis| high[axis] - low[axis]).product();
         let spacing = (volume / count as f64).cbrt();
-        // a box that is a multiple of the spacing must not lose a node to rounding
+        // rounding must not remove a node where the extent is a multiple of the spacing
         let nodes = |axis: usize| ((high[axis] - low[axis]) / spacing + 1e-9).floor();
         Self::checked(low, high, spacing, [0, 1, 2].map(nodes))
     }
@@ -67,7 +66,7 @@ impl DenseGrid {
         self.len() == 0
     }
 
-    /// Nodes per metre along each axis, as lookups see them: `(N − 1) / extent`.
+    /// Nodes per metre along each axis, as used by lookups: `(N − 1) / extent`.
     pub fn scale(&self) -> [f64; 3] {
         [0, 1, 2].map(|axis| (self.dims[axis] - 1) as f64 / (self.high[axis] - self.low[axis]))
     }
@@ -89,13 +88,13 @@ impl DenseGrid {
         (0..nx * ny * nz).map(node).collect()
     }
 
-    /// The grid on which the node numbers of this grid are the coordinates.
+    /// The grid in node coordinates: origin 0, spacing 1.
     fn numbers(&self) -> NodeGrid {
         NodeGrid { origin: [0.0; 3], spacing: 1.0, dims: self.dims }
     }
 
-    /// Values `[x, y, z, channels]` at points `[n, 3]` \[m\], trilinear, nodes outside counting as 0: `[n, channels]`.
-    /// Differentiable in values and points.
+    /// Trilinear lookup of values `[x, y, z, channels]` at points `[n, 3]` \[m\]: `[n, channels]`. Nodes outside count
+    /// as 0. Differentiable in values and points.
     ///
     /// ```
     /// use gradreel::{Tape, Tensor};
@@ -111,7 +110,7 @@ impl DenseGrid {
     /// ```
     ///
     /// # Errors
-    /// [`ErrorKind::Device`] when constants cannot be brought to the device.
+    /// [`ErrorKind::Device`] when constants cannot be copied to the device.
     ///
     /// # Panics
     /// When the shapes do not fit.
@@ -120,7 +119,7 @@ impl DenseGrid {
         Ok(values.grid_sample_3d(&self.numbered(points)?, self.numbers()))
     }
 
-    /// Points in numbers of nodes, `[n, 3]`.
+    /// Points \[m\] in node coordinates, `[n, 3]`.
     ///
     /// # Errors
     /// As [`DenseGrid::lookup`].
@@ -130,7 +129,7 @@ impl DenseGrid {
         Ok((points - &low) * &scale)
     }
 
-    /// Values at the nodes of another grid.
+    /// Values resampled at the nodes of another grid.
     ///
     /// # Errors
     /// As [`DenseGrid::lookup`].
@@ -177,14 +176,14 @@ impl DenseGrid {
     }
 }
 
-/// Raw density at which α is `opacity` over a stretch of length 1: `ln(1/(1 − α) − 1)`, to be added to stored densities.
+/// Shift of raw densities at which an empty node has this opacity over unit length: `ln(1/(1 − α) − 1)`.
 ///
 /// C. Sun, M. Sun, H.-T. Chen, "Direct Voxel Grid Optimization", CVPR 2022.
 pub fn opacity_shift(opacity: f64) -> f64 {
     opacity.ln() - (-opacity).ln_1p()
 }
 
-/// One channel of values `[x, y, z, channels]` as numbers on the CPU, x slowest.
+/// One channel of values `[x, y, z, channels]` on the CPU, x slowest.
 ///
 /// # Errors
 /// [`ErrorKind::Device`] when a GPU tensor cannot be read back.

@@ -1,4 +1,4 @@
-//! The surface of a body of voxels, and how large it is.
+//! The surface area of a voxel body, as a regulariser.
 
 use gradreel::{Result, Tensor, Var};
 
@@ -6,20 +6,20 @@ use crate::constant;
 use crate::field::Field;
 use crate::field::hull::node;
 
-/// The faces between the voxels of a field, and those to what is around it.
+/// The faces between the voxels of a field, and its outer faces.
 #[derive(Debug, Clone)]
 pub struct Faces {
-    /// The voxels on both sides of each face between two.
+    /// The two voxels of each inner face.
     between: [Vec<u32>; 2],
-    /// The number of faces of each voxel beyond which there is none.
+    /// Number of outer faces of each voxel.
     open: Vec<f64>,
 }
 
-/// Opacities that differ by less than this are about alike.
+/// Opacity difference `ε` below which the penalty is quadratic.
 const ALIKE: f64 = 0.1;
 
 impl Field {
-    /// The faces of its voxels.
+    /// The faces of the field's voxels.
     pub fn faces(&self) -> Faces {
         let [nx, ny, nz] = self.node_grid.dims;
         let mut numbers = vec![u32::MAX; nx * ny * nz];
@@ -45,16 +45,16 @@ impl Field {
 }
 
 impl Faces {
-    /// Without those to what is around the field: the field is taken to be the body, and only the surface of what is carved from it counts.
+    /// Drops the outer faces: the field counts as the body, and only surface carved into it is penalised.
     #[must_use]
     pub fn carved(self) -> Self {
         Self { open: vec![0.0; self.open.len()], ..self }
     }
 
-    /// How much larger the surface is than that of a cube of as many voxels: `Σ φ(o_i − o_j) / (6 n^⅔)` over all faces, with
-    /// `φ(d) = √(d² + ε²) − ε`, for opacities `o` `[n, 1]` (0 beyond the field).
+    /// Surface area relative to a cube of as many voxels: `Σ φ(o_i − o_j) / (6 n^⅔)` over all faces, with
+    /// `φ(d) = √(d² + ε²) − ε`, for opacities `o` `[n, 1]` (0 outside the field).
     ///
-    /// A total variation. Along the axes it neither rounds a box nor draws it in, but closes pits and takes away what sticks out.
+    /// A total variation. An axis-aligned box is neither rounded nor shrunk; pits are closed and protrusions removed.
     ///
     /// ```
     /// use gradreel::ops::NodeGrid;
@@ -76,7 +76,7 @@ impl Faces {
     /// ```
     ///
     /// # Errors
-    /// What the ops return.
+    /// Propagates errors of the ops.
     pub fn area(&self, opacity: &Var) -> Result<Var> {
         let size = |difference: &Var| (difference.square() + ALIKE * ALIKE).sqrt() - ALIKE;
         let [low, high] = [0, 1].map(|side| constant::indices(opacity, self.between[side].clone()));

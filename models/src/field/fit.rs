@@ -1,30 +1,30 @@
-//! Fitting the voxels to what was filmed.
+//! Fitting of the voxels to the frames.
 
 use gradreel::optim::{Adam, Bound, Params};
 use gradreel::{Result, Tape, Var};
 
 use crate::field::{Faces, Field};
 
-/// How the voxels are fitted.
+/// Settings of the voxel fit.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FitSettings {
-    /// Adam iterations on the first frame; half as many on those of free flight.
+    /// Adam iterations on the first frame; half as many on the frames of free flight.
     pub iterations: usize,
     /// Adam iterations once the motion through all frames is known.
     pub in_motion: usize,
-    /// What the area of the surface counts, in units of that of a cube of as many voxels ([`Faces::area`](crate::field::Faces::area)), of
-    /// a body that several cameras filmed. Without, pits are dug where no camera looks straight at the surface. Of a body that flows and a single
-    /// camera filmed, what is carved counts ([`Faces::carved`]), of others nothing does.
+    /// Weight of the surface area ([`Faces::area`](crate::field::Faces::area)) for bodies seen by several cameras. It
+    /// prevents pits where no camera faces the surface. With a single camera, fluid-like bodies use [`Faces::carved`];
+    /// others have no such term.
     pub smoothness: f64,
-    /// Rate of the raw density.
+    /// Learning rate of the raw density.
     pub density_rate: f64,
-    /// The same once the motion is known.
+    /// Learning rate of the raw density once the motion is known.
     pub density_rate_in_motion: f64,
-    /// Rate of the raw colour.
+    /// Learning rate of the raw colour.
     pub colour_rate: f64,
-    /// Rate of the material, which is fitted with the voxels once the motion is known, in the coordinates that a search moves (decades of a
-    /// modulus); 0 holds it.
+    /// Learning rate of the material, fitted jointly with the voxels once the motion is known, in search coordinates
+    /// (decades of a modulus). 0 keeps the material fixed.
     pub material_rate: f64,
 }
 
@@ -48,7 +48,8 @@ impl FitSettings {
         Adam::new(self.colour_rate).with_rate("field.density", self.density_rate)
     }
 
-    /// The same once the motion is known; `material` is the path of what of the material is fitted with the voxels, if any is.
+    /// The optimiser once the motion is known; `material` is the path of the material parameters that are fitted along,
+    /// if any.
     pub(crate) fn adam_in_motion(&self, material: Option<&str>) -> Adam {
         let adam = Adam::new(self.colour_rate).with_rate("field.density", self.density_rate_in_motion);
         match material {
@@ -58,7 +59,7 @@ impl FitSettings {
     }
 }
 
-/// What one iteration reached, for progress reports and checkpoints.
+/// State after one iteration, for progress reports and checkpoints.
 pub struct FitState<'a> {
     /// Iteration, from 1.
     pub iteration: usize,
@@ -70,11 +71,14 @@ pub struct FitState<'a> {
     pub adam: &'a Adam,
 }
 
-/// Fits a store of raw density and colour, and of whatever else it holds, to a loss of the store, opacity `[voxels, 1]` and colour `[voxels, 3]`, to which the area of
-/// the surface is added as often as `smoothness` says, from a store and an optimiser (both of which a checkpoint can hold) on. What lies behind the surface stays filled ([`Field::fill_inside`]).
+/// Fits a store with raw density and colour (and possibly more) by Adam. The loss is a function of the store, opacity
+/// `[voxels, 1]` and colour `[voxels, 3]`; the surface area is added with the weight `smoothness`.
+///
+/// The fit continues from the given store and optimiser, which a checkpoint can hold. Voxels behind the surface stay
+/// filled ([`Field::fill_inside`]). `each` is called after every iteration.
 ///
 /// # Errors
-/// What the loss returns, and what `each` returns (an interruption, say), which is called after every iteration.
+/// Propagates errors of the loss and of `each`, such as an interruption.
 pub fn fit(
     field: &Field,
     mut params: Params,

@@ -1,4 +1,4 @@
-//! The visual hull: the largest body that fits all silhouettes of a frame.
+//! The visual hull: the largest body consistent with all silhouettes of a frame.
 
 use faer::prelude::Solve;
 use faer::{Mat, Side};
@@ -10,43 +10,43 @@ use crate::field::Inflated;
 use crate::vector::unit;
 use crate::video::{Camera, Clip, Frame};
 
-/// Most voxels of the box around an object.
+/// Largest number of voxels of the box around an object.
 const MOST_NODES: usize = 1 << 26;
 
-/// A ball around the object \[m\].
+/// A bounding ball of the object \[m\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sphere {
     /// Its centre.
     pub centre: [f64; 3],
     /// Its radius.
     pub radius: f64,
-    /// Whether the distance from the camera had to be assumed, because a single camera saw the object.
+    /// Whether the distance from the camera is assumed, because only a single camera saw the object.
     pub assumed_depth: bool,
 }
 
 /// The voxels of a visual hull.
 #[derive(Debug, Clone)]
 pub struct Hull {
-    /// The grid they lie on.
+    /// The grid of the voxels.
     pub node_grid: NodeGrid,
-    /// Flat numbers of the voxels inside, increasing.
+    /// Flat indices of the voxels inside, increasing.
     pub voxels: Vec<u32>,
 }
 
-/// Where a silhouette is: the mean pixel, and its largest distance from there.
+/// Position of a silhouette: its mean pixel, and the largest distance from it.
 struct Silhouette {
     mean: [f64; 2],
     reach: f64,
 }
 
-/// A ball around the object of one frame, from its silhouettes: the point nearest to all central rays, and the largest
-/// reach of a silhouette at its distance.
+/// A bounding ball of the object in one frame, from its silhouettes: the point nearest to all central rays, and 1.1
+/// times the largest extent of a silhouette at its distance.
 ///
-/// With a single camera, the object is where its flight says; if it was not seen to fall, where the central ray passes nearest
-/// to the world's origin.
+/// With a single camera the distance comes from the flight; without a known flight, the centre is the point of the
+/// central ray nearest to the world's origin.
 ///
 /// # Errors
-/// [`ErrorKind::Input`] when no camera sees the object, or the cameras' rays do not meet in front of them.
+/// [`ErrorKind::Input`] when no camera sees the object, or the rays do not meet in front of the cameras.
 pub fn bounding_sphere(clip: &Clip, frame: usize) -> Result<Sphere> {
     let views: Vec<(&Camera, Silhouette)> = clip
         .cameras
@@ -79,8 +79,8 @@ pub fn bounding_sphere(clip: &Clip, frame: usize) -> Result<Sphere> {
     Ok(Sphere { centre, radius: 1.1 * radius, assumed_depth: views.len() == 1 && flown.is_none() })
 }
 
-/// The point nearest to the rays through some pixels, one of each camera; a weight `pull` draws it to `towards`. `None` for
-/// parallel rays that nothing draws.
+/// The point nearest to rays through given pixels, one per camera. The weight `pull` draws it to `towards`. `None` for
+/// parallel rays without a pull.
 pub(crate) fn meeting_point<'a>(
     pixels: impl Iterator<Item = (&'a Camera, [f64; 2])>,
     towards: [f64; 3],
@@ -104,7 +104,7 @@ pub(crate) fn meeting_point<'a>(
     Some([0, 1, 2].map(|axis| solution[(axis, 0)]))
 }
 
-/// The mean pixel of the object, if it is in the image as a whole.
+/// The mean pixel of the object, if the whole object is in the image.
 pub(crate) fn middle(frame: &Frame) -> Option<[f64; 2]> {
     let (height, width) = frame.alpha.dim();
     let cut = frame.alpha.indexed_iter().any(|((row, column), &alpha)| {
@@ -131,14 +131,15 @@ fn silhouette(frame: &Frame) -> Option<Silhouette> {
     Some(Silhouette { mean, reach })
 }
 
-/// Carves the hull of one frame out of a ball, on voxels of this spacing \[m\] at odd multiples of half of it.
+/// Carves the visual hull of one frame out of a ball, on voxels of this spacing \[m\] at odd multiples of half the
+/// spacing.
 ///
-/// A voxel stays if every real camera that has it in its image sees coverage of at least `threshold` there, and all of the imagined
-/// ones but `dissent` do. Of what a single camera sees, it must lie in the body that is made of balls, too: as deep as it is
-/// wide, part by part ([`half_thickness`](crate::field::half_thickness)).
+/// A voxel stays if every real camera that has it in its image sees a coverage of at least `threshold` there, and all
+/// but `dissent` of the imagined cameras do. With a single camera it must also lie in the inflated body
+/// ([`half_thickness`](crate::field::half_thickness)).
 ///
 /// # Errors
-/// [`ErrorKind::Input`] when nothing stays: masks and cameras contradict each other.
+/// [`ErrorKind::Input`] when no voxel stays: masks and cameras contradict each other.
 pub fn hull(clip: &Clip, frame: usize, sphere: &Sphere, spacing: f64, threshold: f32, dissent: usize) -> Result<Hull> {
     let first = sphere.centre.map(|c| ((c - sphere.radius) / spacing).floor());
     let last = sphere.centre.map(|c| ((c + sphere.radius) / spacing).ceil());
@@ -188,27 +189,27 @@ pub fn hull(clip: &Clip, frame: usize, sphere: &Sphere, spacing: f64, threshold:
     Ok(Hull { node_grid, voxels })
 }
 
-/// The numbers along the axes of the voxel of this flat number.
+/// The grid coordinates of a voxel, from its flat index.
 pub(super) fn node(node_grid: &NodeGrid, flat: usize) -> [usize; 3] {
     let [_, ny, nz] = node_grid.dims;
     [flat / (ny * nz), flat / nz % ny, flat % nz]
 }
 
-/// Where the voxel of this flat number is.
+/// The position of a voxel \[m\], from its flat index.
 pub(crate) fn place(node_grid: &NodeGrid, flat: usize) -> [f64; 3] {
     let node = node(node_grid, flat);
     std::array::from_fn(|axis| node_grid.origin[axis] + node[axis] as f64 * node_grid.spacing)
 }
 
-/// Adds what the first camera of a clip saw of the object where imagined views have left nothing along its rays: there it is as
-/// deep as it is wide, part by part. What somebody filmed is there, whatever was imagined.
+/// Restores what the first camera saw where imagined views carved away everything along its rays, with the thickness of
+/// the inflated body. Filmed silhouettes take precedence over imagined ones.
 ///
-/// The hull's grid must reach around the object.
+/// The hull's grid must enclose the object.
 pub(crate) fn fill_gaps(hull: Hull, clip: &Clip, frame: usize, centre: [f64; 3], threshold: f32) -> Hull {
     let (camera, seen) = (&clip.cameras[0], &clip.frames[0][frame]);
     let Some(inflated) = Inflated::of(camera, seen, centre) else { return hull };
     let node_grid = hull.node_grid;
-    // pixels that a voxel of the hull covers
+    // pixels covered by voxels of the hull
     let mut covered = seen.alpha.mapv(|_| false);
     let (height, width) = covered.dim();
     for [u, v, depth] in hull.voxels.iter().filter_map(|&voxel| camera.project(place(&node_grid, voxel as usize))) {
@@ -227,7 +228,7 @@ pub(crate) fn fill_gaps(hull: Hull, clip: &Clip, frame: usize, centre: [f64; 3],
                 && inflated.contains(point, 1.0, node_grid.spacing)
         })
     };
-    // none of them is in the hull, whose voxels cover their own pixels
+    // disjoint from the hull, whose voxels cover their own pixels
     let mut voxels: Vec<u32> =
         (0..node_grid.len()).into_par_iter().filter(|&flat| missing(flat)).map(|flat| flat as u32).collect();
     voxels.extend(&hull.voxels);
@@ -235,7 +236,7 @@ pub(crate) fn fill_gaps(hull: Hull, clip: &Clip, frame: usize, centre: [f64; 3],
     Hull { node_grid, voxels }
 }
 
-/// Coverage at a point of the image, bilinear; `None` outside, or where the frame's weight excludes it.
+/// Bilinear coverage at an image point; `None` outside, or where the frame's weight excludes the pixel.
 fn coverage(frame: &Frame, u: f64, v: f64) -> Option<f32> {
     let (height, width) = frame.alpha.dim();
     if !(u >= 0.0 && v >= 0.0 && u < width as f64 && v < height as f64) {

@@ -1,14 +1,14 @@
-//! How thick an object may be that was seen from one side only.
+//! The thickness of an object seen from one side only.
 
 use ndarray::{Array2, Axis, Zip};
 
 use crate::vector::{dot, minus};
 use crate::video::{Camera, Frame};
 
-/// Stands for "nowhere" among squared distances; infinities would make NaN of their differences.
+/// Stands for infinity among squared distances; differences of true infinities would be NaN.
 const FAR: f64 = 1e18;
 
-/// The body that one frame suggests: the largest that is made of balls whose centres lie in the plane through the object's
+/// The inflated body of one frame: the largest union of balls whose centres lie in the plane through the object's
 /// centre that faces the camera.
 pub(crate) struct Inflated<'a> {
     camera: &'a Camera,
@@ -16,12 +16,12 @@ pub(crate) struct Inflated<'a> {
     centre: [f64; 3],
     /// Unit vector from the camera to the centre.
     away: [f64; 3],
-    /// Length of a pixel at the centre \[m\].
+    /// Size of a pixel at the centre \[m\].
     pixel: f64,
 }
 
 impl<'a> Inflated<'a> {
-    /// The body of a frame whose centre is there; `None` if that lies behind the camera.
+    /// The body of a frame around this centre; `None` if the centre lies behind the camera.
     pub fn of(camera: &'a Camera, frame: &Frame, centre: [f64; 3]) -> Option<Self> {
         let [.., depth] = camera.project(centre)?;
         let sight = minus(centre, camera.centre());
@@ -30,8 +30,7 @@ impl<'a> Inflated<'a> {
         Some(Self { camera, half_thickness: half_thickness(frame), centre, away, pixel })
     }
 
-    /// Whether the body fills a point, were it `share` times as deep; where it is thinner than `least` \[m\] it is taken to be as
-    /// thick.
+    /// Whether the body contains a point, with its depth scaled by `share` and its thickness at least `least` \[m\].
     pub fn contains(&self, point: [f64; 3], share: f64, least: f64) -> bool {
         let deep = dot(minus(point, self.centre), self.away);
         let foot = [0, 1, 2].map(|axis| point[axis] - deep * self.away[axis]);
@@ -44,12 +43,11 @@ impl<'a> Inflated<'a> {
     }
 }
 
-/// Half the thickness of the object at each pixel \[pixels at its distance\], of the largest body that is made of balls whose
-/// centres lie in one plane and that has this silhouette: `h²(x) = max d²(p) − |x − p|²` over the pixels `p` of the silhouette, with
-/// `d` the distance from its edge. 0 outside.
+/// Half thickness of the object at each pixel \[pixels at its distance\]: that of the largest union of balls with
+/// centres in one plane and this silhouette, `h²(x) = max d²(p) − |x − p|²` over the pixels `p` of the silhouette, with
+/// `d` the distance from its contour. 0 outside.
 ///
-/// A disc becomes a ball, a stripe a cylinder. It is what a silhouette tells of depth for an object that is as deep as it is
-/// wide, part by part.
+/// A disc becomes a ball, a stripe a cylinder. This assumes that each part of the object is as deep as it is wide.
 ///
 /// ```
 /// use gradreel_models::field::half_thickness;
@@ -64,21 +62,21 @@ impl<'a> Inflated<'a> {
 /// ```
 pub fn half_thickness(frame: &Frame) -> Array2<f64> {
     let inside = frame.alpha.mapv(|alpha| alpha > 0.5);
-    // one more pixel on each side: what lies beyond the image is not the object
+    // pad by one pixel: outside of the image is not object
     let (height, width) = inside.dim();
     let outside = Array2::from_shape_fn((height + 2, width + 2), |(y, x)| {
         let is_inside = (1..=height).contains(&y) && (1..=width).contains(&x) && inside[[y - 1, x - 1]];
         if is_inside { FAR } else { 0.0 }
     });
-    // an edge runs halfway between two pixels
+    // the contour runs halfway between two pixels
     let depth = nearest(outside).mapv(|squared| (squared.sqrt() - 0.5).max(0.0));
     let balls = nearest(depth.mapv(|d| if d > 0.0 { -d * d } else { FAR }));
     let balls = balls.slice(ndarray::s![1..=height, 1..=width]).to_owned();
     Zip::from(&balls).and(&inside).map_collect(|&ball, &inside| if inside { (-ball).max(0.0).sqrt() } else { 0.0 })
 }
 
-/// `min over p of f(p) + |x − p|²` at every pixel: one pass along the rows and one along the columns (Felzenszwalb and
-/// Huttenlocher, 2012).
+/// `min over p of f(p) + |x − p|²` at every pixel, by one pass along the rows and one along the columns (Felzenszwalb
+/// and Huttenlocher, 2012).
 fn nearest(mut f: Array2<f64>) -> Array2<f64> {
     for axis in [Axis(1), Axis(0)] {
         for mut lane in f.lanes_mut(axis) {
@@ -91,7 +89,7 @@ fn nearest(mut f: Array2<f64>) -> Array2<f64> {
 
 /// `min over q of f(q) + (x − q)²` at every `x`: the lower envelope of parabolas.
 fn lower_envelope(f: &[f64]) -> Vec<f64> {
-    // parabolas of the envelope from left to right, and where each begins to be the lowest
+    // parabolas of the envelope from left to right, each with the start of its interval
     let mut lowest: Vec<(usize, f64)> = Vec::new();
     for (q, &value) in f.iter().enumerate() {
         let meets = |p: usize| {

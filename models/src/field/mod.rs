@@ -1,13 +1,13 @@
 //! Field: density and colour voxels of the first frame.
 //!
-//! [`hull`] carves the visual hull from the silhouettes; [`Field`] holds raw density and colour at the hull's voxels, and
-//! `fit` makes the rendered voxels agree with the images. A voxel is a particle-to-be: the voxel spacing is the particle
+//! [`hull`] carves the visual hull from the silhouettes; [`Field`] holds raw density and colour at the hull's voxels,
+//! and `fit` fits the rendered voxels to the images. Each voxel becomes a particle: the voxel spacing is the particle
 //! spacing, half a cell of the simulation.
 //!
-//! Beside it stands the published voxel radiance field: [`RadianceField`] is raw density and features on a [`DenseGrid`] with
-//! a network of colours, [`Occupancy`] the mask of what may be opaque, [`static_step`](static_step()) one evaluation and
-//! [`StaticFit`] the whole of its fit to the first frame.
-//! [`temporal`] is the field that moves: one network bends the coordinates of every frame into those of the first.
+//! The published voxel radiance field is also here: [`RadianceField`] holds raw density and features on a [`DenseGrid`]
+//! with a colour network, [`Occupancy`] masks the nodes that may be opaque, [`static_step`](static_step()) is one
+//! evaluation and [`StaticFit`] the complete fit to the first frame. [`temporal`] is the moving field: one network maps
+//! the coordinates of every frame to those of the first.
 
 mod dense;
 mod faces;

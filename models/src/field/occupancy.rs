@@ -1,11 +1,11 @@
-//! Occupancy: which nodes of a grid may hold something.
+//! Occupancy: which nodes of a grid may be opaque.
 
 use super::DenseGrid;
 
-/// Length over which a node's opacity is judged, in the units of the raw density.
+/// Length over which a node's opacity is evaluated, in the length unit of the raw density.
 const STRETCH: f64 = 0.5;
 
-/// A mask over the nodes of a grid. Nodes are switched off, never on again.
+/// A mask over the nodes of a grid. Nodes are only ever switched off.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Occupancy {
     /// The grid.
@@ -23,22 +23,22 @@ pub(crate) fn opacity(density: f64, shift: f64, stretch: f64) -> f64 {
 }
 
 impl Occupancy {
-    /// Every node is occupied.
+    /// A mask with every node occupied.
     pub fn full(grid: DenseGrid) -> Self {
         let occupied = vec![true; grid.len()];
         Self { grid, occupied }
     }
 
-    /// Switches off the nodes whose own opacity over a length of 0.5, and that of their 26 neighbours, is at most `threshold`.
-    /// `density` holds the raw density of every node.
+    /// Switches off the nodes at which the largest opacity over a length of 0.5, of the node and its 26 neighbours, is
+    /// at most `threshold`. `density` holds the raw density of every node.
     ///
     /// # Panics
-    /// When there is not one density for each node.
+    /// When `density` does not have one entry per node.
     #[track_caller]
     pub fn update(&mut self, density: &[f64], shift: f64, threshold: f64) {
         assert_eq!(density.len(), self.occupied.len(), "one density for each node");
         let mut near: Vec<bool> = density.iter().map(|&d| opacity(d, shift, STRETCH) > threshold).collect();
-        // the largest of 3³ is the largest of 3 along each axis in turn
+        // the maximum over 3³ nodes is separable
         let [nx, ny, nz] = self.grid.dims;
         for (size, stride) in [(nx, ny * nz), (ny, nz), (nz, 1)] {
             let before = near.clone();
@@ -62,10 +62,10 @@ impl Occupancy {
         (first[0] != usize::MAX).then(|| [place(first), place(last)])
     }
 
-    /// Whether the node nearest to a point (the one further from zero, halfway) is occupied; not outside the grid.
+    /// Whether the node nearest to a point is occupied (ties round away from zero); false outside the grid.
     pub fn contains(&self, x: [f64; 3]) -> bool {
         let (scale, dims) = (self.grid.scale(), self.grid.dims);
-        // in this order of rounding, so that ties fall as they do in the published code
+        // this order of rounding resolves ties as the published code does
         let node = [0, 1, 2].map(|axis| (x[axis] * scale[axis] + -self.grid.low[axis] * scale[axis]).round());
         (0..3).all(|axis| node[axis] >= 0.0 && node[axis] < dims[axis] as f64) && {
             let [i, j, k] = node.map(|n| n as usize);

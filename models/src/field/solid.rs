@@ -1,4 +1,4 @@
-//! What no picture can see into is filled.
+//! Filling of the interior, which no image constrains.
 
 use gradreel::optim::Params;
 use gradreel::{DType, Result, Tensor};
@@ -8,12 +8,11 @@ use crate::field::hull::node;
 use crate::field::voxels::FILLED;
 
 impl Field {
-    /// Fills every voxel that lies behind others: all but those that one reaches from outside through voxels of an opacity
-    /// below ½, and the first opaque ones behind these.
+    /// Fills every interior voxel. Kept as they are: voxels reachable from outside through voxels of an opacity below
+    /// ½, and the first opaque ones behind these.
     ///
-    /// Pictures show a surface. Of what is behind it they say next to nothing, of which an optimiser that counts in shares of a
-    /// gradient (Adam) makes steps as large as any: without this, bodies came out with voids of a sixth of their mass.
-    /// A body can still be carved, one layer at a time, and a hollow that is open stays open.
+    /// Images constrain the surface only. Interior gradients are almost zero, but Adam normalises them to full steps,
+    /// which would open voids inside. A body can still be carved, one layer at a time, and open cavities stay open.
     ///
     /// # Errors
     /// [`gradreel::ErrorKind::Input`] when the store holds no field.
@@ -25,9 +24,10 @@ impl Field {
         Ok(())
     }
 
-    /// Which voxels are neither reached from outside, along the axes through what is not opaque, nor beside one that is.
+    /// Marks the voxels that are neither reachable from outside along the axes through transparent voxels, nor adjacent
+    /// to one that is.
     fn hidden(&self, opaque: impl Fn(usize) -> bool) -> Vec<bool> {
-        // the grid with a margin of one, so that all of the outside hangs together
+        // a margin of one voxel connects all of the outside
         let dims = self.node_grid.dims.map(|n| n + 2);
         let strides = [dims[1] * dims[2], dims[2], 1];
         let places = self.voxels.iter().map(|&voxel| {

@@ -1,4 +1,4 @@
-//! The static stage: a radiance field fitted to the first frame of a clip, on grids that become finer.
+//! The static stage: a radiance field fitted to the first frame of a clip by progressive refinement.
 
 use gradreel::optim::{Adam, Params};
 use gradreel::{DType, Error, ErrorKind, Key, Result, Tape};
@@ -8,29 +8,29 @@ use super::temporal::ClipRays;
 use super::{DenseGrid, Occupancy, RadianceField, RadianceSizes, StaticSettings, static_step};
 use crate::particles::Jitter;
 
-/// How a radiance field is fitted to the first frame.
+/// Settings of the static fit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct StaticFitSettings {
-    /// Updates; each sees one camera.
+    /// Number of updates; each uses one camera.
     pub iterations: usize,
-    /// Rays of an update; all pixels of the camera if there are no more.
+    /// Rays per update; all pixels of the camera if it has no more.
     pub rays: usize,
     /// Updates after which the spacing is halved.
     pub refine_after: Vec<usize>,
-    /// Rate of density and features.
+    /// Learning rate of density and features.
     pub grid_rate: f64,
-    /// Rate of the colour network.
+    /// Learning rate of the colour network.
     pub network_rate: f64,
-    /// Opacity of an empty node over one unit of length.
+    /// Initial opacity of a node over one unit of length.
     pub opacity: f64,
-    /// The weight of the entropy doubles after so many updates, each time, …
+    /// Updates after which the weight of the entropy doubles, repeatedly.
     pub entropy_doubles: usize,
-    /// … up to this.
+    /// Upper limit of that weight.
     pub most_entropy: f64,
-    /// Seed of everything drawn.
+    /// Seed of all random draws.
     pub seed: u64,
-    /// The loss and how it is rendered.
+    /// Loss and rendering.
     pub step: StaticSettings,
 }
 
@@ -51,20 +51,20 @@ impl Default for StaticFitSettings {
     }
 }
 
-/// What one update reached.
+/// Progress of one update.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StaticProgress {
     /// The update, from 1.
     pub iteration: usize,
     /// Its loss.
     pub loss: f64,
-    /// The peak signal-to-noise ratio of its rays \[dB\].
+    /// Peak signal-to-noise ratio over its rays \[dB\].
     pub psnr: f64,
-    /// Particles that were rendered.
+    /// Number of rendered particles.
     pub particles: usize,
 }
 
-/// A fit under way.
+/// A static fit in progress.
 ///
 /// ```no_run
 /// use gradreel::DType;
@@ -88,11 +88,11 @@ pub struct StaticProgress {
 /// # Ok::<(), gradreel::Error>(())
 /// ```
 pub struct StaticFit {
-    /// The field on its present grid.
+    /// The field on its current grid.
     pub field: RadianceField,
-    /// Its numbers.
+    /// Its values.
     pub params: Params,
-    /// What of it may be opaque.
+    /// The nodes that may be opaque.
     pub occupancy: Occupancy,
     /// Updates made.
     pub iteration: usize,
@@ -101,7 +101,7 @@ pub struct StaticFit {
 }
 
 impl StaticFit {
-    /// A fit from nothing over a box \[m\], from this spacing \[m\] on.
+    /// A new fit over a box \[m\], starting at this spacing \[m\].
     ///
     /// # Errors
     /// [`ErrorKind::Input`] when the spacing does not fit the box.
@@ -119,7 +119,7 @@ impl StaticFit {
         Ok(Self::of_field(field, params, settings))
     }
 
-    /// A fit that goes on from a field (a baked one, say).
+    /// A fit that starts from an existing field, such as a baked one.
     pub fn of_field(field: RadianceField, params: Params, settings: &StaticFitSettings) -> Self {
         let occupancy = Occupancy::full(field.grid.clone());
         Self { field, params, occupancy, iteration: 0, settings: settings.clone(), adam: adam(settings) }
@@ -133,7 +133,7 @@ impl StaticFit {
     /// One update.
     ///
     /// # Errors
-    /// What rendering and the optimiser return; [`ErrorKind::Input`] when a refinement finds the field empty.
+    /// Propagates errors of rendering and optimiser; [`ErrorKind::Input`] when a refinement finds the field empty.
     pub fn step(&mut self, rays: &ClipRays<'_>) -> Result<StaticProgress> {
         let [camera, pixels, jitter] = Key::new(self.settings.seed).fold(1).fold(self.iteration as u64).split();
         let dtype = self.params.get("radiance.density")?.dtype();
@@ -173,10 +173,10 @@ impl StaticFit {
         Ok(progress)
     }
 
-    /// Makes the updates that are left, calling `each` after every one.
+    /// Makes the remaining updates, calling `each` after every one.
     ///
     /// # Errors
-    /// What updates return, and what `each` returns (an interruption, say).
+    /// Propagates errors of the updates and of `each`, such as an interruption.
     pub fn run(
         &mut self,
         rays: &ClipRays<'_>,

@@ -1,4 +1,5 @@
-//! The static stage: one evaluation of a radiance field against pixels of the first frame, through its particles.
+//! One evaluation of the static stage: the loss of a radiance field against pixels of the first frame, rendered through
+//! its particles.
 
 use std::collections::BTreeMap;
 
@@ -10,21 +11,21 @@ use crate::constant;
 use crate::particles::{Jitter, Seeded, Seeding};
 use crate::render::{FeatureGrid, FeatureSplat, Pixels, RadianceSettings, Rays, render_radiance, splat_features};
 
-/// What counts in the static stage, and how it is rendered. A weight of 0 switches its term off.
+/// Loss weights and rendering of the static stage. A weight of 0 disables its term.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct StaticSettings {
-    /// Weight of the entropy of what is left of the background: pixels see the object or they do not.
+    /// Weight of the entropy of the transmittance, which drives each pixel to either object or background.
     pub entropy: f64,
-    /// Weight of the volume: particles that images do not ask for go.
+    /// Weight of the volume, which removes particles that no image supports.
     pub volume: f64,
-    /// Weight of the total variation of the density, added to its gradient.
+    /// Weight of the total variation of the density, applied to the gradient directly.
     pub variation: f64,
-    /// Which particles are seeded.
+    /// Seeding of the particles.
     pub seeding: Seeding,
-    /// How they are spread.
+    /// Splatting of their features.
     pub splat: FeatureSplat,
-    /// How they are rendered.
+    /// Rendering.
     pub radiance: RadianceSettings,
 }
 
@@ -41,26 +42,26 @@ impl Default for StaticSettings {
     }
 }
 
-/// One evaluation.
+/// The result of one evaluation.
 #[derive(Debug, Clone)]
 pub struct StaticStep {
-    /// The sum of the three terms, weighted.
+    /// The weighted sum of the three terms.
     pub loss: Var,
     /// `mean (mask · (rgb − target))²` over rays and channels.
     pub colour: Var,
-    /// Mean entropy of the rays.
+    /// Mean entropy of the rays' transmittance.
     pub entropy: Var,
     /// `Σ clamp(α, 1e-4, 1e-1) · spacing²/8` over particles.
     pub volume: Var,
     /// The particles.
     pub particles: Seeded,
-    /// Their features on the grid that was rendered.
+    /// Their features on the rendered grid.
     pub observed: FeatureGrid,
-    /// What the rays see.
+    /// The rendered pixels.
     pub pixels: Pixels,
 }
 
-/// The mean binary entropy `−p ln p − (1 − p) ln(1 − p)` of numbers in 0…1, each kept `margin` away from 0 and 1.
+/// Mean binary entropy `−p ln p − (1 − p) ln(1 − p)` of values in 0…1, clamped to `margin` from 0 and 1.
 #[must_use]
 pub fn entropy(p: &Var, margin: f64) -> Var {
     let p = p.clamp(margin, 1.0 - margin);
@@ -68,9 +69,10 @@ pub fn entropy(p: &Var, margin: f64) -> Var {
     -(&p * &p.ln() + &q * &q.ln()).mean_all()
 }
 
-/// Renders rays of the first frame through the particles of a field: grids → particles → [`splat_features`] → samples → loss.
+/// Renders rays of the first frame through the particles of a field (grids → particles → [`splat_features`] → samples)
+/// and evaluates the loss.
 ///
-/// `target` holds colours `[rays, 3]` of the object on the background, `mask` what each ray counts, `[rays]`.
+/// `target` holds colours `[rays, 3]` of the object over the background, `mask` the weight of each ray, `[rays]`.
 ///
 /// # Errors
 /// When the store holds no field, or the field is empty.
@@ -101,10 +103,10 @@ pub fn static_step(
 }
 
 impl StaticStep {
-    /// The gradients by path, with that of the total variation.
+    /// The gradients by path, including that of the total variation.
     ///
     /// # Errors
-    /// What the backward pass returns.
+    /// Propagates errors of the backward pass.
     pub fn gradients(
         &self,
         bound: &Bound,

@@ -1,25 +1,25 @@
-//! Total variation: how much neighbouring nodes of a grid differ, as a gradient of its own.
+//! Total variation of a grid, as an explicit gradient.
 
 use gradreel::{Result, Tape, Tensor, Var};
 
-/// Which nodes the gradient is added to.
+/// Nodes to which the gradient is added.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Reach {
-    /// All.
+    /// All nodes.
     #[default]
     Dense,
-    /// Those to which the images gave a gradient.
+    /// Nodes with a nonzero image gradient.
     Sparse,
 }
 
-/// The gradient of the total variation of a grid `[x, y, z, channels]`: for each node and each neighbour along an axis
-/// `weight/6 · clamp(d − d_neighbour, −1, 1)`, the derivative of a Huber function of their difference.
+/// The gradient of the total variation of a grid `[x, y, z, channels]`: for each node, the sum over its neighbours
+/// along the axes of `weight/6 · clamp(d − d_neighbour, −1, 1)`, the derivative of a Huber function of the difference.
 ///
 /// The published optimiser divides `weight` by the number of nodes beforehand.
 ///
 /// # Errors
-/// What the ops return.
+/// Propagates errors of the ops.
 pub fn variation_gradient(grid: &Tensor, weight: f64) -> Result<Tensor> {
     let tape = Tape::new();
     let grid = tape.constant(grid.clone());
@@ -32,10 +32,10 @@ pub fn variation_gradient(grid: &Tensor, weight: f64) -> Result<Tensor> {
     (total * (weight / 6.0)).value().cloned()
 }
 
-/// A gradient of the grid with that of its total variation added ([`variation_gradient`]).
+/// Adds the gradient of the total variation ([`variation_gradient`]) to a gradient of the grid.
 ///
 /// # Errors
-/// What the ops return.
+/// Propagates errors of the ops.
 pub fn with_variation(gradient: &Tensor, grid: &Tensor, weight: f64, reach: Reach) -> Result<Tensor> {
     let tape = Tape::new();
     let [gradient, added]: [Var; 2] =

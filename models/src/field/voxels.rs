@@ -1,4 +1,4 @@
-//! The voxels of a field and what they stand for.
+//! The voxels of a field, with their opacity and colour.
 
 use gradreel::ops::NodeGrid;
 use gradreel::optim::{Bound, Params};
@@ -8,23 +8,23 @@ use ndarray::Array2;
 use crate::field::{Hull, place};
 use crate::video::Clip;
 
-/// Raw density and raw colour at the voxels of a hull; the numbers themselves are in a [`Params`] store under
-/// `field.density` `[voxels, 1]` and `field.colour` `[voxels, 3]`.
+/// Raw density and raw colour at the voxels of a hull. The values are in a [`Params`] store under `field.density`
+/// `[voxels, 1]` and `field.colour` `[voxels, 3]`.
 ///
 /// Opacity and colour are the logistic function of the raw values.
 #[derive(Debug, Clone)]
 pub struct Field {
     /// The grid of the voxels; its spacing is the particle spacing \[m\].
     pub node_grid: NodeGrid,
-    /// Flat numbers of the voxels on the grid, increasing.
+    /// Flat indices of the voxels on the grid, increasing.
     pub voxels: Vec<u32>,
 }
 
-/// Raw density of a voxel that the hull holds: opacity 0.98.
+/// Initial raw density of a voxel of the hull: opacity 0.98.
 pub(super) const FILLED: f64 = 4.0;
 
 impl Field {
-    /// A field that fills a hull, with the mean colour of the object everywhere; returns the raw values too.
+    /// A field that fills a hull with the mean colour of the object, and its raw values.
     pub fn filling(hull: Hull, clip: &Clip) -> (Self, Params) {
         let count = hull.voxels.len();
         let mean = mean_colour(clip).map(|c| (c.clamp(0.02, 0.98) / (1.0 - c.clamp(0.02, 0.98))).ln() as f32);
@@ -34,7 +34,7 @@ impl Field {
         (Self { node_grid: hull.node_grid, voxels: hull.voxels }, params)
     }
 
-    /// The voxels of at least this opacity, with their raw values.
+    /// Keeps the voxels of at least this opacity, with their raw values.
     ///
     /// # Errors
     /// [`gradreel::ErrorKind::Input`] when the store holds no field.

@@ -4,14 +4,14 @@ use gradreel::{Result, Var};
 
 use super::{Linear, Scope};
 
-/// The sizes of an attention layer.
+/// Sizes of an attention layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AttentionSizes {
-    /// Channels of the tokens that ask.
+    /// Channels of the query tokens.
     pub channels: usize,
-    /// Channels of the tokens that answer.
+    /// Channels of the context tokens.
     pub context: usize,
-    /// Number of heads; they divide the channels.
+    /// Number of heads, which divides the channels.
     pub heads: usize,
 }
 
@@ -28,7 +28,7 @@ impl Attention {
     /// The layer at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, sizes: AttentionSizes) -> Result<Self> {
         let AttentionSizes { channels, context, .. } = sizes;
         Ok(Self {
@@ -40,9 +40,9 @@ impl Attention {
         })
     }
 
-    /// What `x [b, n, channels]` gathers from `context [b, m, context]`: `[b, n, channels]`.
+    /// Attention of `x [b, n, channels]` to `context [b, m, context]`: `[b, n, channels]`.
     ///
-    /// With a single context token the softmax is 1 whatever the query says, so that only the value path runs.
+    /// With a single context token the softmax is 1 for any query, so that only the value path is evaluated.
     ///
     /// # Panics
     /// When the channels are not those of the layer.
@@ -60,7 +60,8 @@ impl Attention {
         self.out.forward(&merge_heads(&query.attention(&key, &value, scale, None)))
     }
 
-    /// What every token gathers from a single one, `[b, 1, context]`, whatever it asks: `[b, 1, channels]`.
+    /// Attention of every token to a single context token `[b, 1, context]`, independent of the query:
+    /// `[b, 1, channels]`.
     #[track_caller]
     pub(crate) fn of_one(&self, context: &Var) -> Var {
         self.out.forward(&self.value.forward(context))

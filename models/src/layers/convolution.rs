@@ -5,7 +5,7 @@ use gradreel::{Result, Var};
 
 use super::{Init, Scope};
 
-/// The sizes of a convolution. [`Kernel::image`] and [`Kernel::volume`] start from stride 1 with as much padding as keeps
+/// Sizes of a convolution. [`Kernel::image`] and [`Kernel::volume`] start with stride 1 and the padding that preserves
 /// the size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Kernel {
@@ -30,32 +30,32 @@ impl Kernel {
         Self { axes: 3, ..Self::image(inputs, outputs, size) }
     }
 
-    /// With this stride along every axis.
+    /// Sets the stride of all axes.
     #[must_use]
     pub const fn stride(self, stride: usize) -> Self {
         Self { stride, ..self }
     }
 
-    /// With this many zeros before and after every axis.
+    /// Sets the zero padding at both ends of all axes.
     #[must_use]
     pub const fn padding(self, padding: usize) -> Self {
         Self { padding, ..self }
     }
 
-    /// Without the constant term.
+    /// Removes the bias.
     #[must_use]
     pub const fn without_bias(self) -> Self {
         Self { bias: false, ..self }
     }
 
-    /// Starting at zero when there is nothing to load.
+    /// Initialises the weights to zero when there are none to load.
     #[must_use]
     pub const fn zeros(self) -> Self {
         Self { zeros: true, ..self }
     }
 }
 
-/// A convolution, or the transposed one that doubles the size. Weights `weight [outputs, inputs, k, ..]` (transposed:
+/// A convolution, or a transposed one that doubles the size. Weights `weight [outputs, inputs, k, ..]` (transposed:
 /// `[inputs, outputs, k, ..]`) and `bias [outputs]`.
 pub struct Convolution {
     weight: Var,
@@ -68,12 +68,12 @@ impl Convolution {
     /// The layer at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, kernel: Kernel) -> Result<Self> {
         Self::build(scope, kernel, false)
     }
 
-    /// The transposed convolution of kernel 3, stride 2, padding 1 and output padding 1, which doubles every axis.
+    /// The transposed convolution with kernel 3, stride 2, padding 1 and output padding 1, which doubles every axis.
     ///
     /// # Errors
     /// As [`Convolution::new`].
@@ -92,20 +92,20 @@ impl Convolution {
         Ok(Self { weight, bias, conv, transposed })
     }
 
-    /// The weight of a pointwise convolution as matrices of some rows each, `[outputs / rows, rows, inputs]`, for products
-    /// with `x`.
+    /// The weight of a pointwise convolution as matrices of `rows` rows each, `[outputs / rows, rows, inputs]`, for
+    /// products with `x`.
     #[track_caller]
     pub(crate) fn matrices(&self, rows: usize, x: &Var) -> Var {
         let [outputs, inputs] = [self.weight.dims()[0], self.weight.dims()[1]];
         let weight = self.weight.to_dtype(x.dtype()).reshape([outputs / rows, rows, inputs]);
         match weight.value() {
-            // a constant may come from another tape; what is made of it belongs to that of `x`
+            // a constant may belong to another tape; move it to that of `x`
             Ok(value) if !weight.is_differentiable() => x.tape().constant(value.clone()),
             _ => weight,
         }
     }
 
-    /// Applies it.
+    /// Applies the layer.
     ///
     /// # Panics
     /// When the channels are not those of the layer, or the kernel does not fit.

@@ -8,7 +8,7 @@ use super::{Convolution, GroupNorm, Kernel, Scope};
 
 const HEADS: usize = 4;
 
-/// The sizes of a depth-wise attention block.
+/// Sizes of a depth-wise attention block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DepthAttentionSizes {
     /// Channels of the image.
@@ -19,8 +19,8 @@ pub struct DepthAttentionSizes {
     pub context: usize,
 }
 
-/// Depth-wise attention with its projections and a residual around all (Liu et al. 2023): a softmax over the depth bins
-/// at each pixel and head. It starts as the identity.
+/// Depth-wise attention with projections and an outer residual (Liu et al. 2023): a softmax over the depth bins at each
+/// pixel and head. It is initialised to the identity.
 pub struct DepthAttention {
     proj_in: (Convolution, GroupNorm),
     proj_context: (Convolution, GroupNorm),
@@ -30,7 +30,7 @@ pub struct DepthAttention {
     out: Convolution,
     proj_out: [(GroupNorm, Convolution); 2],
     head: usize,
-    /// What is added where there is no volume, as last made from weights without gradient.
+    /// Cached output for a missing volume, for weights without gradient.
     nothing: RefCell<Option<Var>>,
 }
 
@@ -38,7 +38,7 @@ impl DepthAttention {
     /// The block at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, sizes: DepthAttentionSizes) -> Result<Self> {
         let DepthAttentionSizes { channels, head, context } = sizes;
         let inner = HEADS * head;
@@ -67,8 +67,8 @@ impl DepthAttention {
         })
     }
 
-    /// `x [b, channels, h, w]` and the volume `[b, context, d, h, w]` to `[b, channels, h, w]`. Without a volume it sees
-    /// one of zeros: what it adds then depends on the weights and the size alone, and is made once as long as the weights
+    /// Maps `x [b, channels, h, w]` and the volume `[b, context, d, h, w]` to `[b, channels, h, w]`. A missing volume
+    /// counts as zeros: the added term then depends on the weights and the size only, and is cached while the weights
     /// have no gradient.
     ///
     /// # Panics
@@ -90,7 +90,7 @@ impl DepthAttention {
         h
     }
 
-    /// What a volume of zeros adds to images like `x`: `[1, channels, h, w]`.
+    /// The term that a volume of zeros adds to images like `x`: `[1, channels, h, w]`.
     #[track_caller]
     fn nothing(&self, x: &Var) -> Var {
         let mut kept = self.nothing.borrow_mut();
@@ -100,14 +100,14 @@ impl DepthAttention {
             return made.clone();
         }
         let made = self.project_out(&self.gather_nothing(x));
-        // on a tape with a fault the numbers stand for nothing
+        // values on a tape with an error are invalid
         if !made.is_differentiable() && made.value().is_ok() {
             *kept = Some(made.clone());
         }
         made
     }
 
-    /// What the pixels find: `[b, inner, h, w]`.
+    /// The attention output of the pixels: `[b, inner, h, w]`.
     #[track_caller]
     fn gather(&self, x: &Var, volume: &Var) -> Var {
         let a = self.proj_in.1.silu(&self.proj_in.0.forward(x));
@@ -115,7 +115,7 @@ impl DepthAttention {
         let &[batch, channels, depth, height, width] = context.dims() else {
             panic!("volumes are [b, c, d, h, w], not {}", context.shape())
         };
-        // q · (K c) = (Kᵀ q) · c and Σ w (V c) = V (Σ w c): the many depth samples need neither keys nor values
+        // q · (K c) = (Kᵀ q) · c and Σ w (V c) = V (Σ w c) avoid keys and values of the many depth samples
         let [key, value] = [&self.key, &self.value].map(|conv| conv.matrices(self.head, x));
         let query = self.query.forward(&a).reshape([batch, HEADS, self.head, height * width]);
         let asked = key.transposed_matmul(&query).reshape([batch, HEADS, channels, height, width]);
@@ -124,8 +124,8 @@ impl DepthAttention {
         value.matmul(&found.reshape([batch, HEADS, channels, height * width])).reshape(a.shape())
     }
 
-    /// What they find in a volume of zeros. All depth bins are alike there, so that the softmax is uniform whatever the
-    /// query says: one vector for all pixels, `[1, inner, h, w]`.
+    /// The attention output for a volume of zeros. All depth bins are equal, so that the softmax is uniform for any
+    /// query: one vector for all pixels, `[1, inner, h, w]`.
     #[track_caller]
     fn gather_nothing(&self, x: &Var) -> Var {
         let alike = self.proj_context.1.shift().to_dtype(x.dtype()).relu();

@@ -4,7 +4,8 @@ use gradreel::{Result, Var};
 
 use super::{Init, Scope};
 
-/// `y = x·Wᵀ + b` on the last axis: `[.., inputs] → [.., outputs]`. Weights `weight [outputs, inputs]`, `bias [outputs]`.
+/// `y = x·Wᵀ + b` on the last axis: `[.., inputs] → [.., outputs]`. Weights `weight [outputs, inputs]`,
+/// `bias [outputs]`.
 pub struct Linear {
     weight: Var,
     bias: Option<Var>,
@@ -14,12 +15,12 @@ impl Linear {
     /// The layer at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, inputs: usize, outputs: usize) -> Result<Self> {
         Self::named(scope, ["weight", "bias"], inputs, outputs)
     }
 
-    /// The layer whose weight and bias have other names.
+    /// The layer with other names for weight and bias.
     ///
     /// # Errors
     /// As [`Linear::new`].
@@ -28,7 +29,7 @@ impl Linear {
         Ok(Self { weight, bias: Some(scope.weight(bias, [outputs], Init::FanIn(inputs))?) })
     }
 
-    /// The layer at a scope, without the constant term.
+    /// The layer at a scope, without bias.
     ///
     /// # Errors
     /// As [`Linear::new`].
@@ -36,7 +37,7 @@ impl Linear {
         Ok(Self { weight: scope.weight("weight", [outputs, inputs], Init::FanIn(inputs))?, bias: None })
     }
 
-    /// Applies it.
+    /// Applies the layer.
     ///
     /// # Panics
     /// When the last axis is not `inputs` long.

@@ -1,10 +1,9 @@
-//! Layers: what the networks are made of, built from a scoped view of the parameters.
+//! Layers of the networks, built from a scoped view of the parameters.
 //!
-//! A layer is built by `new(&scope, sizes)`, which looks its weights up by name, and applied by `forward`. Names below a
-//! scope are those of the published checkpoints, so that loading one needs no table. A weight may be stored in another
-//! type of floats than the layer computes in: it is cast where it is used. Images are
-//! `[batch, channels, height, width]`, volumes `[batch, channels, depth, height, width]`, tokens
-//! `[batch, token, channel]`.
+//! A layer is built by `new(&scope, sizes)`, which looks up its weights by name, and applied by `forward`. Names within
+//! a scope are those of the published checkpoints, so that loading one needs no translation. A weight may be stored in
+//! another float type than the layer computes in; it is cast on use. Images are `[batch, channels, height, width]`,
+//! volumes `[batch, channels, depth, height, width]`, tokens `[batch, token, channel]`.
 //!
 //! ```
 //! use gradreel::{DType, Key, Tape, Tensor};

@@ -4,8 +4,8 @@ use gradreel::{Result, Var};
 
 use super::{Init, Scope};
 
-/// Group normalisation (Wu and He 2018): mean 0 and variance 1 over each group of channels and all places, then
-/// `weight · x + bias` per channel. `[batch, channels, …]`.
+/// Group normalisation (Wu and He 2018) of `[batch, channels, …]`: mean 0 and variance 1 over each group of channels
+/// and all positions, then `weight · x + bias` per channel.
 pub struct GroupNorm {
     weight: Var,
     bias: Var,
@@ -17,13 +17,13 @@ impl GroupNorm {
     /// The layer at a scope; `epsilon` is added to the variance.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, groups: usize, channels: usize, epsilon: f64) -> Result<Self> {
         let weight = scope.weight("weight", [channels], Init::Ones)?;
         Ok(Self { weight, bias: scope.weight("bias", [channels], Init::Zeros)?, groups, epsilon })
     }
 
-    /// Applies it.
+    /// Applies the layer.
     ///
     /// # Panics
     /// When the channels are not those of the layer, or the groups do not divide them.
@@ -33,12 +33,12 @@ impl GroupNorm {
         x.group_norm(self.groups, self.epsilon, Some((&weight, &bias)))
     }
 
-    /// What it makes of a constant input: the learned shift `[channels]`.
+    /// The learned shift `[channels]`, which is the output for a constant input.
     pub fn shift(&self) -> &Var {
         &self.bias
     }
 
-    /// Applies it, then SiLU.
+    /// Applies the layer, then SiLU.
     ///
     /// # Panics
     /// As [`GroupNorm::forward`].
@@ -59,13 +59,13 @@ impl LayerNorm {
     /// The layer at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, channels: usize) -> Result<Self> {
         let weight = scope.weight("weight", [channels], Init::Ones)?;
         Ok(Self { weight, bias: scope.weight("bias", [channels], Init::Zeros)? })
     }
 
-    /// Applies it.
+    /// Applies the layer.
     ///
     /// # Panics
     /// When the last axis is not `channels` long.

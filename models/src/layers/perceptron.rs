@@ -1,25 +1,26 @@
-//! A few affine layers with ReLU between them.
+//! A multilayer perceptron with ReLU.
 
 use gradreel::ops::Activation;
 use gradreel::{Result, Var};
 
 use super::{Init, Scope};
 
-/// Affine layers with ReLU between them and nothing after the last: `[n, inputs] → [n, outputs]`, in one pass over the rows.
+/// Affine layers with ReLU between them and none after the last: `[n, inputs] → [n, outputs]`, evaluated in one pass
+/// over the rows.
 pub struct Perceptron {
     layers: Vec<[Var; 2]>,
 }
 
 impl Perceptron {
-    /// The layers of these names and output widths at a scope.
+    /// The layers with these names and output widths, at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, inputs: usize, layers: &[(&str, usize)]) -> Result<Self> {
         Self::ending_in(scope, inputs, layers, None)
     }
 
-    /// The same, with another start of the last layer's weight and bias.
+    /// [`Perceptron::new`] with another initialisation of the last layer's weight and bias.
     ///
     /// # Errors
     /// As [`Perceptron::new`].
@@ -41,7 +42,7 @@ impl Perceptron {
         Ok(Self { layers: made })
     }
 
-    /// Applies it to rows.
+    /// Applies the layers to rows.
     ///
     /// # Panics
     /// When the last axis is not `inputs` long.

@@ -12,7 +12,7 @@ impl Downsample {
     /// The layer at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, channels: usize) -> Result<Self> {
         Ok(Self(Convolution::new(&scope.at("op"), Kernel::image(channels, channels, 3).stride(2))?))
     }
@@ -27,14 +27,14 @@ impl Downsample {
     }
 }
 
-/// Nearest neighbours twice the size, then a 3×3 convolution (`conv`).
+/// Nearest-neighbour upsampling by 2, then a 3×3 convolution (`conv`).
 pub struct Upsample(Convolution);
 
 impl Upsample {
     /// The layer at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, channels: usize) -> Result<Self> {
         Ok(Self(Convolution::new(&scope.at("conv"), Kernel::image(channels, channels, 3))?))
     }

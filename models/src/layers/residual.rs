@@ -4,8 +4,8 @@ use gradreel::{Result, Var};
 
 use super::{Convolution, GroupNorm, Kernel, Linear, Scope};
 
-/// Two `GN(32) → SiLU → 3×3` stages with the time vector added between them, and a skip connection that is a 1×1
-/// convolution where the widths differ (Dhariwal and Nichol 2021).
+/// Two `GN(32) → SiLU → 3×3` stages with the time vector added in between, and a skip connection, which is a 1×1
+/// convolution if the widths differ (Dhariwal and Nichol 2021).
 pub struct ResidualBlock {
     norm_in: GroupNorm,
     conv_in: Convolution,
@@ -19,7 +19,7 @@ impl ResidualBlock {
     /// The block at a scope: `inputs` channels to `outputs`, a time vector of `embedding` channels.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, inputs: usize, outputs: usize, embedding: usize) -> Result<Self> {
         let skip = || Convolution::new(&scope.at("skip_connection"), Kernel::image(inputs, outputs, 1));
         Ok(Self {
@@ -32,7 +32,7 @@ impl ResidualBlock {
         })
     }
 
-    /// `x [b, inputs, h, w]` and the time vector `[b, embedding]` to `[b, outputs, h, w]`.
+    /// Maps `x [b, inputs, h, w]` and the time vector `[b, embedding]` to `[b, outputs, h, w]`.
     ///
     /// # Panics
     /// When the channels are not those of the block.
@@ -48,7 +48,7 @@ impl ResidualBlock {
     }
 }
 
-/// `[b, c] → [b, c, 1, ..]` with as many further axes.
+/// Appends axes of length 1: `[b, c] → [b, c, 1, ..]`.
 #[track_caller]
 pub(crate) fn per_channel(vectors: &Var, axes: usize) -> Var {
     let mut shape = vectors.dims().to_vec();

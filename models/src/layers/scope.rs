@@ -1,4 +1,4 @@
-//! Where layers find their weights: a path into a store, one name deeper at each level.
+//! Scopes: hierarchical paths into a store of weights.
 
 use std::cell::RefCell;
 use std::fmt::Display;
@@ -6,25 +6,25 @@ use std::fmt::Display;
 use gradreel::optim::{Bound, Params};
 use gradreel::{DType, Error, ErrorKind, Key, Result, Shape, Tape, Tensor, Var};
 
-/// How a weight starts when there is none to load.
+/// Initialisation of a weight that is not loaded.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Init {
     /// All 0.
     Zeros,
     /// All 1.
     Ones,
-    /// Uniform in ±1/√n, with n the number of inputs behind each output (He et al. 2015 with a = √5).
+    /// Uniform in ±1/√n, with n the fan-in (He et al. 2015 with a = √5).
     FanIn(usize),
     /// Normal with this standard deviation.
     Normal(f64),
 }
 
-/// A source of weights by dotted path.
+/// A source of weights, by dotted path.
 pub trait Weights {
     /// The weight at a path.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] when there is none; [`ErrorKind::Shape`] when it has another shape.
+    /// [`ErrorKind::Input`] when there is no such weight; [`ErrorKind::Shape`] when it has another shape.
     fn weight(&self, path: &str, shape: &Shape, init: Init) -> Result<Var>;
 }
 
@@ -42,7 +42,7 @@ impl Weights for Bound {
     }
 }
 
-/// A place in a tree of weights.
+/// A location in a tree of weights.
 #[derive(Clone)]
 pub struct Scope<'a> {
     weights: &'a dyn Weights,
@@ -56,35 +56,35 @@ impl<'a> Scope<'a> {
         Self { weights, path: String::new(), recomputed: false }
     }
 
-    /// One or more names deeper.
+    /// The scope one or more names deeper.
     #[must_use]
     pub fn at(&self, name: impl Display) -> Self {
         let path = if self.path.is_empty() { name.to_string() } else { format!("{}.{name}", self.path) };
         Self { weights: self.weights, path, recomputed: self.recomputed }
     }
 
-    /// The same place; the parts built there are recomputed in the backward pass ([`super::Segment`]).
+    /// The same scope, with segments built there recomputed in the backward pass ([`super::Segment`]).
     #[must_use]
     pub fn recomputed(&self) -> Self {
         Self { recomputed: true, ..self.clone() }
     }
 
-    /// Whether parts built here are recomputed.
+    /// Whether segments built here are recomputed.
     pub(crate) fn is_recomputed(&self) -> bool {
         self.recomputed
     }
 
-    /// The source.
+    /// The source of weights.
     pub(crate) fn weights(&self) -> &'a dyn Weights {
         self.weights
     }
 
-    /// The path of this place; empty at the root.
+    /// The path of this scope; empty at the root.
     pub fn path(&self) -> &str {
         &self.path
     }
 
-    /// A weight of this place.
+    /// A weight of this scope.
     ///
     /// # Errors
     /// As [`Weights::weight`].
@@ -93,21 +93,21 @@ impl<'a> Scope<'a> {
     }
 }
 
-/// Fresh parameters for whatever `build` asks for. A weight depends on the key and its path alone, not on the order in
-/// which layers are built.
+/// Initial parameters for all weights that `build` requests. A weight depends only on the key and its path, not on the
+/// order in which layers are built.
 ///
 /// # Errors
-/// What `build` returns.
+/// Propagates errors of `build`.
 pub fn initialise<M>(key: Key, dtype: DType, build: impl FnOnce(&Scope<'_>) -> Result<M>) -> Result<Params> {
     let fresh = Fresh { tape: Tape::new(), key, dtype, made: RefCell::default() };
     build(&Scope::root(&fresh))?;
     Ok(fresh.made.into_inner())
 }
 
-/// Paths and shapes of whatever `build` asks for, in that order; no weight is made.
+/// Paths and shapes of all weights that `build` requests, in order, without creating them.
 ///
 /// # Errors
-/// What `build` returns.
+/// Propagates errors of `build`.
 pub fn listing<M>(build: impl FnOnce(&Scope<'_>) -> Result<M>) -> Result<Vec<(String, Shape)>> {
     let list = Listing { tape: Tape::new(), rows: RefCell::default() };
     build(&Scope::root(&list))?;

@@ -1,4 +1,4 @@
-//! Parts of a network that can be recomputed in the backward pass instead of remembered.
+//! Checkpointing: segments of a network that are recomputed in the backward pass.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -8,8 +8,8 @@ use gradreel::{Error, ErrorKind, Result, Shape, Var};
 
 use super::{Init, Scope, Weights};
 
-/// Part of a network. Built at a scope that asks for it ([`Scope::recomputed`]), its inner values are not kept for the
-/// backward pass, which runs the part once more; no number changes by that.
+/// A segment of a network. Built at a scope with recomputation ([`Scope::recomputed`]), its intermediate values are not
+/// kept; the backward pass evaluates the segment again. Results are identical.
 ///
 /// ```
 /// use gradreel::{DType, Key, Tape, Tensor};
@@ -34,10 +34,10 @@ pub struct Segment<M> {
     again: Option<Again<M>>,
 }
 
-/// Builds a part at a scope.
+/// Builds a segment at a scope.
 type Build<M> = dyn Fn(&Scope<'_>) -> Result<M>;
 
-/// How to build a part once more, and its weights in the order in which it asked for them.
+/// What recomputation needs: the builder, and the weights in the order of request.
 struct Again<M> {
     build: Rc<Build<M>>,
     weights: Rc<[String]>,
@@ -45,26 +45,26 @@ struct Again<M> {
 }
 
 impl<M: 'static> Segment<M> {
-    /// The part at a scope. `build` is called again with the same scope for every recomputation.
+    /// The segment at a scope. `build` is called again with the same scope for every recomputation.
     ///
     /// # Errors
-    /// What `build` returns.
+    /// Propagates errors of `build`.
     pub fn new(scope: &Scope<'_>, build: impl Fn(&Scope<'_>) -> Result<M> + 'static) -> Result<Self> {
         if !scope.is_recomputed() {
             return Ok(Self { module: build(scope)?, again: None });
         }
         let watched = Watched { inner: scope.weights(), asked: RefCell::default() };
-        // names below this place, so that it does not matter where the part is
+        // relative names, independent of the location of the segment
         let module = build(&Scope::root(&Below { path: scope.path(), inner: &watched }))?;
         let (weights, values): (Vec<String>, Vec<Var>) = watched.asked.into_inner().into_iter().unzip();
         let weights = weights.iter().map(|path| below(scope.path(), path).to_owned()).collect();
         Ok(Self { module, again: Some(Again { build: Rc::new(build), weights, values }) })
     }
 
-    /// Applies the part: `forward` gets it with the operands.
+    /// Applies the segment: `forward` receives it with the operands.
     ///
     /// # Errors
-    /// What building it once more returns.
+    /// Propagates errors of rebuilding it.
     #[track_caller]
     pub fn run(&self, operands: &[&Var], forward: impl Fn(&M, &[Var]) -> Var + 'static) -> Result<Var> {
         let Some(again) = &self.again else {
@@ -81,12 +81,12 @@ impl<M: 'static> Segment<M> {
     }
 }
 
-/// The rest of a path below a place.
+/// The part of a path below a scope.
 fn below<'p>(place: &str, path: &'p str) -> &'p str {
     path.strip_prefix(place).map_or(path, |rest| rest.trim_start_matches('.'))
 }
 
-/// Hands requests on and remembers the answers, by whole path.
+/// Forwards requests and records the answers, by full path.
 struct Watched<'a> {
     inner: &'a dyn Weights,
     asked: RefCell<Vec<(String, Var)>>,
@@ -100,7 +100,7 @@ impl Weights for Watched<'_> {
     }
 }
 
-/// A place of a source as a source of its own.
+/// A scope of a source as a source of its own.
 struct Below<'a> {
     path: &'a str,
     inner: &'a dyn Weights,

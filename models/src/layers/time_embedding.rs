@@ -1,4 +1,4 @@
-//! Diffusion time as a vector.
+//! Embedding of the diffusion time.
 
 use gradreel::{Result, Tensor, Var};
 
@@ -15,7 +15,7 @@ impl TimeEmbedding {
     /// The layer at a scope: `features` sinusoids to `outputs` channels.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, features: usize, outputs: usize) -> Result<Self> {
         Ok(Self {
             features,
@@ -24,12 +24,12 @@ impl TimeEmbedding {
         })
     }
 
-    /// The vectors of some times, on the tape, device and in the dtype of `like`: `[times.len(), outputs]`.
+    /// The embeddings of some times, on the tape and device and in the dtype of `like`: `[times.len(), outputs]`.
     ///
     /// # Errors
-    /// When the features cannot be moved there.
+    /// When the features cannot be copied to the device.
     pub fn forward(&self, like: &Var, times: &[f64]) -> Result<Var> {
-        // the angles in double precision: times reach 1000
+        // angles in double precision, as times reach 1000
         let times = like.tape().constant(Tensor::from_vec(times.to_vec(), [times.len()]));
         let features = times.sinusoid(self.features);
         let features = features.value()?.cast(like.dtype())?.to_device(&like.device())?;

@@ -4,18 +4,18 @@ use gradreel::{Result, Var};
 
 use super::{Attention, AttentionSizes, Convolution, GroupNorm, Kernel, LayerNorm, Linear, Scope};
 
-/// The sizes of a spatial transformer.
+/// Sizes of a spatial transformer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TransformerSizes {
     /// Channels of the image.
     pub channels: usize,
-    /// Number of heads; they divide the channels.
+    /// Number of heads, which divides the channels.
     pub heads: usize,
     /// Channels of the context tokens.
     pub context: usize,
 }
 
-/// Self-attention, cross-attention and a gated feed-forward layer on the pixels of an image, with a residual around all
+/// Self-attention, cross-attention and a gated feed-forward layer over the pixels of an image, with an outer residual
 /// (Rombach et al. 2022).
 pub struct SpatialTransformer {
     norm: GroupNorm,
@@ -28,7 +28,7 @@ impl SpatialTransformer {
     /// The layer at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, sizes: TransformerSizes) -> Result<Self> {
         let pointwise = Kernel::image(sizes.channels, sizes.channels, 1);
         Ok(Self {
@@ -39,7 +39,7 @@ impl SpatialTransformer {
         })
     }
 
-    /// `x [b, channels, h, w]` and `context [b, m, context]` to `[b, channels, h, w]`.
+    /// Maps `x [b, channels, h, w]` and `context [b, m, context]` to `[b, channels, h, w]`.
     ///
     /// # Panics
     /// When the channels are not those of the layer.

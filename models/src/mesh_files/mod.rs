@@ -1,5 +1,4 @@
-//! What the readers of meshes have in common: their files, their text, and Wavefront's files, in which both solids and textured
-//! objects come.
+//! Common parts of the mesh readers: files, text, and the Wavefront format, used for both solids and textured objects.
 
 pub(crate) mod obj;
 pub(crate) mod text;
@@ -9,16 +8,16 @@ use std::path::Path;
 
 use gradreel::{Error, ErrorKind, Result};
 
-/// Largest mesh, and largest file of particles or one that a mesh names \[bytes\].
+/// Largest size of a mesh, a particle file or a file that a mesh refers to \[bytes\].
 pub(crate) const LARGEST: u64 = 256 << 20;
 
-/// Reads a regular file of at most [`LARGEST`] bytes, whatever length the system tells; `what` says in an error what it was to
-/// be, and `fix` which file is meant.
+/// Reads a regular file of at most [`LARGEST`] bytes, whatever length the system reports. In errors, `what` names the
+/// contents and `fix` is the advice on which file is meant.
 ///
 /// # Errors
-/// [`ErrorKind::Input`] for a file that is missing, is a folder, a device or a pipe, or is longer.
+/// [`ErrorKind::Input`] for a file that does not exist, is a folder, a device or a pipe, or is too large.
 pub(crate) fn read(path: &Path, what: &str, fix: &str) -> Result<Vec<u8>> {
-    // A pipe would be waited for.
+    // Reading a pipe would block.
     if path.metadata().is_ok_and(|kind| !kind.is_file() && !kind.is_dir()) {
         return Err(Error::new(ErrorKind::Input, format!("cannot read {what}"))
             .at(path.display())

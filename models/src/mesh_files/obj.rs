@@ -1,39 +1,39 @@
-//! Wavefront OBJ: `v x y z [r g b]`, `vt u v`, `vn x y z`, `f corner/texture/normal …`, `mtllib` and `usemtl`; all else is
-//! passed over. Corners are counted from 1, or backwards from the last one before the line.
+//! Wavefront OBJ: `v x y z [r g b]`, `vt u v`, `vn x y z`, `f corner/texture/normal …`, `mtllib` and `usemtl`; other
+//! statements are skipped. Indices count from 1, or backward from the last element before the line.
 
 use gradreel::{Error, Result};
 
 use super::wavefront::Line;
 use super::{damaged, text, wavefront};
 
-/// What a line says.
+/// The content of a line.
 pub(crate) enum Item<'a> {
-    /// A corner, and its colour where the file has one.
+    /// A vertex, with its colour if the file has one.
     Place([f64; 3], Option<[f32; 3]>),
-    /// A place in the texture, v upwards.
+    /// Texture coordinates, v upwards.
     Uv([f32; 2]),
     Normal([f32; 3]),
     /// At least three corners.
     Face(&'a [Corner]),
-    /// One or several files of materials.
+    /// One or several material files.
     Libraries(&'a str),
     /// The material of the faces that follow; without a name, none.
     Material(&'a str),
 }
 
-/// A corner of a face: numbers from 0, in the order of the file.
+/// A corner of a face: indices from 0, in the order of the file.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Corner {
     pub place: u32,
     pub uv: Option<u32>,
-    /// `None` also where the file has no such normal: the face is flat, then.
+    /// `None` also for an index without a normal in the file: the face is flat-shaded.
     pub normal: Option<u32>,
 }
 
-/// Reads a file line by line. Without `looks`, what it says of textures, normals and materials is passed over.
+/// Reads a file line by line. Without `looks`, texture coordinates, normals and materials are skipped.
 ///
 /// # Errors
-/// [`ErrorKind::Input`](gradreel::ErrorKind::Input) for a file that is no text, and for a line that cannot be read; errors of
+/// [`ErrorKind::Input`](gradreel::ErrorKind::Input) for a file that is not text, and for an invalid line; errors of
 /// `take`.
 pub(crate) fn read(bytes: &[u8], looks: bool, mut take: impl FnMut(Item<'_>) -> Result<()>) -> Result<()> {
     let text = text::decoded(bytes)?;
@@ -61,7 +61,7 @@ pub(crate) fn read(bytes: &[u8], looks: bool, mut take: impl FnMut(Item<'_>) -> 
             }
             "vt" if looks => {
                 counts.uvs += 1;
-                // Of a line of texture, v is left out.
+                // In a one-dimensional texture coordinate, v is omitted.
                 let both = numbers(values).or_else(|| numbers::<1>(values).map(|[u]| [u, 0.0]));
                 Item::Uv(both.ok_or_else(|| refused("vt u v"))?)
             }
@@ -81,7 +81,7 @@ fn refused(line: &Line<'_>, wanted: &str) -> Error {
     damaged("a line of the mesh cannot be read").at(format!("line {}", line.number)).found(line.shown()).wanted(wanted)
 }
 
-/// How many there are before a line.
+/// Numbers of elements before a line.
 struct Counts {
     looks: bool,
     places: u32,
@@ -90,7 +90,7 @@ struct Counts {
 }
 
 impl Counts {
-    /// A word of a face: `1`, `1/2`, `1//3` or `1/2/3`.
+    /// Parses a corner of a face: `1`, `1/2`, `1//3` or `1/2/3`.
     fn corner(&self, word: &str) -> Option<Corner> {
         let mut parts = word.split('/');
         let place = index(parts.next()?, self.places)?;
@@ -114,7 +114,7 @@ impl Counts {
     }
 }
 
-/// The number from 0 of one that is counted from 1, or from the last of `count`.
+/// The zero-based index, from one that counts from 1, or backward from the last of `count`.
 fn index(word: &str, count: u32) -> Option<u32> {
     let index: i64 = word.parse().ok()?;
     let count = i64::from(count);

@@ -1,7 +1,7 @@
-//! Text as programs that write meshes leave it.
+//! Decoding of the text in mesh files.
 //!
-//! Only names and comments hold letters beyond ASCII, and programs write them in whatever code their system has. Text that is
-//! not UTF-8 is therefore taken as Latin-1, where every byte is a letter: names that are the same stay the same.
+//! Only names and comments contain non-ASCII letters, in the code page of the exporting system. Text that is not UTF-8
+//! is therefore decoded as Latin-1, in which every byte is a letter: equal names stay equal.
 
 use std::borrow::Cow;
 
@@ -10,10 +10,10 @@ use gradreel::Result;
 use super::damaged;
 use crate::text::unmarked;
 
-/// The text of a file in UTF-8, UTF-16 with a byte order mark, or Latin-1, without the mark.
+/// Decodes UTF-8, UTF-16 with a byte order mark, or Latin-1; the mark is removed.
 ///
 /// # Errors
-/// [`ErrorKind::Input`](gradreel::ErrorKind::Input) for bytes that are no text.
+/// [`ErrorKind::Input`](gradreel::ErrorKind::Input) for bytes that are not text.
 pub(crate) fn decoded(bytes: &[u8]) -> Result<Cow<'_, str>> {
     let wide = |rest: &[u8], of: fn([u8; 2]) -> u16| {
         let units: Vec<u16> = rest.as_chunks().0.iter().map(|pair| of(*pair)).collect();
@@ -34,7 +34,7 @@ pub(crate) fn decoded(bytes: &[u8]) -> Result<Cow<'_, str>> {
     }
 }
 
-/// The lines of a text, whichever of `\n`, `\r\n` and `\r` ends them.
+/// The lines of a text, ended by any of `\n`, `\r\n` and `\r`.
 pub(crate) fn lines(text: &str) -> impl Iterator<Item = &str> {
     let mut rest = Some(text);
     std::iter::from_fn(move || {
@@ -46,7 +46,7 @@ pub(crate) fn lines(text: &str) -> impl Iterator<Item = &str> {
     })
 }
 
-/// The beginning of a line, for an error.
+/// The beginning of a line, for error messages.
 pub(crate) fn shown(line: &str) -> String {
     line.trim().chars().take(80).collect()
 }

@@ -1,19 +1,20 @@
-//! The lines of Wavefront's files, OBJ and MTL: a word and what it is about.
+//! The lines of Wavefront files, OBJ and MTL: a keyword and its arguments.
 //!
-//! `\` at the end of a line carries it on in the next one; `#` begins a comment, at the beginning of a line or behind a blank.
+//! `\` at the end of a line continues it on the next one; `#` begins a comment, at the start of a line or after a
+//! blank.
 
 use std::borrow::Cow;
 
 use super::text;
 
-/// A line with those that carry it on.
+/// A logical line, with its continuations.
 pub(crate) struct Line<'a> {
-    /// Of the first of them, from 1.
+    /// Number of its first physical line, from 1.
     pub number: usize,
     text: Cow<'a, str>,
 }
 
-/// All lines but empty ones and comments.
+/// All lines except empty ones and comments.
 pub(crate) fn lines(text: &str) -> impl Iterator<Item = Line<'_>> {
     let mut physical = text::lines(text).enumerate();
     let joined = std::iter::from_fn(move || {
@@ -33,29 +34,29 @@ pub(crate) fn lines(text: &str) -> impl Iterator<Item = Line<'_>> {
 }
 
 impl Line<'_> {
-    /// The first word.
+    /// The keyword.
     pub fn word(&self) -> &str {
         self.text.split_whitespace().next().unwrap_or("")
     }
 
-    /// What is behind the first word, without a comment: words and numbers.
+    /// The arguments without a comment: words and numbers.
     pub fn values(&self) -> &str {
         uncommented(self.name()).trim()
     }
 
-    /// All that is behind the first word: names may hold blanks and `#`, and whether a comment follows them, only those who
-    /// know the names can tell; see [`uncommented`].
+    /// Everything after the keyword. Names may contain blanks and `#`; only the caller, who knows the names, can
+    /// separate a comment; see [`uncommented`].
     pub fn name(&self) -> &str {
         self.text.trim().split_once(char::is_whitespace).map_or("", |(_, rest)| rest.trim())
     }
 
-    /// The beginning of the line, for an error.
+    /// The beginning of the line, for error messages.
     pub fn shown(&self) -> String {
         text::shown(&self.text)
     }
 }
 
-/// A text up to its comment.
+/// A text without its comment.
 pub(crate) fn uncommented(text: &str) -> &str {
     let begins = |(at, _): &(usize, &str)| text[..*at].chars().next_back().is_none_or(char::is_whitespace);
     text.match_indices('#').find(begins).map_or(text, |(at, _)| text[..at].trim_end())

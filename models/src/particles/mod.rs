@@ -1,4 +1,4 @@
-//! Particles: the material points that a field stands for.
+//! Particles: the material points of a field.
 
 mod seeding;
 
@@ -9,24 +9,24 @@ use gradreel::{DType, ErrorKind, Result, Tape, Tensor};
 
 use crate::field::Field;
 
-/// Material points at rest, with what the field says of each.
+/// Material points at rest, with opacity and colour from the field.
 #[derive(Debug, Clone)]
 pub struct Particles {
     /// Positions in the first frame \[m\].
     pub positions: Vec<[f64; 3]>,
-    /// Opacity in (0, 1]: the share of the particle's volume that is filled.
+    /// Opacity in (0, 1]: the filled share of the particle's volume.
     pub opacity: Vec<f64>,
     /// Colour in 0…1.
     pub colour: Vec<[f64; 3]>,
-    /// Distance between neighbours \[m\]; a particle stands for the cube of it.
+    /// Distance between neighbours \[m\]; a particle represents a cube of this edge length.
     pub spacing: f64,
 }
 
 impl Particles {
-    /// One particle for each voxel whose opacity is at least `least`.
+    /// One particle per voxel of at least this opacity.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] when the store holds no field, or none of its voxels is opaque enough.
+    /// [`ErrorKind::Input`] when the store holds no field, or no voxel is opaque enough.
     pub fn of_field(field: &Field, params: &Params, least: f64) -> Result<Self> {
         let tape = Tape::new();
         let bound = params.bind(&tape);
@@ -47,7 +47,7 @@ impl Particles {
         })
     }
 
-    /// Those of the particles whose positions are within something.
+    /// The particles whose positions satisfy a predicate.
     #[must_use]
     pub fn within(&self, holds: impl Fn([f64; 3]) -> bool) -> Self {
         let kept: Vec<usize> = (0..self.positions.len()).filter(|&i| holds(self.positions[i])).collect();
@@ -64,7 +64,7 @@ impl Particles {
         self.positions.len()
     }
 
-    /// Whether there are none.
+    /// Whether there are no particles.
     pub fn is_empty(&self) -> bool {
         self.positions.is_empty()
     }
@@ -84,7 +84,7 @@ impl Particles {
     /// Positions as a tensor `[particles, 3]` \[m\].
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// Only for types other than `f32` and `f64`.
     pub fn positions(&self, dtype: DType) -> Result<Tensor> {
         Tensor::from_vec(self.positions.as_flattened().to_vec(), [self.len(), 3]).cast(dtype)
     }
@@ -92,7 +92,7 @@ impl Particles {
     /// Opacities as a tensor `[particles, 1]`.
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// Only for types other than `f32` and `f64`.
     pub fn opacity(&self, dtype: DType) -> Result<Tensor> {
         Tensor::from_vec(self.opacity.clone(), [self.len(), 1]).cast(dtype)
     }
@@ -100,7 +100,7 @@ impl Particles {
     /// Colours as a tensor `[particles, 3]`.
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// Only for types other than `f32` and `f64`.
     pub fn colour(&self, dtype: DType) -> Result<Tensor> {
         Tensor::from_vec(self.colour.as_flattened().to_vec(), [self.len(), 3]).cast(dtype)
     }

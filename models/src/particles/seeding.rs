@@ -5,14 +5,14 @@ use gradreel::{Error, ErrorKind, Key, Result, Var};
 use crate::constant;
 use crate::field::{Occupancy, channel, opacity};
 
-/// Which places of a field become particles.
+/// Selection of the sites of a field that become particles.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Seeding {
-    /// Whether places are exactly half a spacing apart. The published grid has `2 (N − 1)` places between the first node and
-    /// half a spacing beyond the last, which are 1–2 % further apart.
+    /// Whether sites are exactly half a spacing apart. The published grid has `2 (N − 1)` sites between the first node
+    /// and half a spacing beyond the last, which are 1–2 % further apart.
     pub exact: bool,
-    /// Places less opaque than this share of the most opaque one become no particle.
+    /// Minimum opacity of a particle, relative to the most opaque site.
     pub least_opacity: f64,
 }
 
@@ -22,16 +22,16 @@ impl Default for Seeding {
     }
 }
 
-/// Where in its cube each particle lies.
+/// Position of each particle in its cube.
 #[derive(Debug, Clone)]
 pub enum Jitter {
-    /// Drawn from a key, for each place by itself.
+    /// Drawn from a key, independently for each site.
     Drawn(Key),
-    /// Given in 0…1 per axis, for each occupied place in the order of [`Seeding::places`].
+    /// Given, in 0…1 per axis, for each occupied site in the order of [`Seeding::places`].
     Given(Vec<[f64; 3]>),
 }
 
-/// Material points with what the field says of each.
+/// Material points with opacity and features from the field.
 #[derive(Debug, Clone)]
 pub struct Seeded {
     /// Positions \[m\], `[n, 3]`, constant.
@@ -43,7 +43,7 @@ pub struct Seeded {
 }
 
 impl Seeding {
-    /// The occupied places that particles may come from \[m\], z fastest.
+    /// The occupied candidate sites \[m\], z fastest.
     pub fn places(&self, occupancy: &Occupancy) -> Vec<[f64; 3]> {
         let grid = &occupancy.grid;
         let along = |axis: usize| -> Vec<f64> {
@@ -62,13 +62,13 @@ impl Seeding {
         places
     }
 
-    /// Seeds particles in the occupied places of a field: each is moved by up to half a spacing along each axis, and stays if
-    /// it is opaque enough there. Which ones stay is not differentiated; opacity and features are.
+    /// Seeds particles at the occupied sites of a field: each is displaced by up to half a spacing along each axis, and
+    /// kept if it is opaque enough there. The selection is not differentiated; opacity and features are.
     ///
     /// `values` holds raw density and features, `[x, y, z, 1 + features]`; `shift` is added to the densities.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] when the field is empty, or jitter was given for another number of places.
+    /// [`ErrorKind::Input`] when the field is empty, or the given jitter has another number of sites.
     pub fn seed(&self, occupancy: &Occupancy, values: &Var, shift: f64, jitter: &Jitter) -> Result<Seeded> {
         let grid = &occupancy.grid;
         let mut places = self.places(occupancy);

@@ -4,18 +4,18 @@ use super::contact::Placed;
 use crate::vector::{EYE, dot, minus, product, rotation, times};
 use gradreel::{Error, ErrorKind, Result};
 
-/// How an obstacle acts on what touches it; `v` is the velocity of a node, `w` that of the obstacle there.
+/// How an obstacle acts on a node; `v` is the velocity of the node, `w` that of the obstacle at the node.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Contact {
     /// `v = w`
     Sticky,
-    /// `v −= n (n·(v−w))`: frictionless, but nothing lifts off.
+    /// `v −= n (n·(v−w))`: frictionless, without separation.
     Slip,
-    /// `v −= n min(n·(v−w), 0)`: frictionless, lifts off freely.
+    /// `v −= n min(n·(v−w), 0)`: frictionless, separates freely.
     Separate,
-    /// Coulomb friction with this coefficient µ; lifts off freely. With `r = v − w`, where `n·r < 0`:
-    /// `v = w + t max(0, 1 + µ (n·r)/|t|)`, `t = r − n (n·r)`. It sticks while the tangential velocity is at most µ times
-    /// the velocity of impact.
+    /// Coulomb friction with this coefficient µ; separates freely. With `r = v − w`, where `n·r < 0`:
+    /// `v = w + t max(0, 1 + µ (n·r)/|t|)`, `t = r − n (n·r)`. Sticks while the tangential speed is at most µ times the
+    /// normal speed.
     Friction(f64),
 }
 
@@ -29,7 +29,7 @@ pub enum Region {
         /// Its unit normal, towards the free side.
         normal: [f64; 3],
     },
-    /// A cylinder with flat ends. As a solid it pushes away from its axis only, also at its ends.
+    /// A cylinder with flat ends. As a solid it pushes radially, also at its ends.
     Cylinder {
         /// Centre of one end.
         start: [f64; 3],
@@ -45,7 +45,7 @@ pub enum Region {
         /// Radius.
         radius: f64,
     },
-    /// A box along the axes; a solid one pushes towards its nearest face. [`Collider::turned`] tilts it.
+    /// An axis-aligned box; a solid one pushes towards its nearest face. [`Collider::turned`] rotates it.
     Cuboid {
         /// Centre.
         centre: [f64; 3],
@@ -54,22 +54,22 @@ pub enum Region {
     },
 }
 
-/// The motion of a rigid body: at time `t` a point that was at `x` is at `pivot + v t + R(ω t) (x − pivot)`.
+/// The motion of a rigid body: at time `t` the point `x` has moved to `pivot + v t + R(ω t) (x − pivot)`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RigidMotion {
     /// Velocity `v` of the pivot \[m/s\].
     pub velocity: [f64; 3],
     /// Angular velocity `ω` about an axis through the pivot \[rad/s\].
     pub spin: [f64; 3],
-    /// Where that axis passes at time 0 \[m\].
+    /// A point of that axis at time 0 \[m\].
     pub pivot: [f64; 3],
 }
 
-/// An obstacle: a region, what happens there, and how it moves.
+/// An obstacle: a region, a contact condition, and a rigid motion.
 ///
-/// A [`Simulation`](super::Simulation) lets obstacles act on grid nodes: a solid should be at least two grid cells thick, for
-/// one that is thinner may lie between the nodes, and has nodes of both its sides next to each other. A scene that
-/// [`Runner`](crate::scenes::Runner) runs lets the surfaces of solids act on particles, too: nothing passes there.
+/// A [`Simulation`](super::Simulation) applies obstacles to grid nodes. A solid should therefore be at least two grid
+/// cells thick: a thinner one may lie between the nodes, and its two sides share stencils. In scenes run by
+/// [`Runner`](crate::scenes::Runner), the surfaces of solids also act on particles, and nothing passes through.
 ///
 /// ```
 /// use gradreel_models::physics::{Collider, Contact};
@@ -89,15 +89,15 @@ pub struct RigidMotion {
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Collider {
-    /// Where it is at time 0.
+    /// The region at time 0.
     pub region: Region,
-    /// How it acts.
+    /// The contact condition.
     pub contact: Contact,
-    /// Whether the particles live inside the region instead of outside.
+    /// Whether the particles are inside the region instead of outside.
     pub container: bool,
-    /// Its rotation at time 0 about the pivot of `motion`, as a matrix of rows.
+    /// Rotation at time 0 about the pivot of `motion`, row-major.
     pub turn: [[f64; 3]; 3],
-    /// How it moves.
+    /// The motion.
     pub motion: RigidMotion,
 }
 
@@ -141,38 +141,37 @@ impl Collider {
         Self::new(Region::Sphere { centre, radius }, contact)
     }
 
-    /// A box along the axes, with half of its edge lengths.
+    /// An axis-aligned box, from its centre and half edge lengths.
     pub fn cuboid(centre: [f64; 3], half: [f64; 3], contact: Contact) -> Self {
         Self::new(Region::Cuboid { centre, half }, contact)
     }
 
-    /// The same region with the particles inside.
+    /// Turns the region into a container, with the particles inside.
     #[must_use]
     pub fn container(self) -> Self {
         Self { container: true, ..self }
     }
 
-    /// The same obstacle travelling at this velocity \[m/s\].
+    /// Adds a translation at this velocity \[m/s\].
     #[must_use]
     pub fn moving(self, velocity: [f64; 3]) -> Self {
         Self { motion: RigidMotion { velocity, ..self.motion }, ..self }
     }
 
-    /// The same obstacle turning with this angular velocity \[rad/s\] about an axis through `pivot` \[m\].
+    /// Adds a rotation at this angular velocity \[rad/s\] about an axis through `pivot` \[m\].
     #[must_use]
     pub fn spinning(self, spin: [f64; 3], pivot: [f64; 3]) -> Self {
         Self { motion: RigidMotion { spin, pivot, ..self.motion }, ..self }
     }
 
-    /// The same obstacle turned by `|turn|` radians about the axis `turn` through `pivot`, which becomes the pivot of its
-    /// motion.
+    /// Rotates the obstacle at time 0 by `|turn|` radians about the axis `turn` through `pivot`, which becomes the
+    /// pivot of its motion.
     #[must_use]
     pub fn turned(self, turn: [f64; 3], pivot: [f64; 3]) -> Self {
         Self { turn: product(rotation(turn), self.turn), motion: RigidMotion { pivot, ..self.motion }, ..self }
     }
 
-    /// The smallest extent of a solid \[m\]; without end for a plane, and for a container, whose walls are all that is
-    /// outside.
+    /// The smallest extent of a solid \[m\]; infinite for planes and containers.
     pub(crate) fn thickness(&self) -> f64 {
         match self.region {
             _ if self.container => f64::INFINITY,
@@ -186,43 +185,44 @@ impl Collider {
         }
     }
 
-    /// Where a point of the region is at time `t` \[s\].
+    /// The position of a point of the region at time `t` \[s\].
     pub(crate) fn place(&self, x: [f64; 3], t: f64) -> [f64; 3] {
         let RigidMotion { velocity, spin, pivot } = self.motion;
         let turned = times(&product(rotation(spin.map(|w| w * t)), self.turn), minus(x, pivot));
         std::array::from_fn(|axis| pivot[axis] + velocity[axis] * t + turned[axis])
     }
 
-    /// Whether it stays where its region says.
+    /// Whether the obstacle neither moves nor is rotated.
     pub(crate) fn is_at_rest(&self) -> bool {
         self.turn == EYE && self.motion.velocity == [0.0; 3] && self.motion.spin == [0.0; 3]
     }
 
-    /// The unit normal, towards the free side, at a point where the obstacle acts at time 0, `None` elsewhere; the first of
-    /// them in a corner of a container. Near the axis of a cylinder and the centre of a ball it shrinks to zero:
+    /// The unit normal, towards the free side, where the obstacle acts at time 0; `None` elsewhere. In a corner of a
+    /// container it is the first one. Near the axis of a cylinder and the centre of a ball it shrinks to zero:
     /// `n = r/√(r·r + 1e-8)`.
     #[inline]
     pub fn normal(&self, x: [f64; 3]) -> Option<[f64; 3]> {
         Placed::new(self, 0.0).normals(x).into_iter().next()
     }
 
-    /// The velocity \[m/s\] a node at `x` \[m\] has after contact at time 0.
+    /// The velocity \[m/s\] of a node at `x` \[m\] after contact at time 0.
     #[inline]
     pub fn collide(&self, x: [f64; 3], v: [f64; 3]) -> [f64; 3] {
         Placed::new(self, 0.0).collide(x, v)
     }
 
-    /// The cotangent of the velocity before contact, given it and the cotangent of the velocity after contact.
+    /// The vjp of [`Collider::collide`]: the cotangent of the velocity before contact, from that of the velocity after
+    /// it.
     #[inline]
     pub fn collide_vjp(&self, x: [f64; 3], v: [f64; 3], g: [f64; 3]) -> [f64; 3] {
         super::contact::collide_vjp(&[Placed::new(self, 0.0)], x, v, g, &mut [0.0]).1
     }
 
-    /// Whether the numbers make sense.
+    /// Validates the geometry and motion.
     ///
     /// # Errors
     ///
-    /// [`ErrorKind::Input`] naming the first that does not.
+    /// [`ErrorKind::Input`] naming the first invalid value.
     pub(crate) fn check(&self) -> Result<()> {
         let fault = |what: &str, found: String, wanted: &str| {
             Err(Error::new(ErrorKind::Input, what).at("collider").found(found).wanted(wanted))

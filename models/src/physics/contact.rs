@@ -1,17 +1,17 @@
-//! What obstacles do to the velocity of a node, with both derivatives.
+//! Contact of obstacles with nodes: velocity after contact, vjp and jvp.
 
 use super::collider::{Collider, Contact, Region};
 use crate::vector::{EYE, cross, dot, minus, plus, product, rotation, times};
 
-/// An obstacle where it is at one moment.
+/// An obstacle at one moment.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Placed {
     collider: Collider,
-    /// For one that is not where its region says: its rotation, and how far its pivot has come.
+    /// Rotation and displacement of the pivot; `None` if the obstacle is where its region says.
     pose: Option<([[f64; 3]; 3], [f64; 3])>,
 }
 
-/// The normals of the faces that a node touches; more than one in a corner of a container.
+/// The normals of the faces that act on a node; several in a corner of a container.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Normals {
     all: [[f64; 3]; 3],
@@ -44,14 +44,13 @@ impl Placed {
         Self { collider: *collider, pose }
     }
 
-    /// Where its pivot has come, and how far it has turned, as a matrix of rows; at the origin and not at all for one that is
-    /// where its region says.
+    /// The position of the pivot, and the rotation (row-major); zero and the identity without a pose.
     pub fn pose(&self) -> ([f64; 3], [[f64; 3]; 3]) {
         let pivot = self.collider.motion.pivot;
         self.pose.map_or(([0.0; 3], EYE), |(turn, shift)| (plus(pivot, shift), turn))
     }
 
-    /// Where a point would be if the obstacle were where its region says.
+    /// Maps a point from world coordinates to the coordinates of the region.
     #[inline]
     pub fn back(&self, x: [f64; 3]) -> [f64; 3] {
         let Some((turn, shift)) = &self.pose else { return x };
@@ -67,7 +66,7 @@ impl Placed {
         plus(plus(pivot, *shift), times(turn, minus(x, pivot)))
     }
 
-    /// The velocity after contact with a face of this normal, which is that of the region where its numbers say, at a point.
+    /// The velocity at a point after contact with one face; the normal is in the coordinates of the region.
     pub fn touch(&self, normal: [f64; 3], x: [f64; 3], v: [f64; 3]) -> [f64; 3] {
         let normal = self.pose.as_ref().map_or(normal, |(turn, _)| times(turn, normal));
         touch(self.collider.contact, normal, self.velocity(x), v)
@@ -188,13 +187,13 @@ fn touch(contact: Contact, n: [f64; 3], wall: [f64; 3], v: [f64; 3]) -> [f64; 3]
     }
 }
 
-/// What friction does to a node.
+/// Friction states of a node.
 enum Slide {
-    /// It moves away.
+    /// It separates.
     Free,
     /// Friction stops it.
     Stuck,
-    /// It keeps sliding: normal velocity (negative), direction and speed along the face.
+    /// It slides: normal velocity (negative), direction and speed along the face.
     Sliding { impact: f64, direction: [f64; 3], speed: f64 },
 }
 
@@ -203,7 +202,7 @@ impl Slide {
     fn of(mu: f64, n: [f64; 3], wall: [f64; 3], v: [f64; 3]) -> Self {
         let relative = minus(v, wall);
         let impact = dot(n, relative);
-        // Written so that NaN does not pass for being free.
+        // The comparison fails for NaN, which must not count as free.
         if impact >= 0.0 {
             return Self::Free;
         }
@@ -216,7 +215,8 @@ impl Slide {
     }
 }
 
-/// The cotangent of the velocity before contact with one face; adds that of the coefficient of friction.
+/// The vjp of [`touch`]: the cotangent of the velocity before contact. Adds to the cotangent of the friction
+/// coefficient.
 fn touch_vjp(contact: Contact, n: [f64; 3], wall: [f64; 3], v: [f64; 3], g: [f64; 3], friction: &mut f64) -> [f64; 3] {
     match contact {
         Contact::Sticky => [0.0; 3],
@@ -236,7 +236,7 @@ fn touch_vjp(contact: Contact, n: [f64; 3], wall: [f64; 3], v: [f64; 3], g: [f64
     }
 }
 
-/// The tangent of the velocity after contact with one face, given those of the velocity before and of the coefficient.
+/// The jvp of [`touch`], for tangents of the velocity and of the friction coefficient.
 fn touch_jvp(contact: Contact, n: [f64; 3], wall: [f64; 3], v: [f64; 3], dv: [f64; 3], friction: f64) -> [f64; 3] {
     match contact {
         Contact::Sticky => [0.0; 3],
@@ -257,14 +257,14 @@ fn touch_jvp(contact: Contact, n: [f64; 3], wall: [f64; 3], v: [f64; 3], dv: [f6
     }
 }
 
-/// All obstacles in order: the velocity after contact.
+/// The velocity after contact with all obstacles in order.
 #[inline]
 pub(crate) fn collide(obstacles: &[Placed], x: [f64; 3], v: [f64; 3]) -> [f64; 3] {
     obstacles.iter().fold(v, |v, obstacle| obstacle.collide(x, v))
 }
 
-/// All obstacles in order: the velocity after contact, and the cotangent of the one before. Adds to the cotangents of the
-/// coefficients of friction, one per obstacle.
+/// The vjp of [`collide`]: the velocity after contact, and the cotangent of the velocity before. Adds to the cotangents
+/// of the friction coefficients, one per obstacle.
 pub(crate) fn collide_vjp(
     obstacles: &[Placed],
     x: [f64; 3],
@@ -289,8 +289,7 @@ pub(crate) fn collide_vjp(
     (after, g)
 }
 
-/// All obstacles in order: the tangent of the velocity after contact; `friction` holds the tangents of the coefficients,
-/// one per obstacle.
+/// The jvp of [`collide`]; `friction` holds the tangents of the friction coefficients, one per obstacle.
 pub(crate) fn collide_jvp(
     obstacles: &[Placed],
     x: [f64; 3],
@@ -325,7 +324,7 @@ mod tests {
     const CONTACTS: [Contact; 5] =
         [Contact::Sticky, Contact::Slip, Contact::Separate, Contact::Friction(0.3), Contact::Friction(3.0)];
 
-    /// A node inside all of them, one after the other, at rest and in motion.
+    /// Obstacles that all contain the test node, at rest and in motion.
     fn pile(contact: Contact, t: f64) -> Vec<Placed> {
         let colliders = [
             Collider::plane([0.0; 3], [0.3, 1.0, -0.2], contact),
@@ -444,7 +443,7 @@ mod tests {
         let v = later.collide([0.0, 0.5, 0.0], [0.0; 3]);
         assert!((v[0] + 1.0).abs() < 1e-12 && v[1].abs() < 1e-12, "{v:?}");
         assert_eq!(later.collide([0.5, 0.0, 0.0], [0.3; 3]), [0.3; 3]);
-        // Turned at the start about the same axis, it stands like that and stays.
+        // Rotated at the start about the same axis, it is in that pose at rest.
         let tilted = Collider::cuboid([0.5, 0.0, 0.0], [0.5, 0.1, 0.1], Contact::Separate);
         let tilted = tilted.turned([0.0, 0.0, FRAC_PI_2], [0.0; 3]);
         assert_eq!(tilted.normal([0.5, 0.0, 0.0]), None);

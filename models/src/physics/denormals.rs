@@ -1,10 +1,10 @@
-//! Flushing of denormal numbers to zero while a worker computes.
+//! Flushing of denormal numbers to zero.
 //!
-//! Numbers below 1e-38 (`f32`) cost several times as much as others and carry no information here. Worker closures hold a
-//! [`Flush`] while they run; the thread's previous state returns when it is dropped. Elsewhere than on x86-64 and
-//! 64-bit ARM it does nothing.
+//! Arithmetic on denormals (below 1e-38 in `f32`) is several times slower, and they carry no information here. Worker
+//! closures hold a [`Flush`] while they run; dropping it restores the thread's previous state. It has no effect except
+//! on x86-64 and 64-bit ARM.
 
-/// While it lives, this thread treats denormal operands and results as zero.
+/// While it exists, this thread treats denormal operands and results as zero.
 pub(crate) struct Flush {
     #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
     before: Register,
@@ -15,10 +15,10 @@ type Register = u32;
 #[cfg(target_arch = "aarch64")]
 type Register = u64;
 
-/// Flush to zero (bit 15) and denormals are zero (bit 6) of the control register.
+/// Flush-to-zero (bit 15) and denormals-are-zero (bit 6) of the control register.
 #[cfg(target_arch = "x86_64")]
 const FLUSH: Register = (1 << 15) | (1 << 6);
-/// Flush to zero (bit 24), which is for operands and results.
+/// Flush-to-zero (bit 24), for operands and results.
 #[cfg(target_arch = "aarch64")]
 const FLUSH: Register = 1 << 24;
 
@@ -61,7 +61,7 @@ fn read() -> Register {
 #[cfg(target_arch = "x86_64")]
 #[inline]
 fn write(state: Register) {
-    // SAFETY: only the two denormal bits differ from what the thread had.
+    // SAFETY: only the two denormal bits change.
     unsafe { core::arch::asm!("ldmxcsr [{}]", in(reg) &raw const state, options(nostack, preserves_flags)) };
 }
 
@@ -77,7 +77,7 @@ fn read() -> Register {
 #[cfg(target_arch = "aarch64")]
 #[inline]
 fn write(state: Register) {
-    // SAFETY: only the denormal bit differs from what the thread had.
+    // SAFETY: only the denormal bit changes.
     unsafe { core::arch::asm!("msr fpcr, {}", in(reg) state, options(nostack, preserves_flags)) };
 }
 

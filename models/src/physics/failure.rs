@@ -1,4 +1,4 @@
-//! Naming what went wrong when a substep breaks down.
+//! Error messages of substeps that break down.
 
 use gradreel::{Element, Error, ErrorKind};
 
@@ -6,19 +6,19 @@ use super::row::Number;
 use super::state::{F, State, V};
 use super::world::World;
 
-/// When and under which step a substep failed.
+/// The substep of a failure.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Moment<'a> {
     /// Substeps since the start.
     pub substep: usize,
     /// Substep \[s\].
     pub dt: f64,
-    /// The caller's number of each particle; empty when it is the same.
+    /// The caller's index of each particle; empty if the order is the same.
     pub labels: &'a [u32],
 }
 
-/// The error of a substep in which `particle` broke a limit. `next` holds what it moved to; `source` finds the first particle
-/// that scattered a number that is not finite.
+/// The error of a substep in which `particle` broke a limit. `next` holds the state after it; `source` finds the first
+/// particle that scattered a non-finite value.
 pub(crate) fn failure<T: Number>(
     world: &World,
     moment: Moment<'_>,
@@ -52,7 +52,7 @@ pub(crate) fn failure<T: Number>(
         .fix("widen World::bounds, or add a collider that keeps the particles inside")
 }
 
-/// NaN spreads over the grid within the substep; the particle whose stress is not finite is where it came from.
+/// NaN spreads over the grid within one substep; its source is the particle with a non-finite stress.
 fn not_finite<T: Number>(
     moment: Moment<'_>,
     particle: usize,

@@ -1,7 +1,7 @@
-//! The blend of APIC with FLIP: particles that keep part of their own velocity and take over only what changed on the grid.
+//! The blend of APIC and FLIP: particles keep a share of their own velocity and add only the change on the grid.
 //!
 //! `v' = Σ w v_i + flip (v − Σ w v_i⁰)`, where `v_i⁰` comes from a scatter of `m (v + C δ)` without stress. The second
-//! scatter and gather, and their adjoints, only run where [`World::flip`](super::World::flip) is above 0.
+//! scatter and gather, and their adjoints, run only if [`World::flip`](super::World::flip) is above 0.
 //!
 //! Source: Brackbill and Ruppel, *FLIP*, 1986; Fei et al., *Revisiting Integration in the Material Point Method*, 2021.
 
@@ -20,9 +20,9 @@ use super::transfer::{Record, position, record};
 /// Buffers of the blend.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Old<T> {
-    /// What particles scatter of their velocity.
+    /// Records scattered for the velocity.
     pub scattered: Vec<Record<T>>,
-    /// What the adjoint of their gather scatters.
+    /// Records scattered by the adjoint of their gather.
     gathered: Vec<Record<T>>,
     /// Node velocities before forces.
     pub grid: Vec<T>,
@@ -63,7 +63,7 @@ impl<T: Number> Simulation<'_, T> {
         });
     }
 
-    /// Gives particles back their share of what the grid did not change.
+    /// Adds the FLIP share to the particle velocities.
     pub(super) fn blend(&self, node_grid: &NodeGrid<T>, now: &State<T>, next: &mut State<T>) {
         if self.world.flip == 0.0 {
             return;
@@ -122,8 +122,8 @@ impl<T: Number> Simulation<'_, T> {
 }
 
 impl<T: Number> Old<T> {
-    /// Adds what reaches a block through its velocity before forces: to the cotangents of position and velocity, to those of
-    /// the affine velocity (`on_c`, nine arrays) and to those of the mass.
+    /// Adds the contribution of the velocities before forces to the cotangents of a block: position and velocity,
+    /// affine velocity (`on_c`, nine arrays) and mass.
     #[allow(clippy::too_many_arguments)] // plain data of one loop
     pub(super) fn collect(
         &self,
@@ -156,7 +156,7 @@ impl<T: Number> Old<T> {
             for axis in 0..3 {
                 let g = sums[axis * BLOCK + i];
                 on_mass[i] += g * at(V + axis);
-                // `v` itself is kept in this share.
+                // The share of `v` that is kept.
                 let on_v = &mut cotangent[(V + axis) * BLOCK + i];
                 *on_v = *on_v + m * g - gathered[i][axis];
             }

@@ -1,8 +1,7 @@
-//! Forward mode: a substep together with its derivatives along several directions at once.
+//! Forward mode: a substep together with its derivatives along several directions.
 //!
-//! The adjoint gives all gradients of one number; forward mode gives all numbers' derivatives along one direction, which is
-//! what Gauss–Newton needs for a few parameters and very many residuals. It keeps no history, whatever the number of
-//! substeps.
+//! The adjoint gives the gradient of one scalar; forward mode gives the derivatives of all outputs along one direction,
+//! as Gauss–Newton needs for few parameters and many residuals. Its memory does not grow with the number of substeps.
 
 use gradreel::{ErrorKind, Result};
 use rayon::prelude::*;
@@ -18,18 +17,18 @@ use super::substep::{Constants, Simulation, block_len, masses, with_scratch};
 use super::transfer::{Record, position, record};
 use super::values::Values;
 
-/// How a simulation changes along one direction: the tangent of its state, and of what is constant in it.
+/// The derivative of a simulation along one direction: the tangents of its state and of its constants.
 #[derive(Debug, Clone)]
 pub struct Tangent<T> {
-    /// Of the state; moves with the simulation.
+    /// Tangent of the state; advances with the simulation.
     pub state: State<T>,
-    /// Of the density \[kg/m³\].
+    /// Tangent of the density \[kg/m³\].
     pub density: Values<T>,
-    /// Of the parameters of each portion, in the order of its law.
+    /// Tangents of each portion's parameters, in the order of its law.
     pub parameters: Vec<Vec<Values<T>>>,
-    /// Of gravity \[m/s²\].
+    /// Tangent of gravity \[m/s²\].
     pub gravity: [f64; 3],
-    /// Of the coefficient of friction of each obstacle.
+    /// Tangents of the friction coefficient of each obstacle.
     pub friction: Vec<f64>,
 }
 
@@ -43,7 +42,7 @@ pub(super) struct Buffers<T> {
 }
 
 impl<T: Number> Simulation<'_, T> {
-    /// A direction in which nothing changes, to be filled in. `like` is a state of the simulation.
+    /// A zero tangent, to be filled in. `like` is a state of the simulation.
     pub fn tangent(&self, like: &State<T>) -> Tangent<T> {
         Tangent {
             state: like.zeros_like(),
@@ -54,7 +53,7 @@ impl<T: Number> Simulation<'_, T> {
         }
     }
 
-    /// Advances `now` by one substep into `next`, and the tangents from those of `now` to those of `next`.
+    /// Advances `now` by one substep into `next`, and the tangents along with it.
     ///
     /// # Errors
     ///
@@ -62,7 +61,7 @@ impl<T: Number> Simulation<'_, T> {
     ///
     /// # Panics
     ///
-    /// If a state has another number of particles, or a tangent another number of values.
+    /// If a state has another number of particles, or a tangent has the wrong number of values.
     #[track_caller]
     pub fn substep_jvp(&mut self, now: &State<T>, next: &mut State<T>, tangents: &mut [Tangent<T>]) -> Result<()> {
         self.check(&[now, next]);
@@ -80,10 +79,10 @@ impl<T: Number> Simulation<'_, T> {
         let node_grid = self.scatter(now, &mut next.values)?;
         self.scatter_old(now, &node_grid);
         let (level, world, dt) = (self.level, self.world, self.dt);
-        // Taken out, so that the rest of the simulation can be borrowed beside them.
+        // Taken out, so that `self` can be borrowed besides.
         let mut buffers = std::mem::take(&mut self.tangents);
         buffers.resize_with(tangents.len(), Buffers::default);
-        // All at once: what waits for one tangent's pieces works on another's.
+        // In parallel over tangents: workers that would idle on one continue with another.
         tangents.par_iter_mut().zip(&mut buffers).for_each(|(tangent, own)| {
             self.scatter_material(now, tangent, own);
             scatter_tangents(level, &node_grid, &mut own.grid, &self.scattered, &own.records, &self.buckets);
@@ -137,7 +136,7 @@ impl<T: Number> Simulation<'_, T> {
             .fix("use more substeps per frame, or parameters away from the limits of the material"))
     }
 
-    /// What particles gather from a grid, and how that changes as they move: the same for all tangents.
+    /// The gather of all particles and its derivatives with respect to their positions; shared by all tangents.
     fn move_all(&self, node_grid: &NodeGrid<T>, now: &State<T>, grid: &[T], slopes: &mut Vec<T>) {
         slopes.resize(now.values.len() / now.stride() * MOVING * BLOCK, T::ZERO);
         let blocks = now.values.par_chunks_exact(now.stride()).zip(slopes.par_chunks_exact_mut(MOVING * BLOCK));
@@ -147,7 +146,7 @@ impl<T: Number> Simulation<'_, T> {
         });
     }
 
-    /// The tangents of what particles scatter; those of `F` and history become those after the substep.
+    /// The tangents of the records; those of `F` and history are advanced to the end of the substep.
     fn scatter_material(&self, now: &State<T>, tangent: &mut Tangent<T>, own: &mut Buffers<T>) {
         let mass = masses(&tangent.density, &self.portions);
         let constants = Constants::of(self.world, self.dt, &self.mass);

@@ -1,7 +1,7 @@
-//! The grid as a whole: scatter in parallel without conflicts, node update, and its adjoint.
+//! The whole grid: parallel scatter without conflicts, node update, vjp and jvp.
 //!
 //! Particles are listed by the slab of [`SLAB`] node planes in which their stencil starts. Even slabs are scattered in
-//! parallel, then odd ones; within a slab particles keep their order. Every node therefore sums in one fixed order,
+//! parallel, then odd ones; within a slab particles keep their order. The order of every node's sum is therefore fixed,
 //! whatever the number of threads.
 
 use std::cell::RefCell;
@@ -19,20 +19,20 @@ use super::state::BLOCK;
 use super::transfer::Record;
 use super::world::World;
 
-/// Particles listed by slab: for each block of them a list of its own, which threads make side by side.
+/// Particles listed by slab. Each block of particles has its own list, so that lists are built in parallel.
 #[derive(Debug, Default)]
 pub(crate) struct Buckets {
     slabs: usize,
-    /// The particles of each block, those of the first slab first; within a slab they keep their order.
+    /// The particles of each block, ordered by slab; within a slab they keep their order.
     order: Vec<u32>,
-    /// For each block, the slabs that its particles are in or between.
+    /// For each block, the range of slabs of its particles.
     spans: Vec<Range<usize>>,
-    /// For each block, where the list of each slab of its span ends.
+    /// For each block, the end of each slab's list.
     ends: Vec<u32>,
 }
 
 impl Buckets {
-    /// Lists for so many particles in so many slabs, to be filled: one for each block.
+    /// Empty lists for this number of particles and slabs, one per block, to be filled.
     pub fn lists(&mut self, particles: usize, slabs: usize) -> impl IndexedParallelIterator<Item = BlockList<'_>> {
         self.slabs = slabs;
         self.order.resize(particles, 0);
@@ -44,7 +44,7 @@ impl Buckets {
         lists.map(|(block, ((order, ends), span))| BlockList { first: block * BLOCK, order, ends, span })
     }
 
-    /// Makes the list of all particles in a slab.
+    /// Collects the particles of a slab into `list`.
     fn of_slab(&self, slab: usize, list: &mut Vec<u32>) {
         list.clear();
         for (block, span) in self.spans.iter().enumerate().filter(|(_, span)| span.contains(&slab)) {
@@ -81,7 +81,7 @@ impl BlockList<'_> {
         for end in &mut ends[span.clone()] {
             (*end, start) = (start, start + *end);
         }
-        // where a list begins becomes where it ends
+        // counting sort: starts advance to ends
         for (i, slab) in slabs.iter().enumerate() {
             order[ends[*slab] as usize] = (first + i) as u32;
             ends[*slab] += 1;
@@ -102,8 +102,7 @@ pub(crate) fn scatter_all<T: Number>(
     });
 }
 
-/// Clears `grid` and scatters into it how all records change with the positions and with themselves; see
-/// [`push_tangent`](super::transfer::push_tangent).
+/// Clears `grid` and scatters the tangents of all records; see [`push_tangent`](super::transfer::push_tangent).
 pub(crate) fn scatter_tangents<T: Number>(
     level: Level,
     node_grid: &NodeGrid<T>,
@@ -118,12 +117,12 @@ pub(crate) fn scatter_tangents<T: Number>(
 }
 
 thread_local! {
-    /// The particles of a slab that a thread visits.
+    /// The particles of the slab that a thread visits.
     static LIST: RefCell<Vec<u32>> = const { RefCell::new(Vec::new()) };
 }
 
-/// Clears `grid` and visits each slab's region of it with the slab's first plane and its particles; slabs that could touch
-/// the same node are not visited at once.
+/// Clears `grid` and visits each slab with its region, its first plane and its particles. Slabs with common nodes are
+/// not visited concurrently.
 fn by_slabs<T: Number>(
     node_grid: &NodeGrid<T>,
     grid: &mut Vec<T>,
@@ -149,8 +148,8 @@ fn by_slabs<T: Number>(
     }
 }
 
-/// Turns `[momentum, mass]` into `[velocity, mass]` at every node: gravity, then obstacles. Nodes too light to count get
-/// velocity 0.
+/// Turns `[momentum, mass]` into `[velocity, mass]` at every node: gravity, then obstacles. Nodes below the least mass
+/// get velocity 0.
 pub(crate) fn update<T: Number>(world: &World, obstacles: &[Placed], node_grid: &NodeGrid<T>, dt: f64, grid: &mut [T]) {
     let least = T::from_f64(world.least_mass());
     let kick = world.gravity.map(|g| g * dt);
@@ -164,17 +163,17 @@ pub(crate) fn update<T: Number>(world: &World, obstacles: &[Placed], node_grid: 
     });
 }
 
-/// The cotangents, or the tangents, of what nodes have in common.
+/// The cotangents, or the tangents, of gravity and friction.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct OnWorld {
     /// Of gravity.
     pub gravity: [f64; 3],
-    /// Of the coefficients of friction, one per obstacle.
+    /// Of the friction coefficients, one per obstacle.
     pub friction: Vec<f64>,
 }
 
-/// The adjoint of [`update`]: `grid` becomes `[velocity, mass]` as there, and `cotangent` turns from that of the velocity
-/// into that of momentum and mass: `g_mom = g/m`, `g_mass = −g·mom/m²`. Adds to the cotangents of the world.
+/// The vjp of [`update`]: `grid` becomes `[velocity, mass]`, and `cotangent` turns from that of the velocity into that
+/// of momentum and mass: `g_mom = g/m`, `g_mass = −g·mom/m²`. Adds to the cotangents of the world.
 pub(crate) fn update_vjp<T: Number>(
     world: &World,
     obstacles: &[Placed],
@@ -219,7 +218,7 @@ pub(crate) fn update_vjp<T: Number>(
     (0..obstacles.len()).for_each(|k| on_world.friction[k] += sum(&|plane| plane.friction[k]));
 }
 
-/// The tangent of [`update`]: `tangent` turns from that of momentum and mass into that of the velocity. `grid` still holds
+/// The jvp of [`update`]: `tangent` turns from that of momentum and mass into that of the velocity. `grid` still holds
 /// `[momentum, mass]`; `change` holds the tangents of the world.
 pub(crate) fn update_jvp<T: Number>(
     world: &World,
@@ -274,7 +273,7 @@ mod tests {
     use super::*;
     use crate::physics::transfer::record;
 
-    /// Particles all over a box that spans several slabs, with anything to scatter.
+    /// Particles throughout a box that spans several slabs, with arbitrary records.
     fn records<T: Number>() -> Vec<Record<T>> {
         let wave = |p: usize, k: usize| (1.3 * p as f64 + 2.1 * k as f64).sin();
         let number = |p: usize, k: usize| T::from_f64(wave(p, k));

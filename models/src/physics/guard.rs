@@ -1,9 +1,9 @@
-//! Solid obstacles as particles meet them: nothing passes through their surface, however thin they are and however fast it
-//! comes.
+//! Contact of particles with solid obstacles: nothing passes through a surface, however thin the solid or fast the
+//! particle.
 //!
-//! On the grid an obstacle acts where it has nodes. A plate thinner than two cells acts there as if it were as thick as that.
-//! What is thin in two directions, such as a rod, does not act on the grid. The guard follows the way of each particle during a
-//! substep, so that none enters the solid itself.
+//! On the grid, an obstacle acts only at nodes inside it. A plate thinner than two cells acts there as if it were two cells
+//! thick. A rod or a small ball does not act on the grid. The guard tests the path of each particle during a substep, so that
+//! none enters the solid itself.
 
 use rayon::prelude::*;
 
@@ -14,9 +14,9 @@ use super::state::{BLOCK, State, V, widen};
 use super::world::World;
 use crate::vector::{dot, minus, plus};
 
-/// How far from a surface particles are set down, in cells: beyond the rounding of their places.
+/// Distance from the surface at which particles are placed, in cells; larger than rounding errors of positions.
 const SKIN: f64 = 1e-4;
-/// Times that all obstacles are gone through: what one pushes out may end up in another.
+/// Passes over all obstacles, as one may push a particle into another.
 const ROUNDS: usize = 3;
 
 /// Whether an obstacle is too thin to act on a grid of this spacing \[m\]: thinner than two cells.
@@ -24,8 +24,8 @@ pub(crate) fn is_thin(collider: &Collider, dx: f64) -> bool {
     collider.thickness() < 2.0 * dx
 }
 
-/// An obstacle as it acts on the grid: a plate thinner than two cells as if it were as thick as that, so that it has nodes on both
-/// of its sides wherever it lies, and nothing that is thin in two directions.
+/// The obstacle that acts on the grid: a thin plate is widened to two cells, so that it contains nodes wherever it lies. `None`
+/// for a solid that is thin in two directions.
 fn on_grid(collider: &Collider, dx: f64) -> Option<Collider> {
     let wide = |half: f64| half >= dx;
     let region = match collider.region {
@@ -43,7 +43,7 @@ fn on_grid(collider: &Collider, dx: f64) -> Option<Collider> {
     Some(Collider { region, ..*collider })
 }
 
-/// The solids of a world.
+/// The solid obstacles of a world.
 #[derive(Debug)]
 pub(crate) struct Guard {
     solids: Vec<Collider>,
@@ -51,18 +51,18 @@ pub(crate) struct Guard {
 }
 
 impl Guard {
-    /// The solids of a world, and the obstacles that act on the grid, too.
+    /// The solids of a world, and the obstacles that act on the grid as well.
     pub fn of(world: &World) -> (Self, Vec<Collider>) {
         let solids = world.colliders.iter().filter(|collider| collider.thickness().is_finite()).copied().collect();
         let on_grid = world.colliders.iter().filter_map(|collider| on_grid(collider, world.dx)).collect();
         (Self { solids, skin: SKIN * world.dx }, on_grid)
     }
 
-    /// Stops the particles of `next` whose way from `now` enters a solid, at its surface: their velocity becomes that after
-    /// contact. The substep lasts from the one time \[s\] to the other.
+    /// Stops particles whose path from `now` to `next` enters a solid at its surface; their velocity becomes that after
+    /// contact. `times` are start and end of the substep \[s\].
     ///
-    /// A particle slides along the surface, or stays where it arrived if the contact is sticky. It is free again in the next
-    /// substep.
+    /// A particle slides along the surface, or stays at the point of impact if the contact is sticky. Contact is
+    /// evaluated anew in each substep.
     pub fn hold<T: Number>(&self, now: &State<T>, next: &mut State<T>, times: [f64; 2]) {
         if self.solids.is_empty() {
             return;
@@ -92,7 +92,7 @@ impl Guard {
                 extent
             })
             .collect();
-        // the box must hold the particles that were set back
+        // the box must include the particles moved back
         for [low, high] in extents {
             next.extent = widen(widen(next.extent, low), high);
         }
@@ -127,17 +127,17 @@ impl Guard {
     }
 }
 
-/// Where a way enters a region: the point of the surface, and its unit normal.
+/// The point where a path enters a region, and the unit normal there.
 struct Entry {
     at: [f64; 3],
     normal: [f64; 3],
 }
 
-/// Where a straight way enters a region, if it does. A way that begins inside enters at the face next to its beginning, unless
-/// it leads out there.
+/// Where a straight path enters a region, if it does. A path that begins inside enters at the face nearest to its
+/// start, unless it leaves through that face.
 fn entry(region: &Region, [from, to]: [[f64; 3]; 2], skin: f64) -> Option<Entry> {
     let way = minus(to, from);
-    // the shares of the way at which it is inside all of these, and the normal of the one that it enters last
+    // the interval of the path inside all bounds so far, and the normal of the bound entered last
     let mut inside = [f64::NEG_INFINITY, f64::INFINITY];
     let mut last = [0.0; 3];
     let mut depth = (f64::INFINITY, [0.0; 3]);
@@ -150,7 +150,7 @@ fn entry(region: &Region, [from, to]: [[f64; 3]; 2], skin: f64) -> Option<Entry>
             depth = (below, outwards);
         }
     };
-    // a slab |p| ≤ half, of places p along a unit vector
+    // a slab |p| ≤ half, with p the coordinate along a unit vector
     let mut slab = |p: f64, d: f64, half: f64, axis: [f64; 3]| {
         let turned = |sign: f64| axis.map(|a| sign * a);
         let near = (half - p.abs(), turned(p.signum()));
@@ -191,12 +191,12 @@ fn entry(region: &Region, [from, to]: [[f64; 3]; 2], skin: f64) -> Option<Entry>
     }
     let [enters, leaves] = inside;
     let hit = enters < leaves && (0.0..=1.0).contains(&enters);
-    // from a place on the surface, inwards
+    // a path that starts on the surface and leads inwards
     let hit = hit || (below > -skin && enters <= 0.0 && leaves > 0.0 && dot(way, last) < 0.0);
     hit.then(|| Entry { at: std::array::from_fn(|axis| from[axis] + enters.max(0.0) * way[axis]), normal: last })
 }
 
-/// A ball, or a cylinder without ends, of this radius around the origin of `p`.
+/// A ball, or an infinite cylinder, of this radius around the origin of `p`.
 fn round(p: [f64; 3], d: [f64; 3], radius: f64, bound: &mut impl FnMut([f64; 2], [f64; 3], (f64, [f64; 3]))) {
     let distance = dot(p, p).sqrt();
     let outwards = if distance > 0.0 { p.map(|p| p / distance) } else { [0.0, 1.0, 0.0] };

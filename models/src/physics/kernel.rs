@@ -1,4 +1,4 @@
-//! The transfers over whole slabs and blocks, compiled once per instruction set and chosen at run time.
+//! The transfers over slabs and blocks, compiled once per instruction set and dispatched at run time.
 
 use gradreel::scalar::Lanes;
 
@@ -8,7 +8,7 @@ use super::state::{BLOCK, C, V};
 use super::stencil::{BATCH, Batch, Moved, Slopes, Stencils};
 use super::transfer::{Gathered, Record, gather, gather_moving, positions, pull, push, push_tangent, record};
 
-/// Declares a function whose body, over rows of type `R`, runs with the best rows of this machine.
+/// Declares a function whose body, generic over rows `R`, is dispatched to the best instruction set of the machine.
 macro_rules! by_level {
     ($(#[$doc:meta])* fn $name:ident($($arg:ident: $type:ty),* $(,)?) $(-> $out:ty)? $body:block) => {
         $(#[$doc])*
@@ -21,7 +21,7 @@ macro_rules! by_level {
             #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,fma")]
             #[allow(clippy::too_many_arguments)]
             unsafe fn wide<T: Number>($($arg: $type),*) $(-> $out)? {
-                // SAFETY: the instruction set of the rows is enabled; bodies ask for nothing else.
+                // SAFETY: the instruction set of the rows is enabled; bodies require nothing else.
                 unsafe { body::<T, T::Wide>($($arg),*) }
             }
             #[cfg(target_arch = "x86_64")]
@@ -31,7 +31,7 @@ macro_rules! by_level {
                 // SAFETY: as above.
                 unsafe { body::<T, T::Middle>($($arg),*) }
             }
-            // SAFETY: `Level` is only made for machines that have it, and bodies ask for nothing else.
+            // SAFETY: `Level` is only constructed for machines that support it, and bodies require nothing else.
             unsafe {
                 match level {
                     #[cfg(target_arch = "x86_64")]
@@ -45,7 +45,7 @@ macro_rules! by_level {
     };
 }
 
-/// The positions of `count` particles of a block from `first` on, the last of them in the place of missing ones.
+/// The positions of `count` particles of a block from `first` on, padded to a batch with the last one.
 #[inline(always)]
 fn batch<T: Number>(block: &[T], first: usize, count: usize) -> [Batch<T>; 3] {
     let mut x = [[T::ZERO; BATCH]; 3];
@@ -58,7 +58,8 @@ fn batch<T: Number>(block: &[T], first: usize, count: usize) -> [Batch<T>; 3] {
     x
 }
 
-/// Puts what a batch gathered into arrays of its block from `first` on: the sums (4 arrays) and the moments (9 arrays, row by row).
+/// Writes the gathered values of a batch to the arrays of its block from `first` on: sums (4 arrays) and moments (9
+/// arrays, row by row).
 ///
 /// # Safety
 ///
@@ -83,7 +84,8 @@ unsafe fn spread<T: Number, R: Row<T>>(
     let mut nothing = [T::ZERO; 4];
     for (quad, four) in found.as_chunks::<4>().0.iter().enumerate() {
         let at = first + 4 * quad;
-        // SAFETY: the batch lies within the arrays, whose lengths were fixed above; a record holds four times four values.
+        // SAFETY: the batch lies within the arrays, whose lengths were fixed above; a record holds four times four
+        // values.
         unsafe {
             let from = |part: usize| [0, 1, 2, 3].map(|i| four[i].as_ptr().add(4 * part));
             R::turn(from(0), [0, 1, 2, 3].map(|k| sums.add(k * BLOCK + at)));
@@ -95,7 +97,7 @@ unsafe fn spread<T: Number, R: Row<T>>(
     }
 }
 
-/// What the first `len` particles of a block gather from a grid: sums (4 arrays) and moments (9 arrays, row by row).
+/// Gathers from a grid for the first `len` particles of a block: sums (4 arrays) and moments (9 arrays, row by row).
 ///
 /// # Safety
 ///
@@ -115,16 +117,17 @@ unsafe fn gather_all<T: Number, R: Row<T>>(
         let count = (len - first).min(BATCH);
         let s = Stencils::new(node_grid, 0, node_grid.shape[0], &batch(now, first, count));
         for i in 0..count {
-            // SAFETY: the caller's promise; the grid is whole, and the stencils were made for it.
+            // SAFETY: guaranteed by the caller; the grid is complete, and the stencils were made for it.
             found[i] = unsafe { gather::<T, R>(node_grid, &s, i, grid) };
         }
-        // SAFETY: the caller's promise.
+        // SAFETY: guaranteed by the caller.
         unsafe { spread::<T, R>(&found, [first, count], sums, moments) };
     }
 }
 
 by_level! {
-    /// Makes records of a block's particles: of positions `x` (3 arrays), `q` and mass (4 arrays), and `A` (9 arrays, row by row).
+    /// Assembles the records of a block's particles: positions `x` (3 arrays), `q` and mass (4 arrays), and `A` (9
+    /// arrays, row by row).
     fn assemble(
         x: &[T],
         q: &[T],
@@ -136,7 +139,7 @@ by_level! {
         let (fours, rest) = records.as_chunks_mut::<4>();
         for (quad, four) in fours.iter_mut().enumerate() {
             let at = 4 * quad;
-            // SAFETY: there are no more particles than an array has values; a record holds four times four values.
+            // SAFETY: there are at most as many particles as values per array; a record holds four times four values.
             unsafe {
                 let [r0, r1, r2, r3] = four.each_mut().map(|record| record.as_mut_ptr());
                 let to = |part: usize| [r0.add(4 * part), r1.add(4 * part), r2.add(4 * part), r3.add(4 * part)];
@@ -157,7 +160,7 @@ by_level! {
 }
 
 by_level! {
-    /// The momenta and masses (4 arrays) of a block's particles with these velocities (3 arrays).
+    /// The momenta and masses (4 arrays) of a block's particles, from their velocities (3 arrays).
     fn momenta(
         masses: Lanes<'_, T>,
         velocities: &[T],
@@ -193,7 +196,7 @@ by_level! {
             let of = |i: usize| &records[order[i] as usize];
             let s = Stencils::new(node_grid, first_plane, planes, &positions(order.len(), of));
             for i in 0..order.len().min(BATCH) {
-                // SAFETY: the instruction set is there, and the stencils were made for the region's planes.
+                // SAFETY: the instruction set is available, and the stencils were made for the region's planes.
                 unsafe { push::<T, R>(node_grid, &s, i, region, of(i)) };
             }
         }
@@ -224,15 +227,15 @@ by_level! {
     }
 }
 
-/// Arrays that [`moving`] makes of a block.
+/// Number of arrays that [`moving`] writes.
 pub(crate) const MOVING: usize = 4 + 3 * SLOPES;
 
-/// Those for one axis: sums (4 arrays) and moments (9 arrays, row by row).
+/// Arrays per axis: sums (4 arrays) and moments (9 arrays, row by row).
 const SLOPES: usize = 13;
 
 by_level! {
-    /// What the first `len` particles of a block gather (4 arrays), and how it changes as they move along each axis ([`SLOPES`]
-    /// arrays each); see [`gather_moving`].
+    /// Gathers for the first `len` particles of a block (4 arrays), with the derivatives with respect to their
+    /// positions ([`SLOPES`] arrays per axis); see [`gather_moving`].
     fn moving(
         node_grid: &NodeGrid<T>,
         grid: &[T],
@@ -249,14 +252,14 @@ by_level! {
             let x = batch(now, first, count);
             let (s, dw) = (Stencils::new(node_grid, 0, node_grid.shape[0], &x), Slopes::new(node_grid, &x));
             for i in 0..count {
-                // SAFETY: the instruction set is there, and the grid is whole.
+                // SAFETY: the instruction set is available, and the grid is complete.
                 let of = unsafe { gather_moving::<T, R>(node_grid, (&s, &dw), i, grid) };
                 (0..4).for_each(|k| still[k * BLOCK + first + i] = of.sum[k]);
                 (0..3).for_each(|axis| found[axis][i] = of.along[axis]);
             }
             for (found, slopes) in found.iter().zip(slopes.chunks_exact_mut(SLOPES * BLOCK)) {
                 let (sums, moments) = slopes.split_at_mut(4 * BLOCK);
-                // SAFETY: the instruction set is there.
+                // SAFETY: the instruction set is available.
                 unsafe { spread::<T, R>(found, [first, count], sums, moments) };
             }
         }
@@ -264,8 +267,8 @@ by_level! {
 }
 
 by_level! {
-    /// The tangent of a block's gather and motion: reads positions of `now` and what [`moving`] has made, and turns the positions,
-    /// velocities and affine velocities of `tangent` from those before the substep into those after it.
+    /// The jvp of a block's gather and advection. Reads the positions of `now` and the output of [`moving`]; advances
+    /// the positions, velocities and affine velocities of `tangent` to the end of the substep.
     fn advance_tangent(
         node_grid: &NodeGrid<T>,
         tangents: &[T],
@@ -279,7 +282,7 @@ by_level! {
         let (moved, affine) = tangent[..(C + 9) * BLOCK].split_at_mut(C * BLOCK);
         let (dx, dv) = moved.split_at_mut(V * BLOCK);
         let mut sums = [T::ZERO; 4 * BLOCK];
-        // SAFETY: the instruction set is there.
+        // SAFETY: the instruction set is available.
         unsafe { gather_all::<T, R>(node_grid, tangents, now, len, &mut sums, affine) };
         let (still, slopes) = moving[..MOVING * BLOCK].split_at(4 * BLOCK);
         for (axis, slopes) in slopes.chunks_exact(SLOPES * BLOCK).enumerate() {
@@ -302,7 +305,7 @@ by_level! {
     }
 }
 
-/// `to += sign a b`, number by number.
+/// `to += sign a b`, elementwise.
 #[inline(always)]
 fn add_products<T: Number>(to: &mut [T], a: &[T], b: &[T], sign: T) {
     for ((to, a), b) in to.iter_mut().zip(a).zip(b) {
@@ -318,7 +321,7 @@ fn scale<T: Number>(numbers: &mut [T], factor: T) {
 }
 
 by_level! {
-    /// What the first `len` particles of a block gather from a grid: three arrays, and one that means nothing.
+    /// Gathers node values for the first `len` particles of a block: three arrays, and one unused.
     fn interpolate(
         node_grid: &NodeGrid<T>,
         grid: &[T],
@@ -327,13 +330,13 @@ by_level! {
         out: &mut [T],
     ) {
         let len = len.min(BLOCK);
-        // SAFETY: the instruction set is there.
+        // SAFETY: the instruction set is available.
         unsafe { gather_all::<T, R>(node_grid, grid, now, len, out, &mut [T::ZERO; 9 * BLOCK]) };
     }
 }
 
 by_level! {
-    /// The tangent of [`interpolate`]; reads what [`moving`] has made, and the positions of `now` and `tangent`.
+    /// The jvp of [`interpolate`]; reads the output of [`moving`] and the positions of `now` and `tangent`.
     fn interpolate_tangent(
         node_grid: &NodeGrid<T>,
         tangents: &[T],
@@ -344,7 +347,7 @@ by_level! {
         out: &mut [T],
     ) {
         let len = len.min(BLOCK);
-        // SAFETY: the instruction set is there.
+        // SAFETY: the instruction set is available.
         unsafe { gather_all::<T, R>(node_grid, tangents, now, len, out, &mut [T::ZERO; 9 * BLOCK]) };
         for (axis, slopes) in moving[4 * BLOCK..MOVING * BLOCK].chunks_exact(SLOPES * BLOCK).enumerate() {
             let dx = &tangent[axis * BLOCK..][..len];
@@ -355,27 +358,27 @@ by_level! {
     }
 }
 
-/// How a block of particles has moved.
+/// The result of advancing a block of particles.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Motion<T> {
-    /// Lowest and highest new coordinates \[m\].
+    /// Bounds of the new coordinates \[m\].
     pub extent: [[T; 3]; 2],
     /// The first particle that broke a limit.
     pub broken: Option<usize>,
 }
 
-/// What a particle may do in one substep.
+/// Limits on the motion of a particle in one substep.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Limits<T> {
     /// Substep \[s\].
     pub dt: T,
     /// Largest velocity component \[m/s\].
     pub speed: T,
-    /// Where positions may lie \[m\].
+    /// Bounds of allowed positions \[m\].
     pub bounds: [[T; 3]; 2],
 }
 
-/// The least and the largest of some numbers: those of every sixteenth one, then of these.
+/// The minimum and maximum of some numbers, by sixteen interleaved partial reductions.
 #[inline(always)]
 fn extent<T: Number>(numbers: &[T]) -> [T; 2] {
     let least = |a: T, b: T| if b < a { b } else { a };
@@ -406,10 +409,10 @@ by_level! {
         let len = len.min(BLOCK);
         let (moved, affine) = next[..(C + 9) * BLOCK].split_at_mut(C * BLOCK);
         let mut sums = [T::ZERO; 4 * BLOCK];
-        // SAFETY: the instruction set is there.
+        // SAFETY: the instruction set is available.
         unsafe { gather_all::<T, R>(node_grid, grid, now, len, &mut sums, affine) };
         scale(affine, T::from_f64(4.0) * node_grid.inverse_dx * node_grid.inverse_dx);
-        // The rest array by array, which compilers vectorise.
+        // One array at a time, so that compilers vectorise the loop.
         let mut motion = Motion { extent: [[T::INFINITY; 3], [-T::INFINITY; 3]], broken: None };
         let mut broken = [false; BLOCK];
         let (x_next, v_next) = moved.split_at_mut(V * BLOCK);
@@ -421,7 +424,7 @@ by_level! {
             for i in 0..len {
                 let moved = x[i] + limits.dt * v[i];
                 x_next[i] = moved;
-                // Written so that NaN breaks the limits.
+                // The comparison fails for NaN, which must break the limits.
                 let sound = (v[i].abs() <= limits.speed) & (moved >= low) & (moved <= high);
                 broken[i] |= !sound;
             }
@@ -433,10 +436,11 @@ by_level! {
 }
 
 by_level! {
-    /// Gathers the cotangents that reach a block from the grid.
+    /// Gathers the cotangents of a block from the grid.
     ///
-    /// `cotangent` is the block's cotangent at the end of the substep and becomes, in its position and velocity, that at
-    /// the start. `affine` receives the cotangent of what was scattered (9 arrays), `mass` adds that of the mass.
+    /// `cotangent` holds the block's cotangent at the end of the substep; its position and velocity parts become those
+    /// at the start. `affine` receives the cotangent of the scattered affine matrix (9 arrays); that of the mass is
+    /// added to `mass`.
     fn collect(
         node_grid: &NodeGrid<T>,
         cotangents: &[T],
@@ -452,7 +456,7 @@ by_level! {
         let (mut sums, mut masses) = ([T::ZERO; 4 * BLOCK], [T::ZERO; BLOCK]);
         let (on_x, on_v) = cotangent[..C * BLOCK].split_at_mut(V * BLOCK);
         let grids = [cotangents, velocities];
-        // SAFETY: the instruction set is there.
+        // SAFETY: the instruction set is available.
         unsafe { pull_all::<T, R>(node_grid, grids, [scattered, gathered], on_x, &mut sums, affine) };
         masses.iter_mut().zip(scattered).for_each(|(mass, record)| *mass = record[3]);
         for i in 0..len {
@@ -469,8 +473,8 @@ by_level! {
     }
 }
 
-/// The adjoint of the transfers of a block: adds to the positions' cotangents (3 arrays), and writes those of what was
-/// scattered to `sums` (4 arrays) and `affine` (9 arrays).
+/// The adjoint of the transfers of a block: adds to the cotangents of positions (3 arrays), and writes those of the
+/// scattered records to `sums` (4 arrays) and `affine` (9 arrays).
 ///
 /// # Safety
 ///
@@ -493,19 +497,19 @@ unsafe fn pull_all<T: Number, R: Row<T>>(
         let (s, dw) = (Stencils::new(node_grid, 0, node_grid.shape[0], &x), Slopes::new(node_grid, &x));
         for i in 0..count {
             let records = [&scattered[first + i], &gathered[first + i]];
-            // SAFETY: the caller's promise; both grids are whole, and the stencils were made for them.
+            // SAFETY: guaranteed by the caller; both grids are complete, and the stencils were made for them.
             let pulled = unsafe { pull::<T, R>(node_grid, (&s, &dw), i, grids, records) };
             (0..3).for_each(|axis| on_x[axis * BLOCK + first + i] += pulled.position[axis]);
             found[i] = pulled.record;
         }
-        // SAFETY: the caller's promise.
+        // SAFETY: guaranteed by the caller.
         unsafe { spread::<T, R>(&found, [first, count], sums, affine) };
     }
 }
 
 by_level! {
-    /// As [`collect`], for a scatter that carries no mass: adds to the positions of `cotangent`, writes the cotangents of
-    /// what was scattered to `affine` (9 arrays) and `sums` (3 arrays and one that means nothing).
+    /// [`collect`] for a scatter without mass: adds to the positions of `cotangent`, writes the cotangents of the
+    /// scattered records to `affine` (9 arrays) and `sums` (3 arrays and one unused).
     fn collect_old(
         node_grid: &NodeGrid<T>,
         cotangents: &[T],
@@ -517,7 +521,7 @@ by_level! {
         sums: &mut [T],
     ) {
         let on_x = &mut cotangent[..V * BLOCK];
-        // SAFETY: the instruction set is there.
+        // SAFETY: the instruction set is available.
         unsafe { pull_all::<T, R>(node_grid, [cotangents, velocities], [scattered, gathered], on_x, sums, affine) };
     }
 }

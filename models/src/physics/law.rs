@@ -1,4 +1,4 @@
-//! A material, traced: the programs that a substep runs over blocks of particles.
+//! A traced material: the scalar programs that a substep runs over blocks of particles.
 
 use std::cell::Cell;
 use std::sync::{Arc, OnceLock};
@@ -12,23 +12,23 @@ use super::row::Number;
 use super::state::{BLOCK, F, HISTORY};
 use super::values::Values;
 
-/// Most parameters a material may have.
+/// Largest number of parameters of a material.
 pub(crate) const PARAMETER_LIMIT: usize = 128;
 
-/// Most history variables a material may have.
+/// Largest number of history variables of a material.
 pub(crate) const HISTORY_LIMIT: usize = 8;
 
 /// Inputs before the parameters: F 9, C 9, substep, stress scale, mass.
 const FIXED: usize = 21;
 /// Outputs before the history: projected deformation gradient 9, affine matrix 9.
 const OUTPUTS: usize = 18;
-/// Upper bound of what any of the programs takes or returns.
+/// Upper bound of the number of inputs or outputs of any program.
 const SLOTS: usize = FIXED + PARAMETER_LIMIT + OUTPUTS + 2 * HISTORY_LIMIT;
 
 /// A material together with its scalar programs.
 ///
-/// - `law`: `F, C, dt, parameters, history ↦ F′, τ, history′`, for looking at a material by itself;
-/// - `forward`: `F, C, dt, s, m, parameters, history ↦ F′, A, history′`, all that happens to one particle before the
+/// - `law`: `F, C, dt, parameters, history ↦ F′, τ, history′`, for studying a material by itself;
+/// - `forward`: `F, C, dt, s, m, parameters, history ↦ F′, A, history′`, the per-particle part of a substep before the
 ///   transfer: `F_trial = (I + dt C) F`, the return map, and `A = m C − s τ` with `s = dt V₀ 4/dx²`;
 /// - `reverse`: its vector-Jacobian product with respect to `F, C, m`, the parameters and the history;
 /// - `tangent`: its Jacobian-vector product.
@@ -41,9 +41,9 @@ pub struct Law {
     law: Program,
     forward: Program,
     reverse: Program,
-    /// Made when first asked for.
+    /// Built on first use.
     tangent: Arc<OnceLock<Program>>,
-    /// As it is.
+    /// Built on first use.
     kernels: Arc<OnceLock<LawKernels>>,
 }
 
@@ -52,8 +52,8 @@ impl Law {
     ///
     /// # Panics
     ///
-    /// If it declares more than 128 parameters or 8 history variables, evolves another number of them, or one parameter is said to be a
-    /// multiple of another that does not exist, or that is itself a multiple of a third.
+    /// If it declares more than 128 parameters or 8 history variables, evolves a different number of them, or relates a
+    /// parameter to one that does not exist or is itself related to a third ([`Parameter::usually_times`]).
     #[track_caller]
     pub fn of(material: impl Material) -> Self {
         let (parameters, history) = (material.parameters(), material.history());
@@ -111,17 +111,17 @@ impl Law {
         self.material.name()
     }
 
-    /// What can be fitted, in order.
+    /// The fittable parameters, in order.
     pub fn parameters(&self) -> &[Parameter] {
         &self.parameters
     }
 
-    /// What each particle remembers besides its deformation gradient, in order.
+    /// The history variables of each particle, in order.
     pub fn history(&self) -> &[History] {
         &self.history
     }
 
-    /// Whether its bodies remember their shape: there is no return map ([`Material::return_map`]).
+    /// Whether the material is elastic: it has no return map ([`Material::return_map`]).
     ///
     /// ```
     /// use gradreel_models::physics::materials;
@@ -159,13 +159,13 @@ impl Law {
         &self.reverse
     }
 
-    /// Its kernels for a GPU.
+    /// Its GPU kernels.
     pub(crate) fn kernels(&self) -> &LawKernels {
         self.kernels.get_or_init(|| LawKernels::of(self))
     }
 
-    /// Runs the forward program over some particles of a block: reads `F, C` and history of `now`, writes `F` and history
-    /// of `next` and the affine matrices (9 arrays).
+    /// Runs the forward program over a run of particles: reads `F, C` and history of `now`, writes `F` and history of
+    /// `next` and the affine matrices (9 arrays).
     pub(crate) fn advance<T: Number>(&self, now: &[T], with: &Run<'_, T>, next: &mut [T], affine: &mut [T]) {
         let inputs = self.inputs(now, with);
         let (f, history) = next[F * BLOCK..].split_at_mut(9 * BLOCK);
@@ -174,8 +174,8 @@ impl Law {
         self.forward.run(with.len, &inputs[..self.input_count()], &mut outputs[..OUTPUTS + self.history.len()]);
     }
 
-    /// Runs the reverse program: `cotangent` holds those of a whole state and `affine` that of `A`; those of `F`, `C`, mass,
-    /// parameters and history go to `out`, one array each.
+    /// Runs the reverse program. `cotangent` holds the cotangents of a whole state, `affine` that of `A`; those of `F`,
+    /// `C`, mass, parameters and history are written to `out`, one array each.
     pub(crate) fn pull_back<T: Number>(
         &self,
         now: &[T],
@@ -196,8 +196,9 @@ impl Law {
         self.reverse.run(with.len, &inputs[..count + outputs], &mut results[..count_out]);
     }
 
-    /// Runs the tangent program: `direction` holds the tangents of mass and parameters, `tangent` those of a state, of which
-    /// `F`, `C` and history are read. Those of `F`, `A` and history after the substep go to `out`, one array each.
+    /// Runs the tangent program. `direction` holds the tangents of mass and parameters, `tangent` those of a state, of
+    /// which `F`, `C` and history are read. Those of `F`, `A` and history after the substep are written to `out`, one
+    /// array each.
     pub(crate) fn push_forward<T: Number>(
         &self,
         now: &[T],
@@ -217,12 +218,12 @@ impl Law {
         program.run(with.len, &inputs[..2 * count], &mut results[..outputs]);
     }
 
-    /// Arrays that [`Law::push_forward`] writes.
+    /// Number of arrays that [`Law::push_forward`] writes.
     pub(crate) fn tangent_count(&self) -> usize {
         OUTPUTS + self.history.len()
     }
 
-    /// Arrays that [`Law::pull_back`] writes.
+    /// Number of arrays that [`Law::pull_back`] writes.
     pub(crate) fn cotangent_count(&self) -> usize {
         19 + self.parameters.len() + self.history.len()
     }
@@ -253,14 +254,14 @@ impl Law {
     }
 }
 
-/// Neighbouring particles of one material within a block, and what is constant for them during a rollout.
+/// Consecutive particles of one material within a block, with their constants.
 #[derive(Clone, Copy)]
 pub(crate) struct Run<'a, T> {
-    /// The first of them, counted within the block.
+    /// Index of the first one within the block.
     pub first: usize,
-    /// The first of them, counted among all particles.
+    /// Index of the first one among all particles.
     pub particle: usize,
-    /// How many.
+    /// Number of particles.
     pub len: usize,
     /// Substep \[s\].
     pub dt: T,
@@ -272,7 +273,7 @@ pub(crate) struct Run<'a, T> {
     pub parameters: &'a [Values<T>],
 }
 
-/// What a material makes of a particle.
+/// The response of a material at one particle.
 struct Response {
     f: Mat3,
     tau: Mat3,
@@ -301,7 +302,7 @@ fn arrays<T>(buffer: &mut [T], count: usize) -> impl Iterator<Item = &mut [T]> {
     buffer.chunks_exact_mut(BLOCK).take(count)
 }
 
-/// The lanes of a run in each array, in a fixed number of places.
+/// The lanes of a run in each array; unused slots are empty.
 fn cut<'a, T: 'a>(mut arrays: impl Iterator<Item = &'a mut [T]>, with: &Run<'_, T>) -> [&'a mut [T]; SLOTS] {
     std::array::from_fn(|_| arrays.next().map_or(Default::default(), |array| &mut array[with.first..][..with.len]))
 }

@@ -1,4 +1,4 @@
-//! The contract of a material: parameters, stress, return map, wave speed, written for one particle.
+//! The interface of a material: parameters, stress, return map and wave speed of one particle.
 
 use std::fmt::Debug;
 use std::ops::Index;
@@ -10,9 +10,9 @@ use super::sound;
 
 /// A constitutive law.
 ///
-/// The functions are called once with symbolic numbers and become scalar programs (see [`super::Law`]); there is no
-/// derivative to write. One file is one material; entering it in [`super::materials`] gets it tested, but a material of
-/// your own needs no entry.
+/// The functions are called once with symbolic scalars and traced to scalar programs (see [`super::Law`]); derivatives
+/// are generated. Each material has its own file. Listing it in [`super::materials`] adds it to the tests; a custom
+/// material needs no entry.
 ///
 /// ```
 /// use gradreel::scalar::Mat3;
@@ -40,29 +40,28 @@ use super::sound;
 /// assert_eq!(Law::of(Foam).name(), "foam");
 /// ```
 pub trait Material: Debug + Send + Sync + 'static {
-    /// Its name in files, errors and tables, in `snake_case`.
+    /// The name in files, errors and tables, in `snake_case`.
     fn name(&self) -> &str;
 
-    /// What can be fitted, in the order in which a rollout takes the values.
+    /// The fittable parameters, in the order in which a rollout takes their values.
     fn parameters(&self) -> Vec<Parameter>;
 
-    /// Kirchhoff stress `τ` \[Pa\] of a particle whose deformation gradient has passed through the return map.
+    /// Kirchhoff stress `τ` \[Pa\] of a particle, after the return map.
     fn stress(&self, point: &Point, given: &Given) -> Mat3;
 
-    /// The deformation gradient that replaces the trial `point.f`; `None` if the law has no such projection.
+    /// The return map: the deformation gradient that replaces the trial `point.f`; `None` if the law has none.
     fn return_map(&self, point: &Point, given: &Given) -> Option<Mat3> {
         let _ = (point, given);
         None
     }
 
-    /// What a particle remembers besides its deformation gradient, such as hardening; nothing, unless said otherwise.
+    /// The history variables of a particle, such as hardening; none by default.
     fn history(&self) -> Vec<History> {
         Vec::new()
     }
 
-    /// What replaces the history variables, in order, when the deformation gradient becomes the trial `point.f`; they
-    /// stay as they are, unless said otherwise. `given` holds them, by name, as they were before; in
-    /// [`Material::stress`] it holds the new ones.
+    /// The new history variables, in order, for the trial deformation gradient `point.f`; unchanged by default. `given`
+    /// holds the previous values by name; in [`Material::stress`] it holds the new ones.
     fn evolve(&self, point: &Point, given: &Given) -> Vec<Scalar> {
         let _ = point;
         given.history.iter().map(|(_, value)| *value).collect()
@@ -71,25 +70,25 @@ pub trait Material: Debug + Send + Sync + 'static {
     /// An upper estimate of the speed of sound \[m/s\], for the time step; `values` are in the order of
     /// [`Material::parameters`], `density` in kg/m³.
     ///
-    /// Unless said otherwise the speed of the fastest plane wave, in any direction and of any polarisation, from the derivative
-    /// of the stress: at rest, and where the particle is compressed, drawn out or sheared by up to a quarter, with what
-    /// [`Material::return_map`] and [`Material::evolve`] make of it on the way. A viscous stress has no part in it. This takes
-    /// some milliseconds; a formula is faster.
+    /// By default the speed of the fastest plane wave, over all directions and polarisations, from the derivative of
+    /// the stress: at rest, and in compression, extension and shear up to a strain of a quarter, along which
+    /// [`Material::return_map`] and [`Material::evolve`] are applied. Viscous stress is ignored. This takes some
+    /// milliseconds; a formula is faster.
     fn wave_speed(&self, values: &[f64], density: f64) -> f64 {
         sound::fastest(self, values, density)
     }
 
-    /// Whether the law has a finite stress for inverted material (`det F < 0`); if not, the stress must be NaN there,
-    /// which a rollout reports.
+    /// Whether the stress is finite for inverted material (`det F < 0`); if not, it must be NaN there, which a rollout
+    /// reports.
     fn survives_inversion(&self) -> bool {
         true
     }
 }
 
-/// A history variable: something that each particle carries through the simulation.
+/// A history variable: a value that each particle carries through the simulation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct History {
-    /// The name by which [`Given`] knows it.
+    /// The name in [`Given`].
     pub name: &'static str,
     /// The SI unit, `-` if it has none.
     pub unit: &'static str,

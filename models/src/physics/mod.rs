@@ -1,21 +1,21 @@
 //! Physics: the differentiable material point method.
 //!
-//! Particles carry a piece of material each; a grid that is new in every substep lets them exchange momentum. A substep is
-//! MLS-MPM: quadratic B-splines, affine velocities (APIC, or a blend with FLIP), no damping. Everything has an exact adjoint:
-//! the transfers by hand, the material by differentiating its scalar program.
+//! Particles carry the material; a grid, rebuilt in every substep, exchanges momentum between them. A substep is
+//! MLS-MPM: quadratic B-splines, affine velocities (APIC, or a blend with FLIP), no damping. All of it has an exact
+//! adjoint: the transfers by hand, the material by differentiation of its scalar program.
 //!
-//! - [`World`]: grid spacing, gravity, [`Collider`]s (planes, boxes, balls, cylinders; solid or containers; at rest or moving;
-//!   sticky, slippery or with Coulomb friction), the blend of APIC with FLIP, limits.
-//! - [`Material`]: one constitutive law, written for one particle; [`Law`]: the same, traced. [`materials`] lists them, and
-//!   [`check_material`] checks them.
-//! - [`rollout`]: thousands of substeps as one node of the tape, with a [`Schedule`] and [`Remat`]; [`simulate`]: the same
-//!   for several materials at once; [`Rollout::jvp`]: forward mode, several directions at once.
-//! - [`State`], [`Simulation`], [`Tangent`]: one substep at a time, forwards, backwards and in forward mode, on plain arrays.
-//! - [`GpuSimulation`]: many substeps on a GPU, forwards and backwards; [`rollout`] and [`simulate`] run there by themselves
-//!   when their inputs live on one.
+//! - [`World`]: grid spacing, gravity, [`Collider`]s (planes, boxes, balls, cylinders; solid or containers; at rest or
+//!   moving; sticky, slippery or with Coulomb friction), the blend of APIC and FLIP, limits.
+//! - [`Material`]: one constitutive law, written for one particle; [`Law`]: the same, traced. [`materials`] lists them,
+//!   and [`check_material`] checks them.
+//! - [`rollout`]: thousands of substeps as one node of the tape, with a [`Schedule`] and [`Remat`]; [`simulate`]: the
+//!   same for several materials; [`Rollout::jvp`]: forward mode along several directions.
+//! - [`State`], [`Simulation`], [`Tangent`]: single substeps, forward, vjp and jvp, on plain arrays.
+//! - [`GpuSimulation`]: many substeps on a GPU, forward and vjp; [`rollout`] and [`simulate`] use it when their inputs
+//!   are on a GPU.
 //!
-//! Units are SI throughout; world y is up; node (0, 0, 0) of the grid is the world's origin. Results do not depend on the
-//! number of threads, bit for bit; on a GPU they are the same at every run.
+//! Units are SI throughout; the world's y axis points up; node (0, 0, 0) of the grid is the world's origin. Results are
+//! bitwise independent of the number of threads; on a GPU they are reproducible from run to run.
 //!
 //! Source: Hu et al., *A Moving Least Squares Material Point Method*, 2018; Jiang et al., *The Affine Particle-In-Cell
 //! Method*, 2015.

@@ -1,19 +1,19 @@
-//! The grid's box: which nodes exist in one substep.
+//! The grid's box: the nodes that exist in one substep.
 //!
-//! Node `i` lies at `i · dx` in the world, so that node (0, 0, 0) is the world's origin whatever the box. The box covers
-//! the particles' stencils and follows them; it is a function of the particles' extent alone.
+//! Node `i` lies at `i · dx` in the world, so that node (0, 0, 0) is always the world's origin. The box covers the
+//! particles' stencils; it depends on the particles' extent only.
 
 use super::row::Number;
 use super::stencil::{BATCH, Batch};
 use gradreel::{Error, ErrorKind, Result};
 
-/// Node planes per slab, the unit of parallel scatter. A stencil reaches two planes into the next slab, so slabs two
-/// apart never touch the same node.
+/// Node planes per slab, the unit of parallel scatter. A stencil extends at most two planes into the next slab, so that
+/// slabs two apart never share a node.
 pub(crate) const SLAB: usize = 2;
 
-/// Numbers of the particles sorted by material, then by the cell of their stencil, for grid nodes `dx` \[m\] apart: neighbours
-/// in space are then neighbours in memory. A [`Simulation`](super::Simulation) is fastest in this order; a
-/// [`rollout`](super::rollout()) puts its particles into it by itself.
+/// Indices of the particles sorted by material, then by the cell of their stencil, for node spacing `dx` \[m\].
+/// Neighbours in space become neighbours in memory. A [`Simulation`](super::Simulation) is fastest in this order; a
+/// [`rollout`](super::rollout()) sorts its particles itself.
 pub fn neighbours<T: Number>(dx: f64, positions: &[[T; 3]], material: impl Fn(usize) -> u32) -> Vec<u32> {
     let node_grid = NodeGrid::of_spacing(dx);
     let mut order: Vec<u32> = (0..positions.len() as u32).collect();
@@ -32,12 +32,12 @@ pub(crate) struct NodeGrid<T> {
     pub origin: [i32; 3],
     /// Nodes per axis.
     pub shape: [usize; 3],
-    /// Distance, in values, between neighbours along x and y; along z it is 4.
+    /// Stride between neighbours along x and y, in values; along z it is 4.
     pub stride: [usize; 2],
 }
 
 impl<T: Number> NodeGrid<T> {
-    /// The box for particles inside `extent` (lowest and highest coordinates \[m\]).
+    /// The box for particles within `extent` (lowest and highest coordinates \[m\]).
     ///
     /// # Errors
     ///
@@ -61,7 +61,7 @@ impl<T: Number> NodeGrid<T> {
         let [low, high] = extent.map(|corner| corner.map(|x| node_grid.locate(x).0));
         let slab = SLAB as i32;
         node_grid.origin = [low[0].div_euclid(slab) * slab, low[1], low[2]];
-        // One plane of nodes more along z: a row may carry a fourth node.
+        // One more plane of nodes along z, as a row may carry a fourth node.
         node_grid.shape = std::array::from_fn(|axis| (high[axis] - node_grid.origin[axis]) as usize + 3 + axis / 2);
         let nodes = node_grid.shape.iter().map(|&n| n as f64).product::<f64>();
         if nodes > limit as f64 {
@@ -72,18 +72,19 @@ impl<T: Number> NodeGrid<T> {
         Ok(node_grid)
     }
 
-    /// No nodes yet, only the spacing \[m\].
+    /// An empty grid with this spacing \[m\].
     pub fn of_spacing(dx: f64) -> Self {
         let [dx, inverse_dx] = [dx, 1.0 / dx].map(T::from_f64);
         Self { dx, inverse_dx, origin: [0; 3], shape: [0; 3], stride: [0; 2] }
     }
 
-    /// Values in the grid, four per node.
+    /// Number of values in the grid, four per node.
     pub fn len(&self) -> usize {
         self.shape[0] * self.stride[0]
     }
 
-    /// The world index of the lowest node of a stencil along an axis, `floor(x/dx − ½)`, and `x/dx` minus it, in `[½, 1½)`.
+    /// The world index of the lowest node of a stencil along an axis, `floor(x/dx − ½)`, and `x/dx` minus it, in
+    /// `[½, 1½)`.
     #[inline(always)]
     pub fn locate(&self, x: T) -> (i32, T) {
         let scaled = x * self.inverse_dx;
@@ -91,29 +92,30 @@ impl<T: Number> NodeGrid<T> {
         (integer, scaled - floor)
     }
 
-    /// The slab in which a stencil starts.
+    /// The slab in which a stencil starts, from its x coordinate.
     #[inline(always)]
     pub fn slab(&self, x: T) -> usize {
         (self.locate(x).0 - self.origin[0]) as usize / SLAB
     }
 
-    /// How many slabs there are.
+    /// Number of slabs.
     pub fn slabs(&self) -> usize {
         self.shape[0].saturating_sub(2).div_ceil(SLAB)
     }
 
-    /// Where the stencils that start at the nodes `base[axis]` begin in a region of `planes` node planes from `first_plane` on.
+    /// The offsets at which the stencils with lowest nodes `base[axis]` begin, in a region of `planes` node planes from
+    /// `first_plane` on.
     ///
     /// # Panics
     ///
-    /// If nine rows of four nodes from there do not lie in the region, for any of them. The memory safety of the transfers rests
-    /// on it.
+    /// If, for any stencil, nine rows of four nodes from the offset do not lie in the region. The memory safety of the
+    /// transfers depends on it.
     #[inline(always)]
     pub fn starts(&self, base: &[Batch<i32>; 3], first_plane: usize, planes: usize) -> Batch<usize> {
         let mut starts = [0; BATCH];
         let mut inside = true;
         for i in 0..BATCH {
-            // what lies below wraps around to what is far above
+            // negative offsets wrap around to large ones
             let [x, y, z] = [0, 1, 2].map(|axis| base[axis][i].wrapping_sub(self.origin[axis]) as u32 as usize);
             let x = x.wrapping_sub(first_plane);
             inside &= (x < planes.saturating_sub(2))
@@ -127,7 +129,7 @@ impl<T: Number> NodeGrid<T> {
 
     /// # Panics
     ///
-    /// If a grid has not all nodes of the grid. The memory safety of the transfers rests on it.
+    /// If `grid` is smaller than the box. The memory safety of the transfers depends on it.
     #[inline(always)]
     pub fn check_whole(&self, grid: &[T]) {
         assert!(grid.len() >= self.shape[0] * self.stride[0], "a grid smaller than its grid");

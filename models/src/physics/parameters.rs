@@ -1,4 +1,4 @@
-//! Material parameters: names, units, and the unconstrained numbers that an optimiser moves.
+//! Material parameters: names, units, priors, and maps to unconstrained search variables.
 
 /// A smooth map between an unconstrained number and a physical value.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,7 +51,7 @@ impl Map {
     }
 }
 
-/// What is known about a material parameter before anything has been measured.
+/// A material parameter: name, unit, map and prior.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameter {
     /// The name in files and errors, for example `young`.
@@ -60,23 +60,23 @@ pub struct Parameter {
     pub symbol: &'static str,
     /// The SI unit, for example `Pa`; `-` if it has none.
     pub unit: &'static str,
-    /// The unconstrained form.
+    /// The map to the unconstrained variable.
     pub map: Map,
-    /// A plausible value to start from, in `unit`.
+    /// A plausible initial value, in `unit`.
     pub start: f64,
     /// The range of plausible values, in `unit`.
     pub prior: [f64; 2],
-    /// What materials have: the middle in `unit`, and the standard deviation, in decades of what is fitted as a logarithm, else in `unit`.
-    /// As if the range were an interval of 90 %, unless more is known ([`Parameter::usually`]).
+    /// The prior: mean in `unit`, and standard deviation, in decades for parameters fitted as logarithms and in `unit`
+    /// otherwise. By default `prior` is taken as a 90 % interval; [`Parameter::usually`] overrides it.
     pub usual: [f64; 2],
-    /// The name of the parameter of which the middle of `usual` is a multiple ([`Parameter::usually_times`]).
+    /// The name of the parameter relative to which the mean of `usual` is given ([`Parameter::usually_times`]).
     pub times: Option<&'static str>,
-    /// If it is known by how far an impact compresses the body only: the bulk modulus at rest as a multiple of it
-    /// ([`Parameter::told_by_compression`]).
+    /// For parameters that only the compression of an impact constrains: the bulk modulus at rest as a multiple of the
+    /// parameter ([`Parameter::told_by_compression`]).
     pub by_compression: Option<f64>,
 }
 
-/// Half the width of an interval of 90 % in standard deviations.
+/// Half width of a 90 % interval, in standard deviations.
 pub(crate) const NINETY: f64 = 1.645;
 
 impl Parameter {
@@ -88,22 +88,23 @@ impl Parameter {
         ]
     }
 
-    /// What materials are measured to have, where that is narrower than the range of plausible values. Of Poisson's ratio tables of
-    /// materials from cork to rubber (metals, glass, plastics, foam, concrete, clay, sand) have 0.30 in the mean, with a standard
-    /// deviation of 0.11.
+    /// Sets a prior narrower than the plausible range, with mean and standard deviation. Example: Poisson's ratio,
+    /// tabulated over materials from cork to rubber (metals, glass, plastics, foam, concrete, clay, sand), is 0.30 ±
+    /// 0.11.
     #[must_use]
     pub fn usually(self, middle: f64, deviation: f64) -> Self {
         Self { usual: [middle, deviation], ..self }
     }
 
-    /// How many times another parameter it is measured to be, with a standard deviation in decades; both are fitted as logarithms.
+    /// Sets a prior relative to another parameter: a ratio, and a standard deviation in decades. Both are fitted as
+    /// logarithms.
     #[must_use]
     pub fn usually_times(self, other: &'static str, ratio: f64, decades: f64) -> Self {
         Self { usual: [ratio, decades], times: Some(other), ..self }
     }
 
-    /// A bulk modulus of what flows: known by how far an impact compresses the body only, and so the less the stiffer it is. `times` it is the
-    /// bulk modulus at rest.
+    /// Marks the bulk modulus of a fluid, which is constrained only by the compression of an impact: the stiffer the
+    /// fluid, the weaker the constraint. The bulk modulus at rest is `times` the parameter.
     #[must_use]
     pub fn told_by_compression(self, times: f64) -> Self {
         Self { by_compression: Some(times), ..self }
@@ -125,13 +126,13 @@ impl Parameter {
         }
     }
 
-    /// A parameter of any sign that is fitted as it is.
+    /// A parameter of any sign, fitted without a map.
     pub fn linear(name: &'static str, symbol: &'static str, unit: &'static str, start: f64, prior: [f64; 2]) -> Self {
         let usual = [0.5 * (prior[0] + prior[1]), width(prior)];
         Self { name, symbol, unit, map: Map::Linear, start, prior, usual, times: None, by_compression: None }
     }
 
-    /// A parameter that stays between `limits`, starting in the middle of `prior`.
+    /// A parameter bounded by `limits`, starting in the middle of `prior`.
     pub fn bounded(
         name: &'static str,
         symbol: &'static str,
@@ -146,12 +147,12 @@ impl Parameter {
     }
 }
 
-/// The standard deviation of which a range is an interval of 90 %.
+/// The standard deviation of a range taken as a 90 % interval.
 pub(crate) fn width([low, high]: [f64; 2]) -> f64 {
     (high - low) / (2.0 * NINETY)
 }
 
-/// Lamé's parameters `(μ, λ)` of Young's modulus and Poisson's ratio, for numbers and for traced scalars:
+/// Lamé's parameters `(μ, λ)` from Young's modulus and Poisson's ratio, for numbers and for traced scalars:
 /// `μ = E/(2(1+ν))`, `λ = Eν/((1+ν)(1−2ν))`.
 pub fn lame<S>(young: S, poisson: S) -> (S, S)
 where

@@ -1,22 +1,22 @@
-//! How much of a rollout is kept for its backward pass, and how much is simulated again.
+//! Rematerialisation: which states of a rollout are kept for its backward pass, and which are recomputed.
 
-/// Which states a rollout keeps. Gradients do not depend on it, bit for bit; time and memory do.
+/// The states that a rollout keeps. Gradients do not depend on it, bit for bit; time and memory do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Remat {
     /// Keep every state: fastest, 96 bytes per particle and substep in `f32`.
     None,
-    /// Keep every `k`-th state and simulate the others again, one segment at a time.
+    /// Keep every `k`-th state and recompute the others, one segment at a time.
     Every(usize),
-    /// Keep as many states as fit into this many bytes; at least as many as the square root of the number of substeps,
-    /// below which nothing more can be saved.
+    /// Keep as many states as fit into this many bytes, but segments no longer than the square root of the number of
+    /// substeps, beyond which memory would grow again.
     Auto {
-        /// Memory for states.
+        /// Memory for states \[bytes\].
         bytes: usize,
     },
 }
 
 impl Default for Remat {
-    /// Two gigabytes.
+    /// At most 2 GiB of states.
     fn default() -> Self {
         Self::Auto { bytes: 2 << 30 }
     }

@@ -22,7 +22,7 @@ use super::trajectory::Trajectory;
 use super::values::{Values, check_values};
 use super::world::World;
 
-/// Simulates particles and returns where they are at every frame; differentiable in everything it takes.
+/// Simulates particles and returns their positions at every frame; differentiable in all inputs.
 ///
 /// | input | shape | unit |
 /// |---|---|---|
@@ -33,26 +33,26 @@ use super::world::World;
 /// | friction, if [`Rollout::friction`] | `[1]` or `[colliders]` | - |
 /// | each parameter of each material | `[1]` or `[n]` | its own |
 ///
-/// The output is `[frames, n, 3]` \[m\]; frame 0 is the input. All inputs have the same dtype, `f32` or `f64`, and live on
-/// the same device. On a GPU, in `f32`, all substeps run there, forwards and backwards; inputs are read once at the start, and
-/// gradients that are sums over particles are summed on the CPU at the end. There is no blend with FLIP and no forward mode
-/// there.
+/// The output is `[frames, n, 3]` \[m\]; frame 0 is the input. All inputs have the same dtype, `f32` or `f64`, and the
+/// same device. On a GPU, in `f32`, all substeps run there, forward and backward; inputs are read once at the start,
+/// and gradients that are sums over particles are summed on the CPU at the end. FLIP and forward mode are not available
+/// on a GPU.
 #[derive(Debug, Clone)]
 pub struct Rollout {
-    /// Surroundings.
+    /// Grid, gravity, obstacles and limits.
     pub world: World,
     /// Materials.
     pub laws: Vec<Law>,
     /// The index in `laws` of each particle's material; `None` where there is only one.
     pub material_of: Option<Arc<[u32]>>,
-    /// Whether gravity is an input, in place of that of `world`.
+    /// Whether gravity is an input, overriding that of `world`.
     pub gravity: bool,
-    /// Whether the coefficients of [`Contact::Friction`] are an input, in place of those of the obstacles: one for all, or one
-    /// per obstacle, of which those of obstacles with friction count.
+    /// Whether the coefficients of [`Contact::Friction`] are an input, overriding those of the obstacles: one for all,
+    /// or one per obstacle, used where the obstacle has friction.
     pub friction: bool,
-    /// Times.
+    /// Times of frames and substeps.
     pub schedule: Schedule,
-    /// What is kept for the backward pass; `None` keeps nothing, for a rollout that is not differentiated.
+    /// States kept for the backward pass; `None` for a rollout that is not differentiated in reverse.
     pub remat: Option<Remat>,
 }
 
@@ -101,7 +101,7 @@ pub struct Body {
 /// # Errors
 ///
 /// [`ErrorKind::Physics`] when the simulation breaks down, naming particle, substep, time and position;
-/// [`ErrorKind::NonFinite`] for inputs that are not finite; [`ErrorKind::Shape`] for inputs that do not fit.
+/// [`ErrorKind::NonFinite`] for inputs that are not finite; [`ErrorKind::Shape`] for inputs of the wrong shape.
 pub fn rollout(world: &World, law: &Law, schedule: Schedule, remat: Remat, body: &Body) -> Result<Var> {
     let Body { positions, velocity, density, parameters } = body.clone();
     let materials = vec![Substance { law: law.clone(), parameters }];
@@ -109,11 +109,11 @@ pub fn rollout(world: &World, law: &Law, schedule: Schedule, remat: Remat, body:
     simulate(world, &scene, schedule, remat)
 }
 
-/// What the backward pass needs of the forward pass.
+/// State kept by the forward pass for the backward pass.
 #[derive(Debug)]
 struct Kept<T> {
     trajectory: Trajectory<T>,
-    /// The caller's number of each particle in grid order.
+    /// The caller's index of each particle in grid order.
     order: Vec<u32>,
 }
 
@@ -188,7 +188,7 @@ impl Op for Rollout {
 }
 
 impl Rollout {
-    /// A rollout of one material in a world as it is, that is not differentiated in reverse.
+    /// A rollout of one material in a constant world, without reverse mode.
     pub fn of_one(world: &World, law: &Law, schedule: Schedule) -> Self {
         let (world, laws) = (world.clone(), vec![law.clone()]);
         Self { world, laws, material_of: None, gravity: false, friction: false, schedule, remat: None }
@@ -212,7 +212,7 @@ impl Rollout {
         Ok(Forward::with_residual(output, Kept { trajectory, order }))
     }
 
-    /// Checks what is given; the order of the particles, and densities and parameters in the caller's order.
+    /// Validates the inputs. Returns the particle order, and densities and parameters in the caller's order.
     fn prepare<T: Number>(&self, inputs: &[Tensor], world: &World) -> Result<(Vec<u32>, Inputs<T>)> {
         finite("positions", inputs[0].slice::<T>(), 3)?;
         finite("velocity", inputs[1].slice::<T>(), 3)?;
@@ -248,7 +248,7 @@ impl Rollout {
         self.hand_back(cx, &inputs, order, start, simulation.value_gradients())
     }
 
-    /// What the inputs are called, in order.
+    /// The names of the inputs, in order.
     fn input_names(&self) -> Vec<&'static str> {
         let parameters = self.laws.iter().flat_map(|law| law.parameters()).map(|parameter| parameter.name);
         let gravity = self.gravity.then_some("gravity");
@@ -256,17 +256,17 @@ impl Rollout {
         ["positions", "velocity", "density"].into_iter().chain(gravity).chain(friction).chain(parameters).collect()
     }
 
-    /// Where friction is among the inputs, if it is one.
+    /// The index of the friction input.
     fn friction_at(&self) -> usize {
         3 + usize::from(self.gravity)
     }
 
-    /// Inputs before the parameters of the materials.
+    /// Number of inputs before the material parameters.
     fn inputs_of_world(&self) -> usize {
         self.friction_at() + usize::from(self.friction)
     }
 
-    /// The world, with the gravity and the friction that are inputs.
+    /// The world, with gravity and friction taken from the inputs.
     fn world_of<T: Number>(&self, inputs: &[Tensor]) -> Result<World> {
         let mut world = self.world.clone();
         if self.gravity {
@@ -297,7 +297,7 @@ impl Rollout {
         Ok(world)
     }
 
-    /// Densities and parameters in the caller's order, checked.
+    /// Densities and parameters in the caller's order, validated.
     fn values<T: Number>(&self, inputs: &[Tensor], n: usize) -> Result<Inputs<T>> {
         let values = |input: &Tensor| match input.slice::<T>() {
             &[one] if input.dims() == [1] => Values::Same(one),
@@ -313,7 +313,7 @@ impl Rollout {
         Ok(Inputs { density, parameters })
     }
 
-    /// The simulation of the particles in this order.
+    /// The simulation of the particles in grid order.
     fn simulation<'a, T: Number>(
         &'a self,
         world: &'a World,
@@ -344,7 +344,7 @@ impl Rollout {
         neighbours(self.world.dx, positions, |p| self.material_of.as_ref().map_or(0, |of| of[p]))
     }
 
-    /// Whether every particle has a material.
+    /// Checks that every particle has a material.
     fn check_materials(&self, n: usize) -> Result<()> {
         let fault = |what: &str, found: String, wanted: String| {
             Err(Error::new(ErrorKind::Input, what).at("rollout").found(found).wanted(wanted))
@@ -378,7 +378,7 @@ struct Inputs<T> {
     parameters: Vec<Vec<Values<T>>>,
 }
 
-/// The state at the start, in grid order.
+/// The initial state, in grid order.
 fn start<T: Number>(simulation: &Simulation<'_, T>, inputs: &[Tensor], order: &[u32]) -> Result<State<T>> {
     let (positions, velocities): (Vec<[T; 3]>, Vec<[T; 3]>) = (triples(&inputs[0]), triples(&inputs[1]));
     let x: Vec<[T; 3]> = order.iter().map(|&p| positions[p as usize]).collect();
@@ -389,7 +389,7 @@ fn start<T: Number>(simulation: &Simulation<'_, T>, inputs: &[Tensor], order: &[
     simulation.at_rest(&x, &v)
 }
 
-/// A tensor of triples.
+/// The rows of a `[n, 3]` tensor.
 fn triples<T: Number>(tensor: &Tensor) -> Vec<[T; 3]> {
     tensor.slice::<T>().as_chunks().0.to_vec()
 }

@@ -1,4 +1,4 @@
-//! Bodies of several materials: what a simulation takes, and the call.
+//! Bodies of several materials: inputs of a simulation, and the call.
 
 use std::sync::Arc;
 
@@ -19,19 +19,19 @@ pub struct Scene {
     pub velocity: Var,
     /// Density \[kg/m³\].
     pub density: Var,
-    /// Gravity \[m/s²\] in place of the world's, to be differentiated.
+    /// Gravity \[m/s²\], overriding the world's, to be differentiated.
     pub gravity: Option<Var>,
-    /// Coefficients of friction in place of those of the obstacles, to be differentiated: one for all obstacles that have
+    /// Friction coefficients, overriding those of the obstacles, to be differentiated: one for all obstacles with
     /// [`Contact::Friction`](super::Contact::Friction), or one per obstacle.
     pub friction: Option<Var>,
     /// The materials.
     pub materials: Vec<Substance>,
-    /// The index in `materials` of each particle's material; may be left out where there is only one.
+    /// The index in `materials` of each particle's material; optional if there is only one.
     pub material_of: Option<Arc<[u32]>>,
 }
 
-/// A material with its parameters, `[1]` or `[n]` each, in the order of [`Law::parameters`]; of `n` entries those of the
-/// material's own particles count.
+/// A material with its parameters, `[1]` or `[n]` each, in the order of [`Law::parameters`]. Of `n` entries, those of
+/// the material's own particles are used.
 #[derive(Debug, Clone)]
 pub struct Substance {
     /// The material.
@@ -71,10 +71,10 @@ pub struct Substance {
 ///
 /// # Errors
 ///
-/// [`ErrorKind::Physics`](gradreel::ErrorKind::Physics) when the simulation breaks down, naming particle, substep, time and
-/// position; [`ErrorKind::NonFinite`](gradreel::ErrorKind::NonFinite) for inputs that are not finite;
-/// [`ErrorKind::Shape`](gradreel::ErrorKind::Shape) for inputs that do not fit; [`ErrorKind::Input`](gradreel::ErrorKind::Input)
-/// for a particle without material.
+/// [`ErrorKind::Physics`](gradreel::ErrorKind::Physics) when the simulation breaks down, naming particle, substep, time
+/// and position; [`ErrorKind::NonFinite`](gradreel::ErrorKind::NonFinite) for inputs that are not finite;
+/// [`ErrorKind::Shape`](gradreel::ErrorKind::Shape) for inputs of the wrong shape;
+/// [`ErrorKind::Input`](gradreel::ErrorKind::Input) for a particle without material.
 pub fn simulate(world: &World, scene: &Scene, schedule: Schedule, remat: Remat) -> Result<Var> {
     let others: Vec<&Var> = [&scene.velocity, &scene.density]
         .into_iter()

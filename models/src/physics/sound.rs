@@ -1,4 +1,4 @@
-//! How fast sound travels in a material of which nothing is known but its stress.
+//! The speed of sound of a material, computed from its stress alone.
 
 use faer::{Mat, Side};
 use gradreel::scalar::{Mat3, Program, Scalar};
@@ -8,20 +8,19 @@ use crate::vector::{EYE, product, unit};
 
 type Matrix = [[f64; 3]; 3];
 
-/// A strain increment of a path.
+/// Strain increment of a loading path.
 const STEP: f64 = 0.025;
-/// Increments of a path: a strain of a quarter.
+/// Number of increments: a strain of a quarter.
 const STEPS: usize = 10;
-/// The length of the substep \[s\] that a return map and the history see along a path.
+/// Substep \[s\] passed to return map and history along a path.
 const DT: f64 = 1e-4;
-/// Times that the polarisation and the direction of a wave are improved in turn.
+/// Alternating optimisations of polarisation and direction of a wave.
 const TURNS: usize = 6;
 
-/// The speed \[m/s\] of the fastest plane wave that the law carries, in any direction and of any polarisation: at rest, and along
-/// paths of compression, extension and shear up to a strain of a quarter, with what return map and history have made of the
-/// particle there.
+/// The speed \[m/s\] of the fastest plane wave, over all directions and polarisations: at rest, and along paths of
+/// compression, extension and shear up to a strain of a quarter, with return map and history applied along the path.
 ///
-/// A small motion `u = a φ(n·x − c t)` on a body of deformation gradient `F` and stress `τ(F)` travels at
+/// A small motion `u = a φ(n·x − c t)` of a body with deformation gradient `F` and stress `τ(F)` travels at
 /// `ρ c² = a·Q(n) a`, `Q_ij = n_k n_l ∂τ_ik/∂F_jm F_lm − (τ n)_i n_j`, with the density `ρ` at rest.
 pub(super) fn fastest<M: Material + ?Sized>(material: &M, values: &[f64], density: f64) -> f64 {
     let law = Probe::of(material, values);
@@ -33,7 +32,7 @@ pub(super) fn fastest<M: Material + ?Sized>(material: &M, values: &[f64], densit
             state = law.strained(&state, &path);
             let found = if step % 2 == 0 { law.stiffness(&state) } else { 0.0 };
             if !found.is_finite() {
-                break; // beyond what the law describes
+                break; // outside the domain of the law
             }
             most = most.max(found);
         }
@@ -41,7 +40,7 @@ pub(super) fn fastest<M: Material + ?Sized>(material: &M, values: &[f64], densit
     (most / density).sqrt()
 }
 
-/// Increments `I + E` of the displacement gradient: alike in all directions, along each axis, shear in each plane.
+/// Increments `I + E` of the displacement gradient: isotropic, along each axis, and shear in each plane.
 fn paths() -> Vec<Matrix> {
     let mut all = Vec::new();
     for by in [-STEP, STEP] {
@@ -56,16 +55,16 @@ fn paths() -> Vec<Matrix> {
     all
 }
 
-/// A particle.
+/// The state of a particle on a path.
 #[derive(Clone)]
 struct State {
     f: Matrix,
     history: Vec<f64>,
 }
 
-/// A law with known parameters.
+/// A law with given parameters.
 struct Probe {
-    /// `F, history ↦ F′, history′` of a trial deformation gradient.
+    /// `F, history ↦ F′, history′` from a trial deformation gradient.
     response: Program,
     /// `F, history ↦ τ`
     stress: Program,
@@ -112,7 +111,7 @@ impl Probe {
         State { f: std::array::from_fn(|i| std::array::from_fn(|j| found[3 * i + j])), history }
     }
 
-    /// The largest `ρ c²` \[Pa\] of a plane wave; NaN where the law has no stress.
+    /// The largest `ρ c²` \[Pa\] of a plane wave; NaN where the stress is undefined.
     fn stiffness(&self, state: &State) -> f64 {
         let here = [state.f.as_flattened(), &state.history].concat();
         let tau = self.stress.eval(&here);
@@ -130,7 +129,7 @@ impl Probe {
         if moduli.as_flattened().as_flattened().as_flattened().iter().any(|m| !m.is_finite()) {
             return f64::NAN;
         }
-        // with the direction known the polarisation is an eigenvector, and the other way round
+        // for a fixed direction the optimal polarisation is an eigenvector, and vice versa
         directions().into_iter().fold(0.0, |most: f64, start| {
             let (mut n, mut found) = (start, 0.0);
             for _ in 0..TURNS {
@@ -142,10 +141,10 @@ impl Probe {
     }
 }
 
-/// Unit vectors along the axes and the diagonals of faces and of the cube.
+/// Unit vectors along the axes, the face diagonals and the space diagonals.
 fn directions() -> Vec<[f64; 3]> {
     let all = (0..27).map(|k| [k / 9, k / 3 % 3, k % 3].map(|digit| f64::from(digit) - 1.0));
-    // of two that are opposite, the later one
+    // one of each opposite pair
     all.skip(14).map(unit).collect()
 }
 
@@ -158,7 +157,7 @@ fn twice(m: &dyn Fn(usize, usize) -> f64, v: [f64; 3]) -> f64 {
 fn largest(m: &dyn Fn(usize, usize) -> f64) -> (f64, [f64; 3]) {
     let symmetric = Mat::from_fn(3, 3, |i, j| 0.5 * (m(i, j) + m(j, i)));
     match symmetric.self_adjoint_eigen(Side::Lower) {
-        // in rising order
+        // eigenvalues are in ascending order
         Ok(found) => (found.S()[2], [0, 1, 2].map(|i| found.U()[(i, 2)])),
         Err(_) => (f64::NAN, [0.0; 3]),
     }

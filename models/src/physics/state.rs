@@ -1,23 +1,23 @@
-//! What a substep reads and writes: position, velocity, affine velocity and deformation gradient of every particle.
+//! The state of a substep: position, velocity, affine velocity and deformation gradient of every particle.
 
 use super::row::Number;
 use gradreel::{Error, ErrorKind, Result};
 
 /// Particles per block.
 ///
-/// A block's numbers lie together, one array of this length per component, so that a material program runs over whole
-/// arrays and a block (24 KiB in `f32`) stays in the first-level cache.
+/// A block stores one array of this length per component, so that a material program runs over whole arrays and a block
+/// (24 KiB in `f32`) stays in the L1 cache.
 pub const BLOCK: usize = 256;
 
-/// Numbers per particle before history variables: position 3, velocity 3, affine velocity 9, deformation gradient 9.
+/// Components per particle before history variables: position 3, velocity 3, affine velocity 9, deformation gradient 9.
 pub(crate) const COMPONENTS: usize = 24;
-/// Where the velocity starts.
+/// First component of the velocity.
 pub(crate) const V: usize = 3;
-/// Where the affine velocity starts, row by row.
+/// First component of the affine velocity, row by row.
 pub(crate) const C: usize = 6;
-/// Where the deformation gradient starts, row by row.
+/// First component of the deformation gradient, row by row.
 pub(crate) const F: usize = 15;
-/// Where the history variables of materials start.
+/// First component of the history variables.
 pub(crate) const HISTORY: usize = COMPONENTS;
 
 /// The state of all particles between two substeps, or the cotangent of one.
@@ -29,7 +29,7 @@ pub(crate) const HISTORY: usize = COMPONENTS;
 /// | `c` | `[n, 3, 3]` | 1/s | affine velocity, about the velocity gradient |
 /// | `f` | `[n, 3, 3]` | - | deformation gradient |
 ///
-/// Particles of a material with history variables carry those, too; see [`State::with_history`].
+/// Particles of a material with history variables carry those as well; see [`State::with_history`].
 ///
 /// ```
 /// use gradreel_models::physics::State;
@@ -42,7 +42,7 @@ pub(crate) const HISTORY: usize = COMPONENTS;
 /// ```
 #[derive(Debug, Clone)]
 pub struct State<T> {
-    /// Blocks of [`COMPONENTS`] arrays of [`BLOCK`] values, and one array more for each history variable.
+    /// Blocks of [`COMPONENTS`] arrays of [`BLOCK`] values, plus one array per history variable.
     pub(crate) values: Vec<T>,
     history: usize,
     /// Lowest and highest coordinate per axis \[m\].
@@ -55,7 +55,7 @@ impl<T: Number> State<T> {
     ///
     /// # Errors
     ///
-    /// [`ErrorKind::NonFinite`] naming the first particle with a number that is not finite.
+    /// [`ErrorKind::NonFinite`] naming the first particle with a non-finite value.
     ///
     /// # Panics
     ///
@@ -98,12 +98,12 @@ impl<T: Number> State<T> {
         Ok(state)
     }
 
-    /// All zero, without history: the start of a cotangent.
+    /// All zero, without history: an initial cotangent.
     pub fn zeros(len: usize) -> Self {
         Self::zeros_with_history(len, 0)
     }
 
-    /// All zero, of the same size as another state and with as much history.
+    /// All zero, with the same number of particles and history variables.
     #[must_use]
     pub fn zeros_like(&self) -> Self {
         Self::zeros_with_history(self.len, self.history)
@@ -115,7 +115,7 @@ impl<T: Number> State<T> {
         Self { values, history, extent: [[T::ZERO; 3]; 2], len }
     }
 
-    /// The same state with history variables in place of those it had; each list has one value per particle.
+    /// The same state with these history variables, replacing previous ones; each list has one value per particle.
     ///
     /// ```
     /// use gradreel_models::physics::State;
@@ -159,22 +159,22 @@ impl<T: Number> State<T> {
         (0..self.len).map(|p| self.values[self.index(p, HISTORY + variable)]).collect()
     }
 
-    /// History variables per particle.
+    /// Number of history variables per particle.
     pub(crate) fn history_count(&self) -> usize {
         self.history
     }
 
-    /// Numbers per block of particles.
+    /// Values per block of particles.
     pub(crate) fn stride(&self) -> usize {
         (COMPONENTS + self.history) * BLOCK
     }
 
-    /// How many particles.
+    /// Number of particles.
     pub fn len(&self) -> usize {
         self.len
     }
 
-    /// Whether there is no particle.
+    /// Whether there are no particles.
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
@@ -199,17 +199,17 @@ impl<T: Number> State<T> {
         (0..self.len).map(|p| std::array::from_fn(|row| self.read(p, F + 3 * row))).collect()
     }
 
-    /// Bytes of its values.
+    /// Size of the values \[bytes\].
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(&self.values[..])
     }
 
-    /// All particles' value of a component.
+    /// One component of all particles.
     pub(crate) fn component(&self, component: usize) -> Vec<T> {
         (0..self.len).map(|p| self.values[self.index(p, component)]).collect()
     }
 
-    /// A state from all components, one list after the other; values need not be finite.
+    /// A state from all components, one list after the other; non-finite values are accepted.
     pub(crate) fn of_components(len: usize, history: usize, values: &[T]) -> Self {
         let mut state = Self::zeros_with_history(len, history);
         for (at, &value) in values.iter().take(len * (COMPONENTS + history)).enumerate() {
@@ -222,7 +222,7 @@ impl<T: Number> State<T> {
         state
     }
 
-    /// Adds to the positions; used for cotangents of a frame.
+    /// Adds to the position of a particle; used for the cotangents of a frame.
     pub(crate) fn add_to_position(&mut self, particle: usize, value: [T; 3]) {
         for (axis, value) in value.into_iter().enumerate() {
             let at = self.index(particle, axis);
@@ -235,13 +235,13 @@ impl<T: Number> State<T> {
         c.into_iter().enumerate().for_each(|(row, values)| self.write(particle, C + 3 * row, values));
     }
 
-    /// All numbers of all particles, one particle after the other.
+    /// All components of all particles, particle by particle.
     pub(crate) fn numbers(&self) -> Vec<f64> {
         let each = (0..self.len).flat_map(|p| (0..COMPONENTS + self.history).map(move |k| (p, k)));
         each.map(|(p, k)| self.values[self.index(p, k)].to_f64()).collect()
     }
 
-    /// Takes over what [`State::numbers`] of a state of the same size returned.
+    /// Restores the values that [`State::numbers`] of a state of the same size returned.
     pub(crate) fn restore(&mut self, numbers: &[f64]) -> Result<()> {
         let width = COMPONENTS + self.history;
         if numbers.len() != self.len * width || numbers.iter().any(|x| !x.is_finite()) {
@@ -259,7 +259,7 @@ impl<T: Number> State<T> {
         Ok(())
     }
 
-    /// Sets three values starting at a component.
+    /// Sets three values from a component on.
     pub(crate) fn write(&mut self, particle: usize, component: usize, value: [T; 3]) {
         for (axis, value) in value.into_iter().enumerate() {
             let at = self.index(particle, component + axis);
@@ -267,18 +267,18 @@ impl<T: Number> State<T> {
         }
     }
 
-    /// Three values starting at a component.
+    /// Three values from a component on.
     pub(crate) fn read(&self, particle: usize, component: usize) -> [T; 3] {
         std::array::from_fn(|i| self.values[self.index(particle, component + i)])
     }
 
-    /// Where a component of a particle lies in `values`.
+    /// The index in `values` of a component of a particle.
     fn index(&self, particle: usize, component: usize) -> usize {
         (particle / BLOCK * (COMPONENTS + self.history) + component) * BLOCK + particle % BLOCK
     }
 }
 
-/// The box that also holds `x`.
+/// The box extended to contain `x`.
 #[inline(always)]
 pub(crate) fn widen<T: Number>([mut low, mut high]: [[T; 3]; 2], x: [T; 3]) -> [[T; 3]; 2] {
     for axis in 0..3 {

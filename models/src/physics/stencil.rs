@@ -1,27 +1,28 @@
 //! The quadratic B-splines around a batch of particles.
 //!
-//! They are made number by number for the whole batch, which compilers turn into vectors; the transfers then read one
-//! particle's numbers at a time. Everything here is inlined into [`super::kernel`], which chooses the instruction set.
+//! Weights are computed component by component for the whole batch, which compilers vectorise; the transfers then
+//! process one particle at a time. Everything here is inlined into [`super::kernel`], which selects the instruction
+//! set.
 
 use super::node_grid::NodeGrid;
 use super::row::Number;
 
-/// Particles whose stencils are made together.
+/// Number of particles whose stencils are computed together.
 pub(crate) const BATCH: usize = 16;
 
-/// One number of each particle of a batch.
+/// One value per particle of a batch.
 pub(crate) type Batch<T> = [T; BATCH];
 
-/// Weights, node offsets and places in the grid.
+/// Weights, node offsets and grid offsets.
 #[repr(C, align(64))]
 pub(crate) struct Stencils<T> {
     /// `w[axis][node]`
     pub w: [[Batch<T>; 3]; 3],
-    /// `across[x node][y node]`, the product of both weights.
+    /// `across[x node][y node]`, the product of the two weights.
     pub across: [[Batch<T>; 3]; 3],
     /// `δ` per axis and node \[m\]
     pub delta: [[Batch<T>; 3]; 3],
-    /// Where the first row starts.
+    /// Grid offset of the first row.
     pub start: Batch<usize>,
 }
 
@@ -34,7 +35,8 @@ impl<T: Number> Stencils<T> {
     ///
     /// # Panics
     ///
-    /// If nine rows of four nodes do not lie in the region for each of them. The memory safety of the transfers rests on it.
+    /// If, for any of them, nine rows of four nodes do not lie in the region. The memory safety of the transfers
+    /// depends on it.
     #[inline(always)]
     pub fn new(node_grid: &NodeGrid<T>, first_plane: usize, planes: usize, x: &[Batch<T>; 3]) -> Self {
         let number = |value: f64| T::from_f64(value);
@@ -67,7 +69,7 @@ impl<T: Number> Stencils<T> {
 }
 
 impl<T: Number> Slopes<T> {
-    /// Those at `x[axis]` \[m\].
+    /// The derivatives at `x[axis]` \[m\].
     #[inline(always)]
     pub fn new(node_grid: &NodeGrid<T>, x: &[Batch<T>; 3]) -> Self {
         let number = |value: f64| T::from_f64(value);
@@ -85,17 +87,17 @@ impl<T: Number> Slopes<T> {
     }
 }
 
-/// How the weights of rows change as particles move.
+/// The change of row weights as particles move.
 #[repr(C, align(64))]
 pub(crate) struct Moved<T> {
-    /// Times the weights along z: what movement along x and y does, per plane and row.
+    /// Change due to motion along x and y, per plane and row; multiplies the weights along z.
     pub across: [[Batch<T>; 3]; 3],
-    /// Times the derivative of the weights along z: what movement along z does.
+    /// Change due to motion along z; multiplies the derivative of the weights along z.
     pub along: [[Batch<T>; 3]; 3],
 }
 
 impl<T: Number> Moved<T> {
-    /// By `dx[axis]` \[m\].
+    /// For a motion by `dx[axis]` \[m\].
     #[inline(always)]
     pub fn new(s: &Stencils<T>, Slopes(dw): &Slopes<T>, dx: &[Batch<T>; 3]) -> Self {
         let zero = [[[T::ZERO; BATCH]; 3]; 3];

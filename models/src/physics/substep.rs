@@ -1,8 +1,8 @@
-//! One substep forwards and backwards; see `forward.rs` for forward mode, `flip.rs` for the blend of APIC with FLIP.
+//! One substep, forward and vjp; see `forward.rs` for forward mode, `flip.rs` for the blend of APIC and FLIP.
 //!
-//! Forwards: material → records → scatter → node update → gather. Backwards, from the state at the start of the substep:
-//! material, scatter again; scatter the cotangents of what was gathered; node adjoint; gather the cotangents of what was
-//! scattered; adjoint of the material. Buffers live as long as the simulation; a substep allocates nothing.
+//! Forward: material → records → scatter → node update → gather. Vjp, from the state at the start of the substep:
+//! recompute material and scatter; scatter the cotangents of gathered values; node adjoint; gather the cotangents of
+//! scattered values; adjoint of the material. Buffers belong to the simulation; a substep does not allocate.
 
 use std::cell::RefCell;
 use std::ops::Range;
@@ -26,35 +26,35 @@ use super::transfer::Record;
 use super::values::{ValueGradients, Values, check_values};
 use super::world::World;
 
-/// Neighbouring particles of one material.
+/// Consecutive particles of one material.
 #[derive(Debug, Clone)]
 pub struct Portion<'a, T> {
     /// Their material.
     pub law: &'a Law,
-    /// Which they are.
+    /// The range of their indices.
     pub particles: Range<usize>,
     /// Rest volume of each of them \[m³\].
     pub volume: f64,
-    /// Parameters in the order of [`Law::parameters`]; a list has one entry per particle of the whole simulation, of which
-    /// those of the portion count.
+    /// Parameters in the order of [`Law::parameters`]. A list has one entry per particle of the whole simulation; those
+    /// of the portion are used.
     pub parameters: Vec<Values<T>>,
 }
 
-/// Materials in a world with a fixed substep: steps states forwards and cotangents backwards.
+/// Materials in a world with a fixed substep: advances states, and cotangents backward.
 #[derive(Debug)]
 pub struct Simulation<'a, T: Number> {
     pub(super) world: &'a World,
     pub(super) dt: f64,
     pub(super) particles: usize,
-    /// History variables per particle, of the material with the most.
+    /// History variables per particle: the maximum over the materials.
     pub(super) history: usize,
     pub(super) mass: Values<T>,
-    /// Whether all particles have one density, though perhaps not one mass.
+    /// Whether all particles have the same density; masses may still differ.
     one_density: bool,
     pub(super) portions: Vec<Portion<'a, T>>,
     pub(super) labels: Vec<u32>,
     pub(super) level: Level,
-    /// Substeps taken forwards, for error messages.
+    /// Number of substeps taken, for error messages and moving obstacles.
     pub(crate) substep: usize,
     // Buffers.
     pub(super) obstacles: Vec<Placed>,
@@ -66,7 +66,8 @@ pub struct Simulation<'a, T: Number> {
     pub(super) cotangent_grid: Vec<T>,
     pub(super) old: Old<T>,
     pub(super) tangents: Vec<Buffers<T>>,
-    /// What tangents share: how what is gathered changes as particles move, from the grid and from that before forces.
+    /// Shared by all tangents: derivatives of the gather with respect to positions, from the grid and from the grid
+    /// before forces.
     pub(super) slopes: [Vec<T>; 2],
     totals: Totals<T>,
 }
@@ -77,12 +78,12 @@ impl<'a, T: Number> Simulation<'a, T> {
     ///
     /// # Errors
     ///
-    /// [`ErrorKind::Input`] for a world, substep or density that makes no sense, [`ErrorKind::NonFinite`] for a parameter
-    /// that is not finite.
+    /// [`ErrorKind::Input`] for an invalid world, substep or density, [`ErrorKind::NonFinite`] for a non-finite
+    /// parameter.
     ///
     /// # Panics
     ///
-    /// If the number of parameters, or of their values, does not fit.
+    /// If the number of parameters, or of their values, is wrong.
     #[track_caller]
     pub fn new(
         world: &'a World,
@@ -101,7 +102,7 @@ impl<'a, T: Number> Simulation<'a, T> {
         )
     }
 
-    /// Prepares a simulation of several materials: the portions hold all particles, one after the other.
+    /// Prepares a simulation of several materials; the portions cover all particles, one after the other.
     ///
     /// # Errors
     ///
@@ -109,7 +110,7 @@ impl<'a, T: Number> Simulation<'a, T> {
     ///
     /// # Panics
     ///
-    /// If a portion does not start where the one before it ends, or its parameters do not fit.
+    /// If a portion does not start where the previous one ends, or its parameters have the wrong number.
     #[track_caller]
     pub fn of_portions(world: &'a World, dt: f64, density: &Values<T>, portions: Vec<Portion<'a, T>>) -> Result<Self> {
         world.check()?;
@@ -157,16 +158,16 @@ impl<'a, T: Number> Simulation<'a, T> {
         })
     }
 
-    /// Undeformed particles at these positions \[m\] with these velocities \[m/s\], with the history variables that their
-    /// materials have at rest.
+    /// Undeformed particles at these positions \[m\] with these velocities \[m/s\] and the initial history of their
+    /// materials.
     ///
     /// # Errors
     ///
-    /// [`ErrorKind::NonFinite`] naming the first particle with a number that is not finite.
+    /// [`ErrorKind::NonFinite`] naming the first particle with a non-finite value.
     ///
     /// # Panics
     ///
-    /// If a list has another length than there are particles.
+    /// If the length of a list is not the number of particles.
     #[track_caller]
     pub fn at_rest(&self, positions: &[[T; 3]], velocities: &[[T; 3]]) -> Result<State<T>> {
         assert!(positions.len() == self.particles, "at_rest: {} positions, {} wanted", positions.len(), self.particles);
@@ -179,13 +180,13 @@ impl<'a, T: Number> Simulation<'a, T> {
         Ok(State::at_rest(positions, velocities)?.with_history(&history))
     }
 
-    /// Sets how many substeps the next one comes after; moving obstacles depend on it. A substep forwards counts itself, one
-    /// backwards does not.
+    /// Sets the number of substeps before the next one, which determines the position of moving obstacles. Forward
+    /// substeps increment it, backward ones do not.
     pub fn rewind(&mut self, substeps: usize) {
         self.substep = substeps;
     }
 
-    /// Gives particles the numbers by which errors name them.
+    /// Sets the particle indices used in error messages.
     pub(crate) fn label(&mut self, labels: Vec<u32>) {
         self.labels = labels;
     }
@@ -194,8 +195,8 @@ impl<'a, T: Number> Simulation<'a, T> {
     ///
     /// # Errors
     ///
-    /// [`ErrorKind::Physics`] when a velocity is not finite, a particle would cross a cell or leaves the bounds, or the
-    /// grid would become too large; the error names the particle.
+    /// [`ErrorKind::Physics`], naming the particle, when a velocity is not finite, a particle would cross more than a
+    /// cell or leave the bounds, or the grid would become too large.
     ///
     /// # Panics
     ///
@@ -231,7 +232,7 @@ impl<'a, T: Number> Simulation<'a, T> {
                 let _flush = Flush::start();
                 *motion = advance(level, node_grid, grid, &limits, now, block_len(particles, block), next);
             });
-        // A state that broke down stays unusable.
+        // A failed state stays invalid.
         next.extent = [[T::INFINITY; 3]; 2];
         for (block, motion) in self.motions.iter().enumerate() {
             if let Some(at) = motion.broken {
@@ -250,10 +251,11 @@ impl<'a, T: Number> Simulation<'a, T> {
         Ok(())
     }
 
-    /// Carries a cotangent backwards through the substep that started at `now`.
+    /// Propagates a cotangent backward through the substep that started at `now`.
     ///
     /// `cotangent` is that of the state after the substep and becomes that of `now`; the cotangents of density and
-    /// parameters add up inside (see [`Simulation::value_gradients`]). `scratch` is any state of the same size.
+    /// parameters accumulate in the simulation (see [`Simulation::value_gradients`]). `scratch` is any state of the
+    /// same size.
     ///
     /// # Errors
     ///
@@ -345,7 +347,7 @@ impl<'a, T: Number> Simulation<'a, T> {
         Ok(())
     }
 
-    /// The cotangents of density, parameters, gravity and friction that the backward substeps have added up.
+    /// The accumulated cotangents of density, parameters, gravity and friction.
     pub fn value_gradients(&self) -> ValueGradients<T> {
         let mut found = self.totals.places.iter().map(|&place| self.totals.of(place, self.particles));
         let on_mass = found.next().unwrap_or_default().into_iter().map(Element::to_f64).collect();
@@ -356,7 +358,7 @@ impl<'a, T: Number> Simulation<'a, T> {
         ValueGradients { density, parameters, gravity: self.totals.world.gravity, friction }
     }
 
-    /// The cotangents of the density, given those of the masses.
+    /// The cotangents of the density, from those of the masses.
     pub(super) fn on_density(&self, mut on_mass: Vec<f64>) -> Vec<f64> {
         match (&self.mass, self.portions.first()) {
             (Values::Same(_), Some(portion)) => on_mass.iter_mut().for_each(|g| *g *= portion.volume),
@@ -369,7 +371,7 @@ impl<'a, T: Number> Simulation<'a, T> {
         if self.one_density { vec![on_mass.iter().sum()] } else { on_mass }
     }
 
-    /// Momentum \[kg m/s\] and mass \[kg\] on the grid after the last forward substep.
+    /// Total momentum \[kg m/s\] and mass \[kg\] on the grid after the last forward substep.
     pub(crate) fn grid_totals(&self) -> [f64; 4] {
         let mut sum = [0.0; 4];
         for node in self.grid.chunks_exact(4) {
@@ -392,7 +394,7 @@ impl<'a, T: Number> Simulation<'a, T> {
         }
     }
 
-    /// Material and particle-to-grid: fills `scattered`, the buckets and the grid, and `F` of `next`.
+    /// Material and particle-to-grid: fills `scattered`, the buckets, the grid, and `F` of `next`.
     pub(super) fn scatter(&mut self, now: &State<T>, next: &mut [T]) -> Result<NodeGrid<T>> {
         let time = self.substep as f64 * self.dt;
         self.obstacles.clear();
@@ -424,7 +426,7 @@ impl<'a, T: Number> Simulation<'a, T> {
         Ok(node_grid)
     }
 
-    /// The adjoint of grid-to-particle: a scatter of `gv + dt gx` and `4/dx² gc`.
+    /// The adjoint of grid-to-particle: a scatter with `q = gv + dt gx` and `A = 4/dx² gc`.
     fn scatter_cotangents(&mut self, node_grid: &NodeGrid<T>, now: &State<T>, cotangent: &State<T>) {
         self.gathered.resize(self.particles, [T::ZERO; 16]);
         let (level, dt) = (self.level, T::from_f64(self.dt));
@@ -446,7 +448,7 @@ impl<'a, T: Number> Simulation<'a, T> {
     }
 }
 
-/// Masses \[kg\] of particles of these densities \[kg/m³\], or the tangents of both.
+/// Masses \[kg\] of particles from their densities \[kg/m³\], or the tangents of both.
 pub(super) fn masses<T: Number>(density: &Values<T>, portions: &[Portion<'_, T>]) -> Values<T> {
     let volume = |portion: &Portion<'_, T>| T::from_f64(portion.volume);
     match (density, portions.first()) {
@@ -463,7 +465,7 @@ pub(super) fn masses<T: Number>(density: &Values<T>, portions: &[Portion<'_, T>]
     }
 }
 
-/// What the materials need besides the state.
+/// Inputs of the materials besides the state.
 pub(super) struct Constants<'a, T> {
     dt: f64,
     /// `4/dx²`
@@ -476,7 +478,7 @@ impl<'a, T: Number> Constants<'a, T> {
         Self { dt, per_volume: 4.0 / (world.dx * world.dx), mass }
     }
 
-    /// The particles of a portion that lie in a block, if any do.
+    /// The particles of a portion that lie in a block, if any.
     pub(super) fn run(&self, portion: &'a Portion<'a, T>, block: usize, particles: usize) -> Option<Run<'a, T>> {
         let start = block * BLOCK;
         let particle = portion.particles.start.max(start);
@@ -497,7 +499,7 @@ pub(super) fn block_len(particles: usize, block: usize) -> usize {
     (particles - block * BLOCK).min(BLOCK)
 }
 
-/// Lends a piece of memory that belongs to the thread; its contents are left over from before.
+/// Lends thread-local scratch memory, not initialised between uses.
 pub(super) fn with_scratch<T: Number>(len: usize, run: impl FnOnce(&mut [T])) {
     thread_local! {
         static SCRATCH: RefCell<Vec<f64>> = const { RefCell::new(Vec::new()) };

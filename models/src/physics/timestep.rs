@@ -1,4 +1,4 @@
-//! How long a substep may be, and the schedule of a rollout.
+//! Stable substeps, and the schedule of a rollout.
 
 use gradreel::{Error, ErrorKind, Result};
 
@@ -7,36 +7,36 @@ use super::row::Number;
 use super::values::Values;
 use super::world::World;
 
-/// The share of a cell that waves and particles may cross in one substep, unless told otherwise.
+/// The default share of a cell that waves and particles may cross in one substep.
 ///
-/// Explicit MLS-MPM with quadratic B-splines stays stable up to about 1; compression raises the speed of sound, parameters
-/// move while they are fitted, and the error of a trajectory falls with the step: 0.35 leaves room for all three.
+/// Explicit MLS-MPM with quadratic B-splines is stable up to about 1. The margin allows for compression, which raises
+/// the speed of sound, for parameters that change during a fit, and for the accuracy of trajectories.
 pub const CFL: f64 = 0.35;
 
-/// The share of a cell beyond which a rollout refuses to start.
+/// The share of a cell above which a rollout refuses to start.
 pub const CFL_LIMIT: f64 = 1.0;
 
-/// Most substeps between two frames, and most in a whole rollout: what needs more is no simulation that ends.
+/// Largest number of substeps between two frames, and in a whole rollout.
 const MOST_SUBSTEPS: [usize; 2] = [1 << 20, 1 << 30];
 
-/// The times of a rollout: frames at equal intervals, each of equal substeps.
+/// The times of a rollout: equidistant frames, each with equal substeps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Schedule {
-    /// Frames, including frame 0, the start.
+    /// Number of frames, including frame 0, the start.
     pub frames: usize,
     /// Time between frames \[s\].
     pub frame_dt: f64,
-    /// Substeps between frames.
+    /// Number of substeps between frames.
     pub substeps: usize,
 }
 
 impl Schedule {
-    /// A schedule whose substep lets nothing cross more than `cfl` cells ([`CFL`] is the recommended value):
+    /// A schedule in which nothing crosses more than `cfl` cells per substep ([`CFL`] is the recommended value):
     /// `dt ≤ cfl · dx/(c + v)`, with the speed of sound `c` and the largest particle speed `v` in m/s.
     ///
-    /// The number of substeps is one of 1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, … (about four per doubling), so that a
-    /// small change of a parameter rarely changes it. It is at most 2²⁰: what would need more is refused when the
-    /// rollout starts.
+    /// The number of substeps is one of 1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, … (about four per doubling), so
+    /// that a small change of a parameter rarely changes it. It is capped at 2²⁰; a rollout that needs more refuses to
+    /// start.
     ///
     /// ```
     /// use gradreel_models::physics::{CFL, Schedule, World};
@@ -52,28 +52,28 @@ impl Schedule {
         Self { frames, frame_dt, substeps: steps.map_or(1, |n| n as usize) }
     }
 
-    /// The same frames with substeps half as long: what to try when a rollout became unstable.
+    /// The same frames with half the substep, for retrying an unstable rollout.
     #[must_use]
     pub fn halved(self) -> Self {
         Self { substeps: 2 * self.substeps, ..self }
     }
 
-    /// The substep \[s\].
+    /// The length of a substep \[s\].
     pub fn dt(&self) -> f64 {
         self.frame_dt / self.substeps as f64
     }
 
-    /// All substeps of the rollout.
+    /// Number of substeps of the rollout.
     pub fn steps(&self) -> usize {
         self.frames.saturating_sub(1) * self.substeps
     }
 
-    /// Whether the numbers make sense.
+    /// Validates the schedule.
     ///
     /// # Errors
     ///
-    /// [`ErrorKind::Input`] without frames or substeps, with a frame time that is not positive, or with more substeps than any
-    /// run could end.
+    /// [`ErrorKind::Input`] without frames or substeps, with a frame time that is not positive, or with too many
+    /// substeps.
     pub(crate) fn check(&self) -> Result<()> {
         let Self { frames, frame_dt, substeps } = *self;
         if !(frames > 0 && substeps > 0 && frame_dt.is_finite() && frame_dt > 0.0) {
@@ -93,11 +93,11 @@ impl Schedule {
         Ok(())
     }
 
-    /// Whether what travels so fast \[m/s\] leaves any number of substeps that could be taken; see [`Schedule::stable`].
+    /// Checks that these speeds \[m/s\] allow a feasible number of substeps; see [`Schedule::stable`].
     ///
     /// # Errors
     ///
-    /// [`ErrorKind::Input`] with the number that it would take, and the speed that would do.
+    /// [`ErrorKind::Input`] with the required number, and the speed that would be feasible.
     pub(crate) fn check_speeds(world: &World, frame_dt: f64, [sound, speed]: [f64; 2], cfl: f64) -> Result<()> {
         let substeps = frame_dt * (sound + speed) / (cfl * world.dx);
         let most = MOST_SUBSTEPS[0] as f64;
@@ -122,11 +122,11 @@ impl Schedule {
             )))
     }
 
-    /// Whether sound crosses less than a cell per substep, for every one of `n` particles that is a `member`.
+    /// Checks that sound crosses less than a cell per substep, for each of `n` particles that is a `member`.
     ///
     /// # Errors
     ///
-    /// [`ErrorKind::Physics`] naming the particle and both numbers, or parameters without a wave speed.
+    /// [`ErrorKind::Physics`] naming the particle and both speeds, or for parameters without a wave speed.
     pub(crate) fn check_waves<T: Number>(
         &self,
         world: &World,

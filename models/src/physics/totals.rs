@@ -1,7 +1,7 @@
-//! Sums of the cotangents of densities and parameters over the substeps of a backward pass.
+//! Accumulators of the cotangents of densities and parameters over a backward pass.
 //!
-//! A value that all particles share has one sum per block of particles, in `f64`; one with an entry per particle has an
-//! array. Every sum is taken in one fixed order, whatever the number of threads.
+//! A value shared by all particles has one `f64` sum per block of particles; a per-particle value has an array. The
+//! order of every sum is fixed, whatever the number of threads.
 
 use std::ops::Range;
 
@@ -10,32 +10,32 @@ use super::row::Number;
 use super::state::BLOCK;
 use super::values::Values;
 
-/// Where a value's cotangents are summed.
+/// The location of a value's accumulator.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Place {
-    /// The n-th number of a block.
+    /// The n-th sum of a block.
     Shared(usize),
     /// The n-th array of a block.
     Array(usize),
 }
 
-/// The sums of all values, block by block.
+/// The accumulators of all values, by block.
 #[derive(Debug)]
 pub(crate) struct Totals<T> {
-    /// Where each value is summed, in order.
+    /// The location of each value's accumulator, in order.
     pub places: Vec<Place>,
-    /// Numbers per block in `sums` and in `each`; never 0.
+    /// Values per block in `sums` and in `each`; never 0.
     pub widths: [usize; 2],
-    /// Per block, a number for each shared value.
+    /// Per block, one sum for each shared value.
     pub sums: Vec<f64>,
-    /// Per block, an array for each other value.
+    /// Per block, one array for each per-particle value.
     pub each: Vec<T>,
     /// The cotangents of gravity and friction.
     pub world: OnWorld,
 }
 
 impl<T: Number> Totals<T> {
-    /// Zero, for these values and this many blocks.
+    /// Zero accumulators for these values and this many blocks.
     pub fn new<'a>(values: impl Iterator<Item = &'a Values<T>>, blocks: usize) -> Self {
         let (mut shared, mut arrays) = (0, 0);
         let place = |values: &Values<T>| match values {
@@ -54,7 +54,7 @@ impl<T: Number> Totals<T> {
         Self { places, widths, sums, each, world: OnWorld::default() }
     }
 
-    /// The sums of a value: one number, or one per particle.
+    /// The total of a value: one number, or one per particle.
     pub fn of(&self, place: Place, particles: usize) -> Vec<T> {
         let [sums, each] = self.widths;
         match place {
@@ -64,16 +64,16 @@ impl<T: Number> Totals<T> {
     }
 }
 
-/// The sums of one block.
+/// The accumulators of one block.
 pub(crate) struct Sink<'a, T> {
-    /// Its numbers.
+    /// Sums of shared values.
     pub sums: &'a mut [f64],
-    /// Its arrays.
+    /// Arrays of per-particle values.
     pub each: &'a mut [T],
 }
 
 impl<T: Number> Sink<'_, T> {
-    /// Adds the cotangents that some particles of the block have of a value.
+    /// Adds the cotangents of a value, from some particles of the block.
     pub fn add(&mut self, place: Place, lanes: Range<usize>, cotangents: &[T]) {
         match place {
             Place::Shared(n) => self.sums[n] += cotangents.iter().map(|&g| g.to_f64()).sum::<f64>(),

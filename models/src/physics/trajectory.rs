@@ -1,4 +1,4 @@
-//! Many substeps: frames out, and the cotangents of all frames back to the start.
+//! Many substeps: frames forward, and the cotangents of all frames back to the start.
 
 use gradreel::Result;
 
@@ -9,7 +9,7 @@ use super::state::State;
 use super::substep::Simulation;
 use super::timestep::Schedule;
 
-/// The states a rollout has kept for its way back.
+/// The states kept by a rollout for its backward pass.
 #[derive(Debug)]
 pub(crate) struct Trajectory<T> {
     schedule: Schedule,
@@ -18,7 +18,7 @@ pub(crate) struct Trajectory<T> {
 }
 
 impl<T: Number> Trajectory<T> {
-    /// Simulates from `start`, calling `frame(index, state)` at each frame. Without `remat` nothing is kept.
+    /// Simulates from `start`, calling `frame(index, state)` at each frame. Without `remat` no states are kept.
     pub fn forward(
         simulation: &mut Simulation<'_, T>,
         start: State<T>,
@@ -46,7 +46,7 @@ impl<T: Number> Trajectory<T> {
         Ok(Self { schedule, segment, snapshots })
     }
 
-    /// Simulates from `start` and carries tangents along, calling `frame(index, state, tangents)` at each frame.
+    /// Simulates from `start` together with tangents, calling `frame(index, state, tangents)` at each frame.
     pub fn forward_jvp(
         simulation: &mut Simulation<'_, T>,
         start: State<T>,
@@ -68,8 +68,8 @@ impl<T: Number> Trajectory<T> {
         Ok(())
     }
 
-    /// Carries the cotangents of all frames back: `add(index, cotangent)` adds that of a frame. Returns the cotangent of the
-    /// start; those of density and parameters are in the simulation.
+    /// Propagates the cotangents of all frames back to the start: `add(index, cotangent)` adds that of a frame. Returns
+    /// the cotangent of the start; those of density and parameters are in the simulation.
     pub fn backward(
         &self,
         simulation: &mut Simulation<'_, T>,

@@ -1,19 +1,20 @@
-//! Particle to grid, grid to particle, and the adjoint of both, for one particle of a batch at a time.
+//! Particle to grid, grid to particle, and their adjoints, for one particle of a batch at a time.
 //!
 //! With quadratic B-spline weights `w` and `δ = x_node − x_particle`, a particle *scatters* `w (q + A δ)` and `w m`; it
-//! *gathers* `v = Σ w v_i` and `c = 4/dx² Σ w v_i δᵀ`. The adjoint of the gather is the same scatter with
-//! `q = gv`, `A = 4/dx² gc`, `m = 0`; the adjoint of the scatter is the same gather over node cotangents. Only the
-//! position needs more: it enters through `w` and through `δ` (see [`pull`]; forwards [`push_tangent`], [`gather_moving`]).
+//! *gathers* `v = Σ w v_i` and `c = 4/dx² Σ w v_i δᵀ`. The adjoint of the gather is the same scatter with `q = gv`,
+//! `A = 4/dx² gc`, `m = 0`; the adjoint of the scatter is the same gather over node cotangents. Only the position needs
+//! additional terms, as it enters through `w` and `δ` (see [`pull`]; in forward mode [`push_tangent`] and
+//! [`gather_moving`]).
 //!
-//! Everything here is `#[inline(always)]` and generic over the [`Row`]; [`super::kernel`] instantiates it. The functions are unsafe
-//! alike: the machine must have the instruction set of `R`, and the stencils must have been made for the grid and the
-//! region that are given.
+//! Everything here is `#[inline(always)]` and generic over the [`Row`]; [`super::kernel`] instantiates it. All
+//! functions share one safety contract: the machine must support the instruction set of `R`, and the stencils must have
+//! been made for the given grid and region.
 
 use super::node_grid::NodeGrid;
 use super::row::{Number, Row};
 use super::stencil::{BATCH, Batch, Moved, Slopes, Stencils};
 
-/// What a particle scatters, as four nodes' worth of numbers:
+/// The scattered values of a particle, for four nodes:
 /// `[q, m | A's first column, x₀ | second column, x₁ | third column, x₂]`.
 pub(crate) type Record<T> = [T; 16];
 
@@ -29,7 +30,7 @@ pub(crate) fn position<T: Number>(record: &Record<T>) -> [T; 3] {
     [record[7], record[11], record[15]]
 }
 
-/// The positions of a batch of records, the last of them in the place of missing ones.
+/// The positions of a batch of records, padded with the last one.
 #[inline(always)]
 pub(crate) fn positions<'a, T: Number>(count: usize, record: impl Fn(usize) -> &'a Record<T>) -> [Batch<T>; 3] {
     let mut x = [[T::ZERO; BATCH]; 3];
@@ -40,17 +41,17 @@ pub(crate) fn positions<'a, T: Number>(count: usize, record: impl Fn(usize) -> &
     x
 }
 
-/// One node's number of a particle on each of the three nodes.
+/// The value of particle `i` at each of the three nodes.
 #[inline(always)]
 fn nodes<T: Number>(numbers: &[Batch<T>; 3], i: usize) -> [T; 3] {
     [numbers[0][i], numbers[1][i], numbers[2][i]]
 }
 
-/// Adds what particle `i` of a batch scatters to a region of the grid.
+/// Scatters particle `i` of a batch to a region of the grid.
 ///
 /// # Safety
 ///
-/// See the head of this file.
+/// See the module documentation.
 #[inline(always)]
 pub(crate) unsafe fn push<T: Number, R: Row<T>>(
     node_grid: &NodeGrid<T>,
@@ -79,14 +80,14 @@ pub(crate) unsafe fn push<T: Number, R: Row<T>>(
     }
 }
 
-/// What a particle gathers: `[Σ w g | Σ w g δ₀ | Σ w g δ₁ | Σ w g δ₂]` of the four node values.
+/// The gathered values of a particle: `[Σ w g | Σ w g δ₀ | Σ w g δ₁ | Σ w g δ₂]` of the four node values.
 pub(crate) type Gathered<T> = [T; 16];
 
 /// Gathers node values and their first moments for particle `i` of a batch.
 ///
 /// # Safety
 ///
-/// See the head of this file; the region is the whole grid.
+/// See the module documentation; the region is the whole grid.
 #[inline(always)]
 pub(crate) unsafe fn gather<T: Number, R: Row<T>>(
     node_grid: &NodeGrid<T>,
@@ -118,12 +119,12 @@ pub(crate) unsafe fn gather<T: Number, R: Row<T>>(
     }
 }
 
-/// Adds the tangent of what particle `i` of a batch scatters to a region of the grid: `w (dq + dA δ) + dw (q + A δ)`, where the
-/// tangent's `dq` already holds `dq − A dx`.
+/// Scatters the tangent of particle `i` of a batch to a region of the grid: `w (dq + dA δ) + dw (q + A δ)`, where `dq`
+/// of the tangent already contains `− A dx`.
 ///
 /// # Safety
 ///
-/// See the head of this file.
+/// See the module documentation.
 #[inline(always)]
 pub(crate) unsafe fn push_tangent<T: Number, R: Row<T>>(
     node_grid: &NodeGrid<T>,
@@ -155,20 +156,20 @@ pub(crate) unsafe fn push_tangent<T: Number, R: Row<T>>(
     }
 }
 
-/// What a particle gathers, and how that changes as it moves.
+/// The gathered values of a particle, with their derivatives with respect to its position.
 pub(crate) struct Moving<T> {
     /// `Σ w g` of the four node values.
     pub sum: [T; 4],
-    /// As [`gather`], with `∂w` along each axis in the place of `w`.
+    /// As [`gather`], with `∂w` along each axis in place of `w`.
     pub along: [Gathered<T>; 3],
 }
 
-/// Gathers node values for particle `i` of a batch, and with the derivatives of its weights. When it moves by `dx`, the sum grows by
-/// `dx · along`, and the moments by that less `sum dxᵀ`.
+/// Gathers node values for particle `i` of a batch, and their derivatives with respect to its position. For a motion
+/// `dx`, the sum changes by `dx · along`, and the moments by that minus `sum dxᵀ`.
 ///
 /// # Safety
 ///
-/// See the head of this file; the region is the whole grid.
+/// See the module documentation; the region is the whole grid.
 #[inline(always)]
 pub(crate) unsafe fn gather_moving<T: Number, R: Row<T>>(
     node_grid: &NodeGrid<T>,
@@ -179,7 +180,8 @@ pub(crate) unsafe fn gather_moving<T: Number, R: Row<T>>(
     // SAFETY: as in `push`.
     unsafe {
         let zero = R::splat(T::ZERO);
-        // by the weights along x and y, by the derivative along x, by that along y; each the sum, along x, along y
+        // weighted along x and y, differentiated along x, differentiated along y; each with the sum and the moments
+        // along x and y
         let (mut plain, mut by_x, mut by_y) = ([zero; 3], [zero; 3], [zero; 3]);
         for a in 0..3 {
             let at = grid.as_ptr().add(s.start[i] + a * node_grid.stride[0]);
@@ -217,24 +219,24 @@ pub(crate) unsafe fn gather_moving<T: Number, R: Row<T>>(
     }
 }
 
-/// The cotangents that reach a particle from the grid.
+/// The cotangents of a particle, gathered from the grid.
 pub(crate) struct Pulled<T> {
-    /// Cotangents of what was scattered, `[q, m | A's columns, each with a number that means nothing]`.
+    /// Cotangents of the scattered values, `[q, m | A's columns, each with an unused value]`.
     pub record: Gathered<T>,
     /// Cotangent of the position, from both transfers.
     pub position: [T; 3],
 }
 
-/// The adjoint of both transfers of particle `i` of a batch, as seen from the particle.
+/// The adjoint of both transfers for particle `i` of a batch.
 ///
-/// `scattered` is what it scattered and `cotangents` holds `[g_momentum, g_mass]` of the nodes; `gathered` is the record
-/// that the adjoint of its gather scattered and `velocities` holds the node velocities it gathered. The position gets
+/// `scattered` is its record and `cotangents` holds `[g_momentum, g_mass]` of the nodes; `gathered` is the record of
+/// the adjoint of its gather and `velocities` holds the node velocities. The cotangent of the position is
 ///
 /// `gx = Σ ∂w (g · [q + A δ, m] + v · (q′ + A′ δ)) − Aᵀ Σ w g − A′ᵀ Σ w v`
 ///
 /// # Safety
 ///
-/// See the head of this file; the region is the whole of both grids.
+/// See the module documentation; the region is the whole of both grids.
 #[inline(always)]
 pub(crate) unsafe fn pull<T: Number, R: Row<T>>(
     node_grid: &NodeGrid<T>,
@@ -297,7 +299,7 @@ pub(crate) unsafe fn pull<T: Number, R: Row<T>>(
     }
 }
 
-/// A record as rows: its first two columns, and `q + A δ` along z.
+/// The columns of a record as rows: the first two columns, and `q + A δ` along z.
 ///
 /// # Safety
 ///

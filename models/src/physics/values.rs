@@ -1,4 +1,4 @@
-//! Densities and material parameters: one for the whole body, or one per particle.
+//! Densities and material parameters, shared or per particle.
 
 use gradreel::scalar::Lanes;
 use gradreel::{Error, ErrorKind, Result};
@@ -6,10 +6,10 @@ use gradreel::{Error, ErrorKind, Result};
 use super::law::Law;
 use super::row::Number;
 
-/// One value for all particles, or one each.
+/// One shared value, or one per particle.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Values<T> {
-    /// The same for all.
+    /// Shared by all particles.
     Same(T),
     /// One per particle.
     Each(Vec<T>),
@@ -50,29 +50,29 @@ impl<T: Number> Values<T> {
     }
 }
 
-/// Gradients with respect to density, parameters, gravity and friction: one number where one value was given for all particles,
-/// one per particle where there was one each.
+/// Gradients with respect to density, parameters, gravity and friction: one number for a shared value, one per particle
+/// for a per-particle value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ValueGradients<T> {
-    /// Per kg/m³.
+    /// Per unit of density \[1/(kg/m³)\].
     pub density: Vec<T>,
-    /// Per unit of each parameter, in the material's order; of several materials, one after the other.
+    /// Per unit of each parameter, in the material's order; materials are concatenated.
     pub parameters: Vec<Vec<T>>,
-    /// Per m/s².
+    /// Per unit of gravity \[1/(m/s²)\].
     pub gravity: [f64; 3],
-    /// Per unit of each obstacle's coefficient of friction; 0 for one without.
+    /// Per unit of each obstacle's friction coefficient; 0 for one without friction.
     pub friction: Vec<f64>,
 }
 
-/// Checks densities and parameters; returns the number of parameters.
+/// Validates densities and parameters; returns the number of parameters.
 ///
 /// # Errors
 ///
-/// [`ErrorKind::NonFinite`], and [`ErrorKind::Input`] for a density that is not positive.
+/// [`ErrorKind::NonFinite`] for a non-finite value, and [`ErrorKind::Input`] for a density that is not positive.
 ///
 /// # Panics
 ///
-/// If the number of parameters, or of their values, does not fit.
+/// If the number of parameters, or of their values, is wrong.
 #[track_caller]
 pub(crate) fn check_values<T: Number>(
     law: &Law,

@@ -1,9 +1,9 @@
-//! What surrounds the particles: grid spacing, gravity, obstacles, limits.
+//! The surroundings of the particles: grid spacing, gravity, obstacles, limits.
 
 use super::collider::Collider;
 use gradreel::{Error, ErrorKind, Result};
 
-/// The surroundings of a simulation. World y points up; lengths in metres.
+/// The surroundings of a simulation. The world's y axis points up; lengths are in metres.
 ///
 /// ```
 /// use gradreel_models::physics::{Collider, World};
@@ -20,13 +20,13 @@ pub struct World {
     pub gravity: [f64; 3],
     /// Obstacles, applied in this order.
     pub colliders: Vec<Collider>,
-    /// How much of its own velocity a particle keeps: 0 for APIC, 1 for FLIP. A particle's new velocity is
-    /// `Σ w v_i + flip (v − Σ w v_i⁰)`, where `v_i⁰` is the velocity that the grid had before forces acted; it moves with
-    /// `Σ w v_i`, and its affine velocity is that of APIC.
+    /// The share of its own velocity that a particle keeps: 0 for APIC, 1 for FLIP. A particle's new velocity is
+    /// `Σ w v_i + flip (v − Σ w v_i⁰)`, where `v_i⁰` is the grid velocity before forces; it moves with `Σ w v_i`, and
+    /// its affine velocity is that of APIC.
     pub flip: f64,
     /// Rest volume of a particle \[m³\].
     pub particle_volume: f64,
-    /// Lowest and highest allowed position \[m\]; a particle outside stops the rollout with an error.
+    /// Lowest and highest allowed position \[m\]; a particle outside ends the rollout with an error.
     pub bounds: Option<[[f64; 3]; 2]>,
     /// The largest number of grid nodes in the box around the particles.
     pub node_limit: usize,
@@ -46,16 +46,16 @@ impl World {
         }
     }
 
-    /// Nodes lighter than this are ignored: `1e-8 dx³` \[kg\].
+    /// Mass below which nodes are ignored: `1e-8 dx³` \[kg\].
     pub(crate) fn least_mass(&self) -> f64 {
         1e-8 * self.dx.powi(3)
     }
 
-    /// Whether spacing, volume, gravity, transfer and obstacles make sense.
+    /// Validates spacing, volume, gravity, transfer and obstacles.
     ///
     /// # Errors
     ///
-    /// [`ErrorKind::Input`] otherwise.
+    /// [`ErrorKind::Input`] naming the invalid value.
     pub(crate) fn check(&self) -> Result<()> {
         let positive = |x: f64| x.is_finite() && x > 0.0;
         let fault = |what: &str, found: String, wanted: &str| {

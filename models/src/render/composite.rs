@@ -1,30 +1,30 @@
-//! Compositing: what samples along rays add up to.
+//! Compositing of samples along rays.
 
 use gradreel::{Result, Var};
 
 use super::samples::{Absorption, Visible};
 use crate::constant;
 
-/// What rays see of a radiance field.
+/// The pixels of a rendered radiance field.
 #[derive(Debug, Clone)]
 pub struct Pixels {
-    /// Colour on the background, `[rays, 3]`.
+    /// Colour over the background, `[rays, 3]`.
     pub rgb: Var,
-    /// `Σ w k`, the depth in steps from where the ray enters the box, `[rays]`; for display.
+    /// `Σ w k`, the depth in steps from the entry of the ray into the box, `[rays]`; for display.
     pub depth: Var,
-    /// What of the background is seen, `[rays]`.
+    /// Transmittance: the visible share of the background, `[rays]`.
     pub left: Var,
-    /// Weights of the samples that are seen, `[seen]`.
+    /// Weights of the visible samples, `[seen]`.
     pub weights: Var,
     /// Their colours, `[seen, 3]`.
     pub colours: Var,
 }
 
 impl Visible {
-    /// A row for each seen sample from one for each sample.
+    /// Selects the rows of visible samples from those of all samples.
     ///
     /// # Errors
-    /// What the ops return.
+    /// Propagates errors of the ops.
     pub fn rows_seen(&self, rows: &Var) -> Result<Var> {
         if self.seen.len() == self.samples.len() {
             return Ok(rows.clone());
@@ -32,11 +32,11 @@ impl Visible {
         rows.index_select(&constant::indices(rows, self.seen.clone())?)
     }
 
-    /// Composites front to back: of raw densities `[samples]` and the colours `[seen, 3]` of the seen samples,
+    /// Composites front to back, from raw densities `[samples]` and the colours `[seen, 3]` of the visible samples:
     /// `w_k = α_k Π_{j<k} (1 − α_j)`, colour `Σ w c + left · background`.
     ///
     /// # Errors
-    /// What the ops return.
+    /// Propagates errors of the ops.
     pub fn composite(&self, density: &Var, colours: &Var, absorption: &Absorption, background: f64) -> Result<Pixels> {
         let samples = &self.samples;
         let rays = samples.offsets.len() - 1;

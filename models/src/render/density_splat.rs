@@ -1,4 +1,4 @@
-//! The normalised splat: features of particles, averaged around the nodes of a grid.
+//! The normalised splat: averages of particle features at the nodes of a grid.
 
 use gradreel::ops::NodeGrid;
 use gradreel::{Error, ErrorKind, Result, Var};
@@ -7,14 +7,14 @@ use crate::constant;
 use crate::field::DenseGrid;
 use crate::render::splat::cover;
 
-/// How features are averaged.
+/// Settings of the normalised splat.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FeatureSplat {
-    /// Nodes with a summed weight up to this are empty. Position derivatives of nodes that are touched by a tail only are of
-    /// the order of its inverse; 1e-3 keeps them calm.
+    /// Nodes with a summed weight up to this are empty. The position derivatives of nodes touched only by the tail of a
+    /// particle are of the order of its inverse; 1e-3 limits them.
     pub least_weight: f64,
-    /// What every channel of an empty node holds.
+    /// The value of every channel of an empty node.
     pub empty: f64,
 }
 
@@ -31,20 +31,20 @@ pub struct FeatureGrid {
     pub values: Var,
     /// Summed weights, `[x, y, z, 1]`.
     pub weight: Var,
-    /// The box of the nodes that are not empty; its corners are multiples of the spacing.
+    /// The bounding box of the non-empty nodes; its corners are multiples of the spacing.
     pub grid: DenseGrid,
-    /// The number of its first node, counted from the world's origin.
+    /// The index of its first node, relative to the world's origin.
     pub first: [i64; 3],
 }
 
-/// Averages features `[n, channels]` of particles at `[n, 3]` \[m\] on the nodes `i · spacing`:
-/// `Σ w f / Σ w` with trilinear weights, in the tight box around the nodes whose `Σ w` is above a threshold.
+/// Averages the features `[n, channels]` of particles at `[n, 3]` \[m\] at the nodes `i · spacing`: `Σ w f / Σ w` with
+/// trilinear weights, in the tight box around the nodes whose `Σ w` exceeds the threshold.
 ///
 /// X. Li and others, "PAC-NeRF: Physics Augmented Continuum Neural Radiance Fields", ICLR 2023.
 ///
 /// # Errors
-/// [`ErrorKind::NonFinite`] for a position that is not finite; [`ErrorKind::Physics`] when the particles are spread over too
-/// many nodes; [`ErrorKind::Input`] without particles.
+/// [`ErrorKind::NonFinite`] for a non-finite position; [`ErrorKind::Physics`] when the particles spread over too many
+/// nodes; [`ErrorKind::Input`] without particles.
 pub fn splat_features(positions: &Var, features: &Var, spacing: f64, settings: &FeatureSplat) -> Result<FeatureGrid> {
     let (first, dims) = tight(positions, spacing, settings.least_weight)?;
     let node_grid = NodeGrid { origin: first.map(|i| i as f64 * spacing), spacing, dims };
@@ -55,14 +55,14 @@ pub fn splat_features(positions: &Var, features: &Var, spacing: f64, settings: &
     let (sum, weight) = (sums.slice(3, 0..channels), sums.slice(3, channels..channels + 1));
     let least = constant::numbers(features, vec![settings.least_weight], [1])?;
     let empty = constant::numbers(features, vec![settings.empty], [1])?;
-    // the divisor of an empty node is never used, but must not be 0
+    // the quotient of an empty node is not used, but its divisor must not be 0
     let values = weight.gt(&least).choose(&(&sum / &weight.maximum(&least)), &empty);
     let high = [0, 1, 2].map(|axis| spacing * (first[axis] + dims[axis] as i64 - 1) as f64);
     let grid = DenseGrid { low: first.map(|i| spacing * i as f64), high, dims, spacing };
     Ok(FeatureGrid { values, weight, grid, first })
 }
 
-/// The first node and the size of the tight box around the nodes with more than this summed weight.
+/// First node and size of the tight box around the nodes with more than this summed weight.
 fn tight(positions: &Var, spacing: f64, least: f64) -> Result<([i64; 3], [usize; 3])> {
     let outer = cover(positions, spacing)?;
     let corner = outer.origin.map(|x| (x / spacing).round());

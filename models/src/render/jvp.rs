@@ -1,4 +1,4 @@
-//! The renderer in forward mode: how pixels change when particles move along given directions.
+//! The renderer in forward mode: derivatives of pixels along given directions of particle motion.
 
 use std::sync::Arc;
 
@@ -14,9 +14,9 @@ use crate::render::{Rays, Splat, Surface};
 
 /// Renders as [`render`](super::render()), and differentiates along several directions of the positions at once.
 ///
-/// `positions` and each of the `directions` are `[particles, 3]` \[m\]. Returns the pixels `[rays, 4]` and their changes
-/// `[rays, directions, 4]`, exact derivatives of what is rendered. A direction costs about as much as a rendering; nothing
-/// of the size of all samples is kept.
+/// `positions` and each of the `directions` are `[particles, 3]` \[m\]. Returns the pixels `[rays, 4]` and their exact
+/// derivatives `[rays, directions, 4]`. A direction costs about as much as a rendering; no array over all samples is
+/// kept.
 ///
 /// ```
 /// use std::sync::Arc;
@@ -81,7 +81,7 @@ fn tangents_of<T: Real>(
     (Tensor::from_vec(pixels, [rays.len(), 4]), Tensor::from_vec(changes, [rays.len(), directions.len(), 4]))
 }
 
-/// How the grid of the splat changes, `[nodes, directions, 4]`: each particle's values times the slope of its weight.
+/// The tangents of the splatted grid, `[nodes, directions, 4]`: each particle's values times the slope of its weight.
 fn spread<T: Real>(node_grid: &NodeGrid, positions: &Tensor, directions: &[Tensor], values: &Tensor) -> Vec<T> {
     let width = 4 * directions.len();
     let mut grid = vec![T::ZERO; node_grid.len() * width];
@@ -89,7 +89,7 @@ fn spread<T: Real>(node_grid: &NodeGrid, positions: &Tensor, directions: &[Tenso
     let directions: Vec<&[T]> = directions.iter().map(Tensor::slice).collect();
     let inverse = T::from_f64(1.0 / node_grid.spacing);
     let [_, ny, nz] = node_grid.dims;
-    // parts move as the particles that they belong to do
+    // parts move with their particles
     let count = directions.first().map_or(1, |direction| direction.len() / 3).max(1);
     for (part, value) in values.chunks_exact(4).enumerate() {
         let p = part % count;
@@ -120,7 +120,7 @@ fn spread<T: Real>(node_grid: &NodeGrid, positions: &Tensor, directions: &[Tenso
     grid
 }
 
-/// The pixels `[rays, 4]`, and how they change with the grid, `[rays, directions, 4]`.
+/// The pixels `[rays, 4]`, and their tangents `[rays, directions, 4]` from those of the grid.
 fn along<T: Real>(scene: &Scene<'_, T>, tangents: &[T], count: usize, rays: &Rays) -> [Vec<T>; 2] {
     let width = 4 * count;
     let mut pixels = vec![T::ZERO; rays.len() * 4];

@@ -1,7 +1,7 @@
 //! March: volume rendering of an occupancy grid, one ray at a time, as one fused op.
 //!
-//! Composed of single ops this would hold some fifteen arrays of all samples (tens of millions a frame set); fused, a ray's
-//! samples live in registers and are visited once more in the backward pass.
+//! As separate ops this would store some fifteen arrays over all samples. Fused, the samples of a ray stay in registers
+//! and are recomputed in the backward pass.
 
 use std::sync::Arc;
 
@@ -12,27 +12,27 @@ use rayon::prelude::*;
 
 use crate::render::Rays;
 
-/// How occupancy becomes opacity.
+/// The map from occupancy to opacity.
 ///
-/// The optical depth of one step is `depth · s(o)`, where `s` rises smoothly (a cubic) from 0 at occupancy `low` to 1 at
-/// `low + width`: the surface is sharp to a fraction of a cell. A silhouette appears where a grazing ray, which passes
-/// several samples of nearly the same occupancy, has lost half of its light. A filled body has an occupancy of ½ at a flat
-/// surface and less at a round one, a ball of ten grid spacings across 0.45: with the default values a silhouette is between,
-/// and those of films by another renderer were met to a millimetre at a spacing of 2 cm, whose particles were known.
+/// The optical depth of one step is `depth · s(o)`, where `s` rises smoothly (a cubic) from 0 at occupancy `low` to 1
+/// at `low + width`, which locates the surface to a fraction of a cell. The contour of a silhouette lies where a
+/// grazing ray, which passes several samples of nearly equal occupancy, has lost half of its light. A filled body has
+/// occupancy ½ at a flat surface and less at a convex one; for a ball of ten grid spacings in diameter it is 0.45. With
+/// the default values the contour lies between the two.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Surface {
-    /// Distance between the nodes of the grid that particles are spread to, in theirs at rest.
+    /// Spacing of the splatting grid, in particle spacings at rest.
     pub spacing: f64,
     /// Step along the ray, in grid spacings.
     pub step: f64,
     /// Optical depth of one step through a filled body.
     pub depth: f64,
-    /// Occupancy below which nothing is seen.
+    /// Occupancy below which a sample is transparent.
     pub low: f64,
-    /// Width of the rise in units of occupancy.
+    /// Width of the rise, in occupancy.
     pub width: f64,
-    /// The share of the grid's blur that is taken from the occupancy first ([`sharpen`](crate::render::sharpen())).
+    /// Share of the grid's blur that is removed from the occupancy first ([`sharpen`](crate::render::sharpen())).
     pub sharpening: f64,
 }
 
@@ -42,20 +42,21 @@ impl Default for Surface {
     }
 }
 
-/// Transmittance below which a ray has ended.
+/// Transmittance below which a ray ends.
 const OPAQUE: f64 = 1e-4;
 
-/// Rays per work item; each has its own gradient grid, so that sums do not depend on the thread count.
+/// Number of work items of the backward pass; each has its own gradient grid, so that sums do not depend on the thread
+/// count.
 const PARTS: usize = 8;
 
-/// Sends rays through a grid `[x, y, z, 4]` of occupancy and premultiplied colour: `[rays, 4]`, premultiplied red, green,
-/// blue and coverage `1 − T`.
+/// Marches rays through a grid `[x, y, z, 4]` of occupancy and premultiplied colour: `[rays, 4]`, premultiplied red,
+/// green, blue and coverage `1 − T`.
 ///
 /// Per ray, front to back at fixed distances from its origin: `τ_k = depth · s(o_k)`, `w_k = T_k (1 − e^{−τ_k})`,
 /// `T_{k+1} = T_k e^{−τ_k}`, colour `Σ w_k c_k`.
 ///
 /// # Errors
-/// [`ErrorKind::Shape`] when the grid is not that of the grid.
+/// [`ErrorKind::Shape`] when `grid` does not match `node_grid`.
 pub fn march(grid: &Var, node_grid: NodeGrid, rays: &Arc<Rays>, surface: &Surface) -> Result<Var> {
     grid.apply(March { node_grid, rays: rays.clone(), surface: surface.clone() }, &[])
 }
@@ -69,7 +70,7 @@ struct March {
 
 /// One visible sample of a ray.
 pub(super) struct Sample<T> {
-    /// Flat number of the lowest corner.
+    /// Flat index of the lowest corner.
     pub base: usize,
     /// Position in the cell, 0…1 per axis.
     pub f: [T; 3],
@@ -80,7 +81,7 @@ pub(super) struct Sample<T> {
     pub after: T,
 }
 
-/// The grid and the surface law in the working precision.
+/// The grid and the surface map in the working precision.
 pub(super) struct Scene<'a, T> {
     values: &'a [T],
     origin: [T; 3],
@@ -111,7 +112,7 @@ impl<'a, T: Real> Scene<'a, T> {
         }
     }
 
-    /// Visits the visible samples of a ray front to back until it is opaque; returns the transmittance left.
+    /// Visits the visible samples of a ray front to back until it is opaque; returns the remaining transmittance.
     #[inline(always)]
     pub fn walk(&self, origin: [f64; 3], direction: [f64; 3], mut visit: impl FnMut(Sample<T>)) -> T {
         let real = T::from_f64;
@@ -174,7 +175,7 @@ impl<'a, T: Real> Scene<'a, T> {
         mix(plane(base), plane(base + self.stride[0]), f[0])
     }
 
-    /// The surface law and its derivative.
+    /// The surface map and its derivative.
     #[inline(always)]
     pub fn rise(&self, occupancy: T) -> (T, T) {
         let u = (occupancy - self.low) * self.steepness;
@@ -230,7 +231,7 @@ impl March {
                 }
                 samples.clear();
                 let left = scene.walk(self.rays.origins[r], self.rays.directions[r], |s| samples.push(s));
-                // Σ over the samples behind of w (g · c)
+                // Σ w (g · c) over the samples behind
                 let mut behind = T::ZERO;
                 for s in samples.iter().rev() {
                     let occupancy = s.value[0];

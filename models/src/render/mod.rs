@@ -1,13 +1,13 @@
 //! Render: images of moving particles, differentiable from pixels to positions and opacities.
 //!
-//! [`splat`](splat()) spreads opacity and colour of the particles to a grid around them; [`march`](march()) sends one ray a
-//! pixel through that grid. Both act through the same particles in every frame, so a field fitted through them at frame 0
-//! looks the same when it moves: whatever the renderer blurs, it blurs in every frame alike. [`render_jvp`] is the same in
-//! forward mode, for least squares over the pixels.
+//! [`splat`](splat()) spreads opacity and colour of the particles to a grid around them; [`march`](march()) marches one
+//! ray per pixel through that grid. The same renderer is used for every frame, so that its blur affects the fit of the
+//! first frame and the comparison of later ones alike. [`render_jvp`] is the forward mode, for least squares over the
+//! pixels.
 //!
-//! The published radiance field is rendered likewise: [`splat_features`] averages the features of particles on a grid, and
-//! [`render_radiance`] composites its samples along rays, with colours of a network. [`ViewWeights`] and [`PixelLoss`] say
-//! what views and pixels count in a loss.
+//! The published radiance field is rendered likewise: [`splat_features`] averages the features of particles on a grid,
+//! and [`render_radiance`] composites its samples along rays, with colours from a network. [`ViewWeights`] and
+//! [`PixelLoss`] weight views and pixels in a loss.
 
 mod composite;
 mod density_splat;
@@ -46,7 +46,7 @@ pub use view_weights::{ViewWeights, camera_angles, view_angles};
 /// `positions` `[particles, 3]` \[m\], `opacity` `[particles, 1]` in 0…1, `colour` `[particles, 3]` in 0…1.
 ///
 /// # Errors
-/// [`gradreel::ErrorKind::NonFinite`] for a position that is not finite.
+/// [`gradreel::ErrorKind::NonFinite`] for a non-finite position.
 pub fn render(
     positions: &Var,
     opacity: &Var,

@@ -10,29 +10,29 @@ use crate::video::Clip;
 pub struct Target {
     /// Premultiplied red, green, blue and coverage, `[rays, 4]`.
     pub rgba: Tensor,
-    /// What a squared residual of each channel counts, `[rays, 4]`: 0 for excluded pixels, and in total 1 for each pixel's
-    /// worth of object, so that the loss does not depend on the image size.
+    /// Weight of a squared residual of each channel, `[rays, 4]`: 0 for excluded pixels, normalised by the area of the
+    /// object in pixels, so that the loss does not depend on the image size.
     pub weight: Tensor,
-    /// Which pixels count linearly where they are far off, if some do.
+    /// Pixels with a robust loss, if any.
     pub robust: Option<Robust>,
-    /// Where the object is in each view, if that counts.
+    /// The centroid term, if it is used.
     pub trajectory: Option<Trajectory>,
 }
 
-/// Pixels that count as [`huber`] says: those of imagined views, which may be misregistered.
+/// Pixels with the [`huber`] loss: those of imagined views, which may be misregistered.
 #[derive(Debug, Clone)]
 pub struct Robust {
-    /// Residual beyond which they count linearly.
+    /// Residual beyond which the loss is linear.
     pub delta: f64,
-    /// 1 for rays of such pixels, 0 for others, `[rays, 1]`.
+    /// Flags of the rays with the robust loss, 0 or 1, `[rays, 1]`.
     pub rays: Tensor,
 }
 
 impl Robust {
-    /// All pixels of the imagined views of a clip.
+    /// All pixels of a clip's imagined views.
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// Only for types other than `f32` and `f64`.
     pub fn of(clip: &Clip, delta: f64, dtype: DType) -> Result<Self> {
         let views = clip.cameras.iter().zip(&clip.imagined);
         let rays: Vec<f64> =
@@ -42,15 +42,16 @@ impl Robust {
     }
 }
 
-/// What colour and coverage count in the loss.
+/// Weights of colour and coverage in the loss.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Weights {
-    /// Weight of a squared colour residual (each of red, green, blue).
+    /// Weight of a squared colour residual (for each of red, green, blue).
     pub colour: f64,
     /// Weight of a squared coverage residual.
     pub coverage: f64,
-    /// What colours of imagined views count, in shares of those of real ones; 0 where a model knows silhouettes better than colours.
+    /// Weight of the colours of imagined views relative to those of real ones; 0 for models whose silhouettes are more
+    /// reliable than their colours.
     pub imagined_colour: f64,
 }
 
@@ -64,18 +65,18 @@ impl Target {
     /// The pixels of one frame of a clip.
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// Only for types other than `f32` and `f64`.
     pub fn of(clip: &Clip, frame: usize, weights: &Weights, dtype: DType) -> Result<Self> {
         Self::of_views(clip, frame, weights, &vec![1.0; clip.cameras.len()], dtype)
     }
 
-    /// The same with a weight for each view ([`ViewWeights`](super::ViewWeights)).
+    /// [`Target::of`] with a weight for each view ([`ViewWeights`](super::ViewWeights)).
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// Only for types other than `f32` and `f64`.
     ///
     /// # Panics
-    /// When there is not one weight for each camera.
+    /// When `views` does not have one weight per camera.
     #[track_caller]
     pub fn of_views(clip: &Clip, frame: usize, weights: &Weights, views: &[f64], dtype: DType) -> Result<Self> {
         assert_eq!(views.len(), clip.cameras.len(), "one weight for each camera");
@@ -85,7 +86,7 @@ impl Target {
             let colour = weights.colour * if *imagined { weights.imagined_colour } else { 1.0 };
             let image = &frames[frame];
             for ((row, column), &alpha) in image.alpha.indexed_iter() {
-                // the image lies on white: premultiplied colour = image − (1 − alpha)
+                // the image is over white: premultiplied colour = image − (1 − alpha)
                 rgba.extend((0..3).map(|c| f64::from(image.rgb[[row, column, c]] - (1.0 - alpha)).max(0.0)));
                 rgba.push(f64::from(alpha));
                 let counts = f64::from(image.weight[[row, column]]);
@@ -105,8 +106,8 @@ impl Target {
         })
     }
 
-    /// `Σ weight · (rendered − target)²` for rendered pixels `[rays, 4]`; with [`huber`] in place of the square for robust pixels,
-    /// and with the loss of the trajectory.
+    /// `Σ weight · (rendered − target)²` for rendered pixels `[rays, 4]`, with [`huber`] in place of the square for
+    /// robust pixels, plus the centroid term.
     pub fn loss(&self, rendered: &Var) -> Var {
         let tape = rendered.tape();
         let residual = rendered - &tape.constant(self.rgba.clone());

@@ -1,4 +1,4 @@
-//! Pictures of a radiance field on a grid.
+//! Rendering of a radiance field on a grid.
 
 use gradreel::{Result, Var};
 
@@ -8,17 +8,17 @@ use super::samples::{Absorption, Sampling, Visible};
 use crate::constant;
 use crate::field::{ColourNet, DenseGrid, channel};
 
-/// How a radiance field is rendered.
+/// Settings of the rendering.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RadianceSettings {
-    /// Where samples lie.
+    /// Positions of the samples.
     pub sampling: Sampling,
-    /// Length of the coarsest spacing in the units of the raw density.
+    /// Coarsest spacing in the length unit of the raw density.
     pub length: f64,
-    /// Opacities and weights up to this are dropped.
+    /// Opacities and weights up to this value are dropped.
     pub threshold: f64,
-    /// A ray ends behind the sample that leaves less than this.
+    /// A ray ends after the sample at which the transmittance falls below this value.
     pub stop: f64,
     /// Grey value of the background; 1 is white.
     pub background: f64,
@@ -31,20 +31,20 @@ impl Default for RadianceSettings {
 }
 
 impl RadianceSettings {
-    /// How density is absorbed along a step of this grid, where `base` is the spacing of the coarsest one \[m\]:
-    /// the interval is `length · step · spacing / base`.
+    /// The absorption over one step of this grid, where `base` is the spacing of the coarsest one \[m\]: the interval
+    /// is `length · step · spacing / base`.
     pub fn absorption(&self, spacing: f64, base: f64, shift: f64) -> Absorption {
         let interval = self.length * self.sampling.step * (spacing / base);
         Absorption { shift, interval, threshold: self.threshold, stop: self.stop }
     }
 }
 
-/// Sends rays through a grid `[x, y, z, 1 + features]` of raw density and features, whose colours are those of a network.
+/// Renders rays through a grid `[x, y, z, 1 + features]` of raw density and features, with colours from a network.
 ///
-/// Samples that contribute nothing are found beforehand, outside the tape; they have no gradient either.
+/// Samples that do not contribute are found beforehand, outside the tape; they have no gradient.
 ///
 /// # Errors
-/// What the ops return.
+/// Propagates errors of the ops.
 pub fn render_radiance(
     values: &Var,
     grid: &DenseGrid,

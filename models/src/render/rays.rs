@@ -8,9 +8,9 @@ use crate::video::Camera;
 /// Rays with unit directions, in metres.
 #[derive(Debug, Clone, Default)]
 pub struct Rays {
-    /// Where each ray starts.
+    /// Origin of each ray.
     pub origins: Vec<[f64; 3]>,
-    /// Where it goes; of unit length, except for [`Samples`](super::Samples), which take any.
+    /// Direction of each ray; of unit length, except for [`Samples`](super::Samples), which accept any length.
     pub directions: Vec<[f64; 3]>,
 }
 
@@ -27,7 +27,7 @@ impl Rays {
         Self { origins, directions }
     }
 
-    /// The rays of several cameras, one camera after the other.
+    /// The rays of several cameras, concatenated.
     pub fn of_cameras<'a>(cameras: impl IntoIterator<Item = &'a Camera>) -> Self {
         let mut rays = Self::default();
         for camera in cameras {
@@ -38,15 +38,15 @@ impl Rays {
         rays
     }
 
-    /// The directions, each of length 1.
+    /// The directions, normalised.
     pub fn unit_directions(&self) -> Vec<[f64; 3]> {
         self.directions.iter().copied().map(unit).collect()
     }
 
-    /// Some of the rays, in this order.
+    /// A selection of the rays, in this order.
     ///
     /// # Panics
-    /// When there is no ray of one of these numbers.
+    /// When an index is out of range.
     #[must_use]
     pub fn picked(&self, numbers: &[usize]) -> Self {
         Self {
@@ -60,7 +60,7 @@ impl Rays {
         self.origins.len()
     }
 
-    /// Whether there are none.
+    /// Whether there are no rays.
     pub fn is_empty(&self) -> bool {
         self.origins.is_empty()
     }

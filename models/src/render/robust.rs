@@ -1,4 +1,4 @@
-//! The loss of a pixel: squared, or robust where views are imagined and may be misregistered by a few pixels.
+//! The pixel loss: squared, or robust for imagined views, which may be misregistered by a few pixels.
 
 use gradreel::Var;
 
@@ -6,9 +6,9 @@ use gradreel::Var;
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PixelLoss {
-    /// Whether the residuals of imagined views are treated with [`huber`]; squared otherwise.
+    /// Whether residuals of imagined views use [`huber`] instead of the square.
     pub robust: bool,
-    /// Residual beyond which the loss of an imagined view grows linearly, in units of colour.
+    /// Residual beyond which the loss of an imagined view is linear, in units of colour.
     pub delta: f64,
 }
 
@@ -28,7 +28,7 @@ pub fn huber(residual: &Var, delta: f64) -> Var {
 }
 
 impl PixelLoss {
-    /// The loss of each residual of a view, which is real or imagined.
+    /// The loss of each residual of a real or imagined view.
     #[must_use]
     pub fn of(&self, residual: &Var, imagined: bool) -> Var {
         if self.robust && imagined { huber(residual, self.delta) } else { residual.square() }

@@ -1,4 +1,4 @@
-//! Samples: points at equal distances along rays through a box.
+//! Samples: equidistant points along rays through a box.
 
 use rayon::prelude::*;
 
@@ -9,15 +9,15 @@ use crate::vector::norm;
 /// Rays per work item.
 const RAYS: usize = 256;
 
-/// Where samples lie along a ray.
+/// Positions of the samples along a ray.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Sampling {
     /// Distance between samples in grid spacings.
     pub step: f64,
-    /// Nearest sample, in lengths of the ray's direction.
+    /// Nearest sample, in multiples of the ray direction's length.
     pub near: f64,
-    /// Farthest sample, in lengths of the ray's direction.
+    /// Farthest sample, in multiples of the ray direction's length.
     pub far: f64,
 }
 
@@ -32,31 +32,31 @@ impl Default for Sampling {
 pub struct Samples {
     /// The points \[m\].
     pub points: Vec<[f64; 3]>,
-    /// Steps from where the ray enters the box.
+    /// Steps from the entry of the ray into the box.
     pub numbers: Vec<u32>,
-    /// Ray `r` has the points from `offsets[r]` to before `offsets[r + 1]`.
+    /// Ray `r` has the points `offsets[r]..offsets[r + 1]`.
     pub offsets: Vec<u32>,
 }
 
-/// What is seen along rays through a field of raw density.
+/// The contributing samples of rays through a field of raw density.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Visible {
-    /// The samples that absorb.
+    /// The samples that absorb light.
     pub samples: Samples,
-    /// Which of them are seen.
+    /// Indices of the visible ones among them.
     pub seen: Vec<u32>,
 }
 
-/// How raw density becomes opacity, and what is too little to count.
+/// The map from raw density to opacity, with cut-offs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Absorption {
     /// Added to raw densities.
     pub shift: f64,
-    /// Length of a step in the units of the raw density.
+    /// Length of a step in the length unit of the raw density.
     pub interval: f64,
-    /// Opacities and weights up to this are dropped.
+    /// Opacities and weights up to this value are dropped.
     pub threshold: f64,
-    /// A ray ends behind the sample that leaves less than this.
+    /// A ray ends after the sample at which the transmittance falls below this value.
     pub stop: f64,
 }
 
@@ -68,7 +68,7 @@ struct Crossing {
 }
 
 impl Crossing {
-    /// Entry and exit by the slab method; the ray's direction may have any length.
+    /// Entry and exit by the slab method; the ray direction may have any length.
     fn new(origin: [f64; 3], direction: [f64; 3], grid: &DenseGrid, sampling: &Sampling) -> Self {
         let (mut enter, mut leave) = (f64::NEG_INFINITY, f64::INFINITY);
         for axis in 0..3 {
@@ -93,8 +93,8 @@ impl Crossing {
     }
 }
 
-/// Calls `visit(part, ray, number, point)` for the samples of each ray within the box, front to back, until it says that the
-/// ray ends. Parts are runs of rays and come back in their order.
+/// Calls `visit(part, ray, number, point)` for the samples of each ray within the box, front to back, until it ends the
+/// ray. Parts cover consecutive rays and are returned in order.
 fn walk<P: Send + Default>(
     rays: &Rays,
     grid: &DenseGrid,
@@ -120,7 +120,7 @@ fn walk<P: Send + Default>(
     (0..rays.len().div_ceil(RAYS)).into_par_iter().map(part).collect()
 }
 
-/// Samples of a run of rays; offsets are ends of rays.
+/// The samples of consecutive rays; offsets are ends of rays.
 #[derive(Default)]
 struct Part {
     visible: Visible,
@@ -143,11 +143,11 @@ impl Visible {
         all
     }
 
-    /// The samples along rays through a grid of raw densities (one per node, z fastest) that contribute to a picture: those
-    /// within the box whose opacity is above the threshold, up to the one behind which less than `stop` is left. `seen` are
-    /// those among them whose weight is above the threshold.
+    /// The contributing samples of rays through a grid of raw densities (one per node, z fastest): those within the box
+    /// whose opacity exceeds the threshold, up to the one after which the transmittance is below `stop`. `seen` are
+    /// those among them whose weight exceeds the threshold.
     ///
-    /// All others have neither value nor gradient, so that rendering these gives the whole picture.
+    /// All others have neither value nor gradient, so that these samples render the complete image.
     pub fn through(
         grid: &DenseGrid,
         density: &[f64],
@@ -157,7 +157,7 @@ impl Visible {
     ) -> Self {
         let Absorption { shift, interval, threshold, stop } = *absorption;
         let scale = grid.scale();
-        // below this density the opacity is surely below the threshold
+        // below this density the opacity is certainly below the threshold
         let least = (threshold.max(1e-300) / interval).ln() - 1e-3 - shift;
         let visit = |part: &mut Part, number: u32, point: [f64; 3]| {
             let density = grid.at(density, &scale, point);
@@ -172,7 +172,7 @@ impl Visible {
         Self::joined(walk(rays, grid, sampling, visit, Part::end_ray))
     }
 
-    /// Of samples with these opacities, those that contribute, as [`Visible::through`] finds them.
+    /// Selects the contributing samples by their opacities, as [`Visible::through`] does.
     pub fn among(samples: &Samples, alpha: &[f64], threshold: f64, stop: f64) -> Self {
         let mut part = Part::default();
         for ends in samples.offsets.windows(2) {
@@ -221,8 +221,8 @@ impl Part {
 }
 
 impl Samples {
-    /// All samples within a box: sample `k` of a ray lies at `o + d t + (d/‖d‖) step · spacing · k`, where `t` is where the ray
-    /// enters the box, at least `near` and at most `far`; directions `d` may have any length.
+    /// All samples within a box: sample `k` of a ray lies at `o + d t + (d/‖d‖) step · spacing · k`, where `t` is the
+    /// entry of the ray into the box, clamped to `near` and `far`; directions `d` may have any length.
     pub fn in_box(rays: &Rays, grid: &DenseGrid, sampling: &Sampling) -> Self {
         let visit = |part: &mut Part, number: u32, point: [f64; 3]| {
             part.visible.samples.points.push(point);
@@ -232,7 +232,7 @@ impl Samples {
         Visible::joined(walk(rays, grid, sampling, visit, Part::end_ray)).samples
     }
 
-    /// All samples within the box of a grid that lie in a mask of its nodes.
+    /// All samples within the box of a grid at occupied nodes.
     pub fn within(occupancy: &crate::field::Occupancy, rays: &Rays, sampling: &Sampling) -> Self {
         let visit = |part: &mut Part, number: u32, point: [f64; 3]| {
             if occupancy.contains(point) {
@@ -255,7 +255,7 @@ impl Samples {
         self.points.len()
     }
 
-    /// Whether there are none.
+    /// Whether there are no samples.
     pub fn is_empty(&self) -> bool {
         self.points.is_empty()
     }

@@ -1,20 +1,20 @@
-//! Sharpening: what a grid of trilinear weights has lost of thin parts.
+//! Sharpening: partial removal of the blur of trilinear weights, which affects thin parts most.
 
 use gradreel::ops::NodeGrid;
 use gradreel::scalar::Real;
 use gradreel::{Backward, DType, Error, ErrorKind, Forward, Op, Operands, Reads, Result, Spec, Tensor, Var};
 use rayon::prelude::*;
 
-/// Takes a share of the blur from a grid `[x, y, z, channels]` that particles were [`splat`](super::splat())ted to:
-/// `g − share/6 · Δg` with the sum `Δg` of the second differences along the three axes, zero outside the grid.
+/// Removes a share of the blur from a grid `[x, y, z, channels]` that particles were [`splat`](super::splat())ted to:
+/// `g − share/6 · Δg`, where `Δg` is the sum of second differences along the three axes, with zeros outside the grid.
 ///
-/// A trilinear weight blurs with the variance `h²/6` along each axis where it spreads a particle, and once more where it is
-/// looked up; `share` 1 takes away both. It makes what is rough on the scale of a cell rougher, three times at `share` 1.
+/// Trilinear weights blur with the variance `h²/6` along each axis when particles are spread, and again in the lookup;
+/// `share` 1 compensates both. Noise on the scale of a cell is amplified, threefold at `share` 1.
 ///
 /// # Errors
-/// [`ErrorKind::Shape`] when the grid is not one of the grid.
+/// [`ErrorKind::Shape`] when `grid` does not match `node_grid`.
 pub fn sharpen(grid: &Var, node_grid: NodeGrid, share: f64) -> Result<Var> {
-    // nothing to do is no node
+    // a zero share adds no node to the tape
     if share == 0.0 { Ok(grid.clone()) } else { grid.apply(Sharpen { node_grid, share }, &[]) }
 }
 
@@ -24,7 +24,7 @@ struct Sharpen {
     share: f64,
 }
 
-/// The same of the values `[nodes, channels]` themselves.
+/// [`sharpen`] on plain values `[nodes, channels]`.
 pub(super) fn sharpened<T: Real>(values: &[T], dims: [usize; 3], channels: usize, share: f64) -> Vec<T> {
     let [nx, ny, nz] = dims;
     let part = T::from_f64(share / 6.0);

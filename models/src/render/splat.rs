@@ -6,17 +6,17 @@ use gradreel::{Error, ErrorKind, Result, Tensor, Var};
 use crate::particles::Particles;
 use crate::render::Surface;
 
-/// How particles are spread.
+/// Settings of the splat.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Splat {
-    /// Distance between grid nodes \[m\]: the grid spacing of the simulation, or less, down to that of the particles.
+    /// Node spacing \[m\]: the grid spacing of the simulation or less, down to the particle spacing.
     pub spacing: f64,
-    /// Distance between neighbouring particles at rest \[m\]; decides how many share a cell.
+    /// Distance between neighbouring particles at rest \[m\], which determines the number of particles per cell.
     pub particle_spacing: f64,
 }
 
 impl Splat {
-    /// To the grid that a surface is drawn from.
+    /// The settings for rendering a surface.
     pub fn of(particles: &Particles, surface: &Surface) -> Self {
         Self { spacing: surface.spacing * particles.spacing, particle_spacing: particles.spacing }
     }
@@ -24,14 +24,14 @@ impl Splat {
 
 /// Spreads particles to a grid that covers them with a margin of one cell.
 ///
-/// Channel 0 of the result `[x, y, z, 4]` is the occupancy `o = Σ w α · (particle_spacing / spacing)³`: 1 inside a filled
-/// body, ½ at its surface, 0 outside. Channels 1–3 are `Σ w α c · (…)³`, the colour premultiplied by it. Both are smooth in
-/// the positions, also where a node is touched by a single particle's tail. On a grid finer than two spacings of the particles each is spread
-/// as eight parts of the cube that it stands for.
+/// Channel 0 of the result `[x, y, z, 4]` is the occupancy `o = Σ w α · (particle_spacing / spacing)³`: 1 inside a
+/// filled body, ½ at its surface, 0 outside. Channels 1–3 are the premultiplied colour `Σ w α c · (…)³`. Both are
+/// smooth in the positions, also at nodes touched only by the tail of a single particle. On a grid finer than two
+/// particle spacings, each particle is spread as eight parts of its cube.
 ///
 /// # Errors
-/// [`ErrorKind::NonFinite`] for a position that is not finite; [`ErrorKind::Physics`] when the particles are spread over
-/// more than 2²⁶ nodes.
+/// [`ErrorKind::NonFinite`] for a non-finite position; [`ErrorKind::Physics`] when the particles spread over more than
+/// 2²⁶ nodes.
 pub fn splat(positions: &Var, opacity: &Var, colour: &Var, settings: &Splat) -> Result<(Var, NodeGrid)> {
     let node_grid = cover(positions, settings.spacing)?;
     let (places, values) = (settings.places(positions), settings.values(opacity, colour));
@@ -39,7 +39,7 @@ pub fn splat(positions: &Var, opacity: &Var, colour: &Var, settings: &Splat) -> 
 }
 
 impl Splat {
-    /// Where the parts of particles lie: side by side, all first parts, then all second ones.
+    /// Positions of the parts of particles: all first parts, then all second ones, and so on.
     pub(super) fn places(&self, positions: &Var) -> Var {
         let (offsets, count) = (self.parts(), positions.dims()[0]);
         if offsets.len() == 1 {
@@ -50,15 +50,15 @@ impl Splat {
         positions.repeat(&[offsets.len(), 1]) + positions.tape().constant(all)
     }
 
-    /// What each part spreads, `[parts, 4]`: its share of the occupancy, and the colour premultiplied by it.
+    /// The values of each part, `[parts, 4]`: its share of the occupancy, and the premultiplied colour.
     pub(super) fn values(&self, opacity: &Var, colour: &Var) -> Var {
         let parts = self.parts().len();
         let weight = opacity * ((self.particle_spacing / self.spacing).powi(3) / parts as f64);
         weight.concat(&[&(&weight * colour)], 1).repeat(&[parts, 1])
     }
 
-    /// The parts of a particle \[m\] from its middle. It stands for a cube: where the grid is finer than two of its spacings, one
-    /// place would spread over more or fewer nodes by where between them it lies.
+    /// Offsets of the parts of a particle from its centre \[m\]. A particle represents a cube. On a grid finer than two
+    /// particle spacings, a single point would cover a varying number of nodes, depending on its position between them.
     fn parts(&self) -> Vec<[f64; 3]> {
         if self.spacing >= 2.0 * self.particle_spacing {
             return vec![[0.0; 3]];
@@ -69,7 +69,7 @@ impl Splat {
     }
 }
 
-/// The grid of multiples of `spacing` around all positions, one node wider on every side than their cells.
+/// The grid of multiples of `spacing` that contains the cells of all positions, plus one node on every side.
 pub(super) fn cover(positions: &Var, spacing: f64) -> Result<NodeGrid> {
     let values = positions.value()?.to_vec()?;
     let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);

@@ -1,4 +1,5 @@
-//! Where the object is in each picture: a term without optical flow, which sees motion before silhouettes overlap.
+//! The centroid term: positions of the object in the images. It constrains motion before silhouettes overlap, without
+//! optical flow.
 
 use std::ops::Range;
 
@@ -7,17 +8,19 @@ use gradreel::{DType, Result, Tensor, Var};
 
 use crate::video::Clip;
 
-/// Coverage, as a share of the filmed one, that is added to the rendered one: the middle of next to nothing is not far away.
+/// Added to the rendered coverage, relative to the filmed one, so that the centroid stays defined for almost empty
+/// images.
 const LEAST: f64 = 1e-3;
 
-/// The middles of the object in all views of a frame.
+/// The centroids of the object in all views of a frame.
 ///
-/// The loss is `weight Σ_v w_v |m_v|²/V` over `V` views, with `m_v = Σ α c p / (Σ α c + ε)`: the middle of the rendered coverage
-/// `α` over the pixels that are not excluded (`c`), at places `p` from the filmed middle in square roots of the filmed area.
+/// The loss is `weight Σ_v w_v |m_v|²/V` over `V` views, with `m_v = Σ α c p / (Σ α c + ε)`: the centroid of the
+/// rendered coverage `α` over the pixels that are not excluded (`c`), with positions `p` relative to the filmed
+/// centroid in units of the square root of the filmed area.
 #[derive(Debug, Clone)]
 pub struct Trajectory {
-    /// Column and row of every ray's pixel from the filmed middle, in square roots of the filmed area, times what the pixel
-    /// counts; and what it counts, `[rays, 3]`.
+    /// Column and row of every ray's pixel, relative to the filmed centroid, in units of the square root of the filmed
+    /// area, times the pixel's weight; then the weight, `[rays, 3]`.
     places: Tensor,
     views: Vec<View>,
 }
@@ -26,27 +29,27 @@ pub struct Trajectory {
 #[derive(Debug, Clone)]
 struct View {
     rays: Range<usize>,
-    /// What is added to the rendered area \[pixels\].
+    /// Added to the rendered area \[pixels\].
     least: f64,
     weight: f64,
 }
 
-/// The middle in one view: its two residuals, and how they change along some directions, `[2][directions]`.
+/// The centroid in one view: its two residuals, and their derivatives along some directions, `[2][directions]`.
 pub(crate) struct Middle {
     pub residual: [f64; 2],
     pub changes: [Vec<f64>; 2],
-    /// What their squares count.
+    /// The weight of their squares.
     pub weight: f64,
 }
 
 impl Trajectory {
-    /// The middles of one frame of a clip, with a weight for each view.
+    /// The centroids of one frame of a clip, with a weight for each view.
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// Only for types other than `f32` and `f64`.
     ///
     /// # Panics
-    /// When there is not one weight for each camera.
+    /// When `views` does not have one weight per camera.
     #[track_caller]
     pub fn of(clip: &Clip, frame: usize, weight: f64, views: &[f64], dtype: DType) -> Result<Self> {
         assert_eq!(views.len(), clip.cameras.len(), "one weight for each camera");
@@ -61,7 +64,7 @@ impl Trajectory {
                 middle[0] += mass * column as f64;
                 middle[1] += mass * row as f64;
             }
-            // less than a pixel is not seen
+            // an object of less than a pixel does not count
             let seen = area >= 1.0;
             let (scale, rays) = (area.max(1.0).sqrt(), image.alpha.len());
             for ((row, column), _, counts) in counted() {
@@ -88,7 +91,8 @@ impl Trajectory {
         seen.reduce(|a, b| a + b).unwrap_or_else(|| alpha.sum_all() * 0.0)
     }
 
-    /// The middle in view `index` of its rendered pixels `[n, 4]`, which change by `[n, directions, 4]`.
+    /// The centroid in view `index`, from its rendered pixels `[n, 4]` and their tangents `[n, directions, 4]`; `None`
+    /// if the view has no weight.
     pub(crate) fn middle<T: Real>(&self, index: usize, pixels: &[T], changes: &[T]) -> Option<Middle> {
         let view = &self.views[index];
         if view.weight == 0.0 {

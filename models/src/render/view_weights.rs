@@ -1,4 +1,4 @@
-//! The view-adaptive loss: how much each view counts, by its angle to the one view that is real.
+//! The view-adaptive loss: weights of views by their angle to the real one.
 
 use gradreel::{Key, Result, Var};
 
@@ -6,8 +6,8 @@ use crate::constant;
 use crate::vector::{cross, dot, minus};
 use crate::video::Camera;
 
-/// How much each view counts: `w_i = exp(−α Δθ_i)` with the angle `Δθ_i` \[rad\] between the directions from the object to
-/// view `i` and to the primary view.
+/// Weights of views: `w_i = exp(−α Δθ_i)` with the angle `Δθ_i` \[rad\] between the directions from the object to view
+/// `i` and to the primary view.
 ///
 /// ```
 /// use gradreel_models::render::ViewWeights;
@@ -22,13 +22,13 @@ use crate::video::Camera;
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ViewWeights {
-    /// Decay per radian. 1 leaves the opposite view an eighth; 0 switches the weighting off, as real views of every side want
-    /// it.
+    /// Decay per radian. 1 gives the opposite view a relative weight of `e^−π ≈ 0.04`; 0 disables the weighting, which
+    /// suits real views from all sides.
     pub alpha: f64,
-    /// Whether the weights are divided by their sum, so that what else is in a loss keeps its share whatever `alpha`; without
-    /// it the primary view has weight 1.
+    /// Whether the weights are divided by their sum, so that the balance with other terms of a loss does not depend on
+    /// `alpha`; otherwise the primary view has weight 1.
     pub normalised: bool,
-    /// The least probability with which the primary view is drawn where one view is drawn at a time.
+    /// Minimum probability of the primary view where one view is drawn at a time.
     pub least_primary: f64,
 }
 
@@ -41,11 +41,11 @@ impl Default for ViewWeights {
 /// Angles \[rad\] between each direction and that of the primary view.
 ///
 /// # Panics
-/// When there is no such view.
+/// When `primary` is out of range.
 #[track_caller]
 pub fn view_angles(directions: &[[f64; 3]], primary: usize) -> Vec<f64> {
     let first = directions[primary];
-    // unlike the arc cosine this is accurate for small angles, too
+    // unlike the arc cosine, accurate for small angles as well
     let angle = |d: &[f64; 3]| {
         let across = cross(*d, first);
         dot(across, across).sqrt().atan2(dot(*d, first))
@@ -53,10 +53,10 @@ pub fn view_angles(directions: &[[f64; 3]], primary: usize) -> Vec<f64> {
     directions.iter().map(angle).collect()
 }
 
-/// The angles of cameras as seen from a point \[m\].
+/// Angles of cameras as seen from a point \[m\], relative to the primary camera.
 ///
 /// # Panics
-/// When there is no such camera.
+/// When `primary` is out of range.
 #[track_caller]
 pub fn camera_angles(cameras: &[Camera], centre: [f64; 3], primary: usize) -> Vec<f64> {
     let directions: Vec<_> = cameras.iter().map(|camera| minus(camera.centre(), centre)).collect();
@@ -64,26 +64,26 @@ pub fn camera_angles(cameras: &[Camera], centre: [f64; 3], primary: usize) -> Ve
 }
 
 impl ViewWeights {
-    /// The weights of views at these angles \[rad\].
+    /// Weights of views at these angles \[rad\].
     pub fn of_angles(&self, angles: &[f64]) -> Vec<f64> {
         let weights: Vec<f64> = angles.iter().map(|angle| (-self.alpha * angle).exp()).collect();
         let sum: f64 = if self.normalised { weights.iter().sum() } else { 1.0 };
         weights.iter().map(|weight| weight / sum).collect()
     }
 
-    /// The weights of views in these directions from the object.
+    /// Weights of views in these directions from the object.
     ///
     /// # Panics
-    /// When there is no such primary view.
+    /// When `primary` is out of range.
     #[track_caller]
     pub fn of_directions(&self, directions: &[[f64; 3]], primary: usize) -> Vec<f64> {
         self.of_angles(&view_angles(directions, primary))
     }
 
-    /// The weights of cameras as seen from a point \[m\].
+    /// Weights of cameras as seen from a point \[m\].
     ///
     /// # Panics
-    /// When there is no such primary camera.
+    /// When `primary` is out of range.
     #[track_caller]
     pub fn of_cameras(&self, cameras: &[Camera], centre: [f64; 3], primary: usize) -> Vec<f64> {
         self.of_angles(&camera_angles(cameras, centre, primary))
@@ -92,18 +92,18 @@ impl ViewWeights {
     /// `Σ w_i L_i` over the losses `[views]` of all views.
     ///
     /// # Errors
-    /// What the ops return.
+    /// Propagates errors of the ops.
     pub fn total(&self, losses: &Var, angles: &[f64]) -> Result<Var> {
         let weights = constant::numbers(losses, self.of_angles(angles), [angles.len()])?;
         Ok((losses * &weights).sum_all())
     }
 
-    /// Draws views with probabilities in proportion to their weights, the primary one with at least
-    /// [`ViewWeights::least_primary`]; unweighted losses of views drawn like this have the expectation of the weighted sum
-    /// (where that bound does not act).
+    /// Draws views with probabilities proportional to their weights, the primary one with at least
+    /// [`ViewWeights::least_primary`]. Unless that bound is active, the unweighted loss of views drawn like this has
+    /// the weighted sum as its expectation.
     ///
     /// # Panics
-    /// When there is no such primary view.
+    /// When `primary` is out of range.
     pub fn draw(&self, angles: &[f64], primary: usize, key: Key, count: usize) -> Vec<usize> {
         let mut chances = Self { normalised: true, ..self.clone() }.of_angles(angles);
         if self.alpha > 0.0 && chances[primary] < self.least_primary {

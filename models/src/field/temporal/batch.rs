@@ -8,28 +8,28 @@ use super::losses::RayTargets;
 use crate::render::{Rays, ViewWeights, camera_angles};
 use crate::video::{Clip, PixelRect};
 
-/// Pixels by which the rectangle around an object is grown.
+/// Margin around the object's bounding rectangle \[pixels\].
 const MARGIN: usize = 4;
 
-/// Some rays with their times and what they should see.
+/// A batch of rays with their times and targets.
 #[derive(Debug, Clone)]
 pub struct RayBatch {
     /// The rays.
     pub rays: Rays,
-    /// The frame of each, a number among [`ClipRays::times`].
+    /// The frame of each ray, an index into [`ClipRays::times`].
     pub moment_of: Vec<u32>,
-    /// What they should see.
+    /// Their targets.
     pub targets: RayTargets,
 }
 
 impl RayBatch {
-    /// Some neighbouring rays.
+    /// A contiguous part of the batch.
     ///
     /// # Errors
-    /// What the ops return.
+    /// Propagates errors of the ops.
     ///
     /// # Panics
-    /// When there are no such rays.
+    /// When the range exceeds the batch.
     pub fn part(&self, range: Range<usize>) -> Result<Self> {
         if range == (0..self.rays.len()) {
             return Ok(self.clone());
@@ -48,7 +48,7 @@ impl RayBatch {
     }
 }
 
-/// The pixels of a clip as rays to draw from.
+/// The pixels of a clip, as rays to sample from.
 pub struct ClipRays<'c> {
     pub(super) clip: &'c Clip,
     views: ViewWeights,
@@ -57,17 +57,17 @@ pub struct ClipRays<'c> {
     pub(super) imagined: Vec<bool>,
     object_share: f64,
     rects: Vec<Vec<Option<PixelRect>>>,
-    /// The time of each frame, 0 at the first and 1 at the last.
+    /// Normalised time of each frame: 0 at the first, 1 at the last.
     pub times: Vec<f64>,
 }
 
 impl<'c> ClipRays<'c> {
-    /// All pixels of a clip. Cameras are drawn as `views` says, by their angle to the camera at position `primary` as seen
-    /// from `centre` \[m\]; `imagined` names the positions of cameras that no one filmed with. `object_share` of the rays go
-    /// through the rectangle around the object.
+    /// All pixels of a clip. Cameras are sampled with the weights `views`, by their angle to the camera `primary` as
+    /// seen from `centre` \[m\]. `imagined` lists the indices of imagined cameras. A share `object_share` of the rays
+    /// is drawn from the bounding rectangle of the object.
     ///
     /// # Panics
-    /// When there is no such camera.
+    /// When `primary` is out of range.
     pub fn new(
         clip: &'c Clip,
         views: &ViewWeights,
@@ -91,10 +91,10 @@ impl<'c> ClipRays<'c> {
         }
     }
 
-    /// Draws rays. The same key gives the same ones.
+    /// Draws a batch of rays. The same key gives the same batch.
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// Only for types other than `f32` and `f64`.
     pub fn draw(&self, key: Key, count: usize, dtype: DType) -> Result<RayBatch> {
         let [views, frames, places, shares] = key.split();
         let cameras = self.views.draw(&self.angles, self.primary, views, count);
@@ -119,18 +119,18 @@ impl<'c> ClipRays<'c> {
         self.clip.cameras.len()
     }
 
-    /// Draws a camera as the weights of views say.
+    /// Draws a camera by the view weights.
     pub fn draw_camera(&self, key: Key) -> usize {
         self.views.draw(&self.angles, self.primary, key, 1)[0]
     }
 
-    /// Draws rays of one picture, or all of it if it has no more pixels.
+    /// Draws rays of one image, or all of them if the image has no more pixels.
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// Only for types other than `f32` and `f64`.
     ///
     /// # Panics
-    /// When there is no such camera or frame.
+    /// When the camera or frame is out of range.
     pub fn draw_from(&self, camera: usize, frame: usize, key: Key, count: usize, dtype: DType) -> Result<RayBatch> {
         let width = self.clip.cameras[camera].width;
         let pixels = width * self.clip.cameras[camera].height;
@@ -141,23 +141,23 @@ impl<'c> ClipRays<'c> {
         self.batch(&key.below(pixels, count).map(place).collect::<Vec<_>>(), dtype)
     }
 
-    /// Every pixel of one picture, row by row.
+    /// Every pixel of one image, row by row.
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// Only for types other than `f32` and `f64`.
     ///
     /// # Panics
-    /// When there is no such camera or frame.
+    /// When the camera or frame is out of range.
     pub fn picture(&self, camera: usize, frame: usize, dtype: DType) -> Result<RayBatch> {
         let size = &self.clip.cameras[camera];
         let pixels = (0..size.height).flat_map(|row| (0..size.width).map(move |column| (camera, frame, row, column)));
         self.batch(&pixels.collect::<Vec<_>>(), dtype)
     }
 
-    /// What share of each pixel of a picture the object covers, row by row.
+    /// Coverage of each pixel of an image, row by row.
     ///
     /// # Panics
-    /// When there is no such camera or frame.
+    /// When the camera or frame is out of range.
     pub fn coverage(&self, camera: usize, frame: usize) -> Vec<f64> {
         self.clip.frames[camera][frame].alpha.iter().map(|&alpha| f64::from(alpha)).collect()
     }

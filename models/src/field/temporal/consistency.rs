@@ -1,4 +1,4 @@
-//! Which pictures agree with the field that all pictures were fitted to.
+//! Consistency of single images with the field fitted to all of them.
 
 use gradreel::optim::Params;
 use gradreel::{Key, Result, Tape};
@@ -6,15 +6,15 @@ use gradreel::{Key, Result, Tape};
 use super::batch::ClipRays;
 use super::render::TemporalField;
 
-/// How far each picture is from the field.
+/// Residual of each image against the field.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Agreement {
-    /// Mean square residual of each picture, `[camera][frame]`.
+    /// Mean squared residual of each image, `[camera][frame]`.
     pub residuals: Vec<Vec<f64>>,
 }
 
 impl TemporalField {
-    /// Compares `count` rays of every picture (all of them if it has no more) with the field.
+    /// Compares `count` rays of every image (all of them if it has no more) with the field.
     ///
     /// # Errors
     /// When the store holds no such field.
@@ -39,8 +39,8 @@ impl TemporalField {
 }
 
 impl Agreement {
-    /// Whether each picture's residual is at most `factor` times the median of all: 2 leaves out imagined pictures that
-    /// contradict the others. An infinite factor keeps all.
+    /// Whether each image's residual is at most `factor` times the median. A factor of 2 rejects imagined images that
+    /// contradict the others; an infinite one keeps all.
     pub fn within(&self, factor: f64) -> Vec<Vec<bool>> {
         let mut all: Vec<f64> = self.residuals.concat();
         all.sort_by(f64::total_cmp);

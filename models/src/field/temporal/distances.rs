@@ -1,21 +1,21 @@
-//! Features at several distances: lookups in a grid, in every second and in every fourth of its nodes.
+//! Multi-distance interpolation: lookups in a grid and in its copies thinned by 2 and 4.
 
 use gradreel::{Result, Var};
 
 use crate::constant;
 use crate::field::DenseGrid;
 
-/// Which nodes are taken: every one, every second, every fourth.
+/// Strides of the thinned grids.
 const STRIDES: [usize; 3] = [1, 2, 4];
 
-/// A feature grid and its thinned copies. All span the same box.
+/// A feature grid and its thinned copies, all over the same box.
 pub(super) struct Distances {
     grids: Vec<(DenseGrid, Var)>,
 }
 
 impl Distances {
-    /// Thins values `[x, y, z, channels]`. The grid is continued by zeros at the far end of each axis until its number of
-    /// nodes is one more than a multiple of 4, and then spans the box with all of them.
+    /// Thins values `[x, y, z, channels]`. Each axis is zero-padded at its far end until its number of nodes is one
+    /// more than a multiple of 4; the padded grid spans the same box.
     pub fn new(grid: &DenseGrid, values: &Var) -> Result<Self> {
         let channels = values.dims()[3];
         let padded = grid.dims.map(|n| n + (5 - n % 4) % 4);

@@ -1,4 +1,4 @@
-//! A small fit to the first frames of a clip: what the object does before it meets the ground.
+//! A small fit to the first frames of a clip, for the motion before contact.
 
 use gradreel::{DType, Result};
 use serde::{Deserialize, Serialize};
@@ -8,17 +8,17 @@ use crate::field::bounding_sphere;
 use crate::render::ViewWeights;
 use crate::video::Clip;
 
-/// How the first frames are looked at; the default takes a minute or two on two cores.
+/// Settings of the fit to the first frames.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FirstFrames {
-    /// Frames at most, from the first on.
+    /// Largest number of frames, from the first on.
     pub frames: usize,
-    /// Images are shrunk to at most so many pixels a side.
+    /// Largest side of the shrunk images \[pixels\].
     pub side: usize,
     /// Sizes of the field.
     pub field: TemporalSettings,
-    /// Effort.
+    /// Settings of the fit.
     pub fit: TemporalFitSettings,
 }
 
@@ -51,35 +51,35 @@ impl Default for FirstFrames {
     }
 }
 
-/// Share of rays through the rectangle around the object.
+/// Share of rays drawn from the bounding rectangle of the object.
 const OBJECT_SHARE: f64 = 0.7;
-/// The object touches the ground when it is this near, in shares of the box's height.
+/// Distance to the ground that counts as contact, relative to the box's height.
 const REACH: f64 = 0.04;
-/// Nodes on which the field is looked at for its motion.
+/// Nodes at which the field is evaluated for its motion.
 const NODES: usize = 30_000;
 
-/// What a field says of the flight.
+/// The flight as derived from a field.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Flight {
     /// Initial velocity \[m/s\].
     pub velocity: [f64; 3],
-    /// First of the frames in contact with the ground, if there is one among them.
+    /// First frame in contact with the ground, if any.
     pub contact: Option<usize>,
 }
 
-/// A clip's first frames, shrunk.
+/// The first frames of a clip, shrunk.
 pub struct FirstFramesClip {
     /// The frames.
     pub clip: Clip,
-    /// Lowest and highest corner of a box that holds the object \[m\].
+    /// Lowest and highest corner of a box around the object \[m\].
     pub corners: [[f64; 3]; 2],
 }
 
 impl FirstFrames {
-    /// The first frames of a clip as they are looked at.
+    /// Selects and shrinks the first frames of a clip.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`](gradreel::ErrorKind::Input) when no camera sees the object in one of them.
+    /// [`ErrorKind::Input`](gradreel::ErrorKind::Input) when some frame shows the object in no camera.
     pub fn of(&self, clip: &Clip) -> Result<FirstFramesClip> {
         let frames = self.frames.clamp(1, clip.frame_count());
         let largest = clip.cameras.iter().map(|camera| camera.width.max(camera.height)).max().unwrap_or(1);
@@ -98,10 +98,10 @@ impl FirstFrames {
         Ok(FirstFramesClip { clip, corners: [low, high] })
     }
 
-    /// Fits a field of these sizes.
+    /// Fits a temporal field.
     ///
     /// # Errors
-    /// What the fit returns, and what `each` returns.
+    /// Propagates errors of the fit and of `each`.
     pub fn fit(
         &self,
         first: &FirstFramesClip,
@@ -117,7 +117,7 @@ impl FirstFrames {
 }
 
 impl FirstFramesClip {
-    /// The pixels to fit to. Views count by their angle to the first real one, if some are imagined.
+    /// The pixels to fit to. If some views are imagined, views are weighted by their angle to the first real one.
     pub fn rays(&self, views: &ViewWeights) -> ClipRays<'_> {
         let imagined: Vec<usize> = (0..self.clip.imagined.len()).filter(|&view| self.clip.imagined[view]).collect();
         let alpha = if imagined.is_empty() { 0.0 } else { views.alpha };
@@ -127,10 +127,10 @@ impl FirstFramesClip {
         ClipRays::new(&self.clip, &ViewWeights { alpha, ..views.clone() }, centre, primary, &imagined, OBJECT_SHARE)
     }
 
-    /// What a fitted field says of the flight over a ground at this height \[m\].
+    /// The flight over a ground at this height \[m\], from a fitted field.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`](gradreel::ErrorKind::Input) when the field is empty, or there is one frame only.
+    /// [`ErrorKind::Input`](gradreel::ErrorKind::Input) when the field is empty, or there is only one frame.
     pub fn flight(&self, fit: &TemporalFit, rays: &ClipRays<'_>, gravity: [f64; 3], ground: f64) -> Result<Flight> {
         let motion = fit.field.motion(&fit.params, &rays.times, &self.clip.times, NODES)?;
         let [low, high] = self.corners;

@@ -1,4 +1,4 @@
-//! The fit of a temporal field to a clip: Adam on batches of rays, on grids that become finer.
+//! The fit of a temporal field to a clip: Adam on batches of rays, with progressive refinement.
 
 use std::collections::BTreeMap;
 
@@ -13,33 +13,33 @@ use super::render::TemporalField;
 use super::settings::TemporalSettings;
 use crate::field::{DenseGrid, Occupancy, opacity_shift};
 
-/// How a temporal field is fitted.
+/// Settings of the temporal fit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TemporalFitSettings {
-    /// Updates.
+    /// Number of updates.
     pub iterations: usize,
-    /// Rays of an update.
+    /// Rays per update.
     pub rays: usize,
-    /// Rays whose samples are in memory at a time: gradients of several parts are added up.
+    /// Rays evaluated at a time, which bounds memory; gradients of the parts are accumulated.
     pub rays_at_once: usize,
     /// Nodes of the finest grid.
     pub nodes: usize,
-    /// How often the number of nodes doubles on the way there: after 1/6, 1/3, 2/3 of the updates and so on.
+    /// Number of refinements, each of which doubles the number of nodes: after 1/6, 1/3, 2/3 of the updates for 3.
     pub refinements: usize,
-    /// Rate of the grids.
+    /// Learning rate of the grids.
     pub grid_rate: f64,
-    /// Rate of the networks.
+    /// Learning rate of the networks.
     pub network_rate: f64,
-    /// Rate of the network that bends coordinates.
+    /// Learning rate of the deformation network.
     pub bending_rate: f64,
-    /// What the rates have become by the end.
+    /// Factor by which the rates have decayed at the end.
     pub decay: f64,
-    /// Nodes of the mask of what is empty at all times, where nothing is evaluated.
+    /// Nodes of the occupancy mask; the field is not evaluated where it is empty at all times.
     pub mask_nodes: usize,
-    /// Updates between masks; 0 makes none.
+    /// Updates between renewals of the mask; 0 disables it.
     pub mask_every: usize,
-    /// Seed of everything drawn.
+    /// Seed of all random draws.
     pub seed: u64,
     /// Weights of the loss.
     pub weights: TemporalWeights,
@@ -65,21 +65,21 @@ impl Default for TemporalFitSettings {
     }
 }
 
-/// What one update reached.
+/// Progress of one update.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TemporalProgress {
     /// The update, from 1.
     pub iteration: usize,
     /// Its loss.
     pub loss: f64,
-    /// The peak signal-to-noise ratio of its rays \[dB\].
+    /// Peak signal-to-noise ratio over its rays \[dB\].
     pub psnr: f64,
     /// Nodes of the grid.
     pub nodes: usize,
 }
 
-/// A fit under way: field, numbers and optimiser, which [`TemporalFit::save`] and [`TemporalFit::restore`] take through
-/// a file.
+/// A temporal fit in progress: field, values and optimiser. [`TemporalFit::save`] and [`TemporalFit::restore`] write
+/// and read it as a checkpoint.
 ///
 /// ```no_run
 /// use gradreel::DType;
@@ -111,9 +111,9 @@ pub struct TemporalProgress {
 /// # Ok::<(), gradreel::Error>(())
 /// ```
 pub struct TemporalFit {
-    /// The field on its present grid.
+    /// The field on its current grid.
     pub field: TemporalField,
-    /// Its numbers.
+    /// Its values.
     pub params: Params,
     /// Updates made.
     pub iteration: usize,
@@ -122,7 +122,7 @@ pub struct TemporalFit {
 }
 
 impl TemporalFit {
-    /// A fit from nothing over a box \[m\].
+    /// A new fit over a box \[m\].
     ///
     /// # Errors
     /// [`ErrorKind::Input`] when the grid does not fit the box.
@@ -145,7 +145,7 @@ impl TemporalFit {
         self.iteration >= self.settings.iterations
     }
 
-    /// The same with the mask that the clip's silhouettes give, outside of which nothing is looked at from the start.
+    /// Restricts the fit from the start to the mask of the clip's silhouettes.
     ///
     /// # Errors
     /// When the mask does not fit the box.
@@ -158,7 +158,7 @@ impl TemporalFit {
     /// One update.
     ///
     /// # Errors
-    /// What rendering and the optimiser return.
+    /// Propagates errors of rendering and optimiser.
     pub fn step(&mut self, rays: &ClipRays<'_>) -> Result<TemporalProgress> {
         let dtype = self.params.get("temporal.feature")?.dtype();
         let key = Key::new(self.settings.seed).fold(1).fold(self.iteration as u64);
@@ -177,10 +177,10 @@ impl TemporalFit {
         Ok(progress)
     }
 
-    /// One update on these rays, without refinement.
+    /// One update on given rays, without refinement.
     ///
     /// # Errors
-    /// What rendering and the optimiser return.
+    /// Propagates errors of rendering and optimiser.
     pub fn step_on(&mut self, batch: &RayBatch, times: &[f64]) -> Result<TemporalProgress> {
         let count = batch.rays.len();
         let (mut gradients, mut loss, mut pixels) = (BTreeMap::new(), 0.0, 0.0);
@@ -203,10 +203,10 @@ impl TemporalFit {
         Ok(TemporalProgress { iteration: self.iteration, loss, psnr, nodes: self.field.grid.len() })
     }
 
-    /// Makes the updates that are left, calling `each` after every one.
+    /// Makes the remaining updates, calling `each` after every one.
     ///
     /// # Errors
-    /// What updates return, and what `each` returns (an interruption, say).
+    /// Propagates errors of the updates and of `each`, such as an interruption.
     pub fn run(
         &mut self,
         rays: &ClipRays<'_>,
@@ -219,12 +219,12 @@ impl TemporalFit {
         Ok(())
     }
 
-    /// The stage that starts now, if one does.
+    /// The refinement that is due now, if any.
     fn refinement(&self) -> Option<usize> {
         (1..=self.settings.refinements).find(|&stage| starts(&self.settings, stage) == self.iteration)
     }
 
-    /// The mask of what is opaque at any time, by the field's density on a coarse grid.
+    /// The mask of nodes that are opaque at any time, from the field's density on a coarse grid.
     fn emptiness(&self, times: &[f64]) -> Result<Occupancy> {
         let (low, high) = (self.field.grid.low, self.field.grid.high);
         let grid = DenseGrid::of_count(low, high, self.settings.mask_nodes)?;
@@ -242,7 +242,7 @@ impl TemporalFit {
         Ok(mask)
     }
 
-    /// Adds the state to a file: numbers, moments of the optimiser, mask, and the number of updates.
+    /// Adds the state to a checkpoint: values, optimiser moments, mask, and number of updates.
     pub fn save(&self, file: &mut TensorFile) {
         for (path, value) in self.params.iter() {
             file.tensors.insert(path.to_owned(), value.clone());
@@ -255,10 +255,10 @@ impl TemporalFit {
         file.metadata.insert("fit.iteration".to_owned(), self.iteration.to_string());
     }
 
-    /// Goes on from a file, bit for bit, given the settings that the saved fit had.
+    /// Restores a checkpoint, bit for bit, given the settings of the saved fit.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] when the state is missing, or belongs to other settings; nothing is changed then.
+    /// [`ErrorKind::Input`] when the state is missing or belongs to other settings; the fit is unchanged then.
     pub fn restore(&mut self, file: &TensorFile) -> Result<()> {
         let wrong = |what: &str| {
             Error::new(ErrorKind::Input, format!("the file holds no fit to go on from: {what}"))
@@ -295,7 +295,7 @@ impl TemporalFit {
     }
 }
 
-/// Adds gradients to those of other rays.
+/// Accumulates gradients.
 fn add(sums: &mut BTreeMap<String, Tensor>, more: BTreeMap<String, Tensor>) -> Result<()> {
     if sums.is_empty() {
         *sums = more;
@@ -310,14 +310,14 @@ fn add(sums: &mut BTreeMap<String, Tensor>, more: BTreeMap<String, Tensor>) -> R
     Ok(())
 }
 
-/// The update after which a stage starts: the last at 2/3 of them, each before at half of that.
+/// The update after which a refinement starts: the last at 2/3 of the updates, each earlier one at half of the next.
 fn starts(settings: &TemporalFitSettings, stage: usize) -> usize {
     let halvings = (settings.refinements - stage) as i32;
     (settings.iterations as f64 * 2.0 / 3.0 * 0.5f64.powi(halvings)).round() as usize
 }
 
-/// The grid of a stage: half as many nodes as the next one, along every axis one more than a multiple of 4, so that it can be
-/// thinned as it is.
+/// The grid of a stage: half as many nodes as the next one, with one more than a multiple of 4 along every axis, so
+/// that thinning needs no padding.
 fn grid_of(field: &TemporalField, settings: &TemporalFitSettings, stage: usize) -> Result<DenseGrid> {
     let nodes = settings.nodes >> settings.refinements.saturating_sub(stage).min(20);
     let mut grid = DenseGrid::of_count(field.grid.low, field.grid.high, nodes)?;
@@ -325,7 +325,7 @@ fn grid_of(field: &TemporalField, settings: &TemporalFitSettings, stage: usize) 
     Ok(grid)
 }
 
-/// A fresh optimiser whose rates have decayed as far as the number of updates made says.
+/// A new optimiser with rates decayed according to the number of updates made.
 fn adam(field: &TemporalField, settings: &TemporalFitSettings, made: usize) -> Adam {
     let each = settings.decay.powf(1.0 / settings.iterations.max(1) as f64);
     let so_far = each.powf(made as f64);

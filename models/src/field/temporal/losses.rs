@@ -1,4 +1,4 @@
-//! What counts in the fit of a temporal field.
+//! The loss of the temporal fit.
 
 use gradreel::{Result, Tensor, Var};
 
@@ -7,17 +7,17 @@ use crate::constant;
 use crate::field::entropy;
 use crate::render::{PixelLoss, huber};
 
-/// Weights of the terms; 0 switches one off.
+/// Weights of the terms; 0 disables a term.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TemporalWeights {
-    /// Of the entropy of what is left of the background.
+    /// Weight of the entropy of the transmittance.
     pub entropy: f64,
-    /// Of the colours of single samples: each is to have its pixel's.
+    /// Weight of the colour loss of single samples, each against its pixel.
     pub samples: f64,
-    /// Of the mean length of offsets \[1/m\] at opaque samples.
+    /// Weight of the mean length of offsets at opaque samples \[1/m\].
     pub offsets: f64,
-    /// Of pixels.
+    /// The pixel loss.
     pub pixels: PixelLoss,
 }
 
@@ -27,14 +27,14 @@ impl Default for TemporalWeights {
     }
 }
 
-/// What rays should see.
+/// Targets of rays.
 #[derive(Debug, Clone)]
 pub struct RayTargets {
-    /// Colours on the background, `[rays, 3]`.
+    /// Colours over the background, `[rays, 3]`.
     pub colours: Tensor,
-    /// What each ray counts, `[rays]`, 1 on average.
+    /// Weight of each ray, `[rays]`, 1 on average.
     pub weight: Tensor,
-    /// Which rays belong to imagined views, `[rays]` of 0 and 1; none if there is no such view.
+    /// Flags of rays of imagined views, `[rays]` of 0 and 1; `None` if there is no such view.
     pub imagined: Option<Tensor>,
 }
 
@@ -42,22 +42,22 @@ pub struct RayTargets {
 pub struct TemporalLoss {
     /// Their weighted sum.
     pub total: Var,
-    /// Mean over rays and channels of the weighted pixel loss; the mean square where all views are real and count alike.
+    /// Mean over rays and channels of the weighted pixel loss; the mean square for real views of equal weight.
     pub pixels: Var,
-    /// Mean entropy.
+    /// Mean entropy of the transmittance.
     pub entropy: Var,
-    /// `Σ_samples w̄ ‖c − target‖² / rays` with weights `w̄` that are not differentiated.
+    /// `Σ_samples w̄ ‖c − target‖² / rays`, with weights `w̄` detached.
     pub samples: Var,
 }
 
-/// Opacity above which the offset of a sample counts.
+/// Opacity above which the offset of a sample is penalised.
 const OPAQUE: f64 = 0.01;
 
 impl TemporalPixels {
-    /// Compares pixels with what they should be.
+    /// The loss of the rendered pixels against their targets.
     ///
     /// # Errors
-    /// What the ops return.
+    /// Propagates errors of the ops.
     pub fn loss(&self, targets: &RayTargets, weights: &TemporalWeights) -> Result<TemporalLoss> {
         let rgb = &self.pixels.rgb;
         let rays = rgb.dims()[0];

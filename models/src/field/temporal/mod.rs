@@ -1,13 +1,13 @@
-//! The temporal field: a voxel field that moves, in one piece instead of one field per frame.
+//! The temporal field: one moving voxel field in place of one field per frame.
 //!
-//! A network of three layers bends the coordinates of every frame into those of the first; features interpolated there at
-//! several distances are merged with the encoded (unbent) coordinates and a neural embedding of the time, and a last layer
-//! reads density and, with the viewing direction, colour from them. J. Fang and others, "Fast Dynamic Radiance Fields with
-//! Time-Aware Neural Voxels", SIGGRAPH Asia 2022; [`TemporalSettings`] says where the default differs.
+//! A network of three layers maps the coordinates of every frame to those of the first. Features interpolated there at
+//! several distances are merged with the encoded original coordinates and a neural embedding of the time; a last layer
+//! returns density and, with the viewing direction, colour. J. Fang and others, "Fast Dynamic Radiance Fields with
+//! Time-Aware Neural Voxels", SIGGRAPH Asia 2022. [`TemporalSettings`] documents where the default differs.
 //!
-//! [`TemporalField`] renders, [`TemporalFit`] fits it to a clip, [`FieldMotion`] is what it says of the motion: where the
-//! object is in each frame, when it first touches the ground, and how fast it was before. [`Agreement`] says which pictures
-//! contradict it. [`FirstFrames`] is a small fit of what a clip shows before contact.
+//! [`TemporalField`] renders, [`TemporalFit`] fits it to a clip, and [`FieldMotion`] is the motion derived from it:
+//! position in each frame, first contact with the ground, and velocity before. [`Agreement`] finds images that
+//! contradict the field. [`FirstFrames`] is a small fit to the frames before contact.
 
 mod batch;
 mod consistency;

@@ -1,4 +1,4 @@
-//! What a temporal field says of the motion, and the still field of its first frame.
+//! Motion derived from a temporal field, and conversion of its first frame to a static field.
 
 use faer::prelude::Solve;
 use faer::{Mat, Side};
@@ -9,23 +9,23 @@ use super::render::TemporalField;
 use crate::constant;
 use crate::field::{DenseGrid, RadianceField, RadianceSizes, opacity, opacity_shift};
 
-/// Where an object is at each of some times.
+/// The position of an object over time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FieldMotion {
     /// Times \[s\].
     pub times: Vec<f64>,
-    /// Centroids by opacity \[m\].
+    /// Opacity-weighted centroids \[m\].
     pub centroids: Vec<[f64; 3]>,
     /// Height of the lowest opaque node \[m\].
     pub lowest: Vec<f64>,
 }
 
-/// Opacity over one unit of length from which a node counts as opaque.
+/// Opacity over one unit of length above which a node counts as opaque.
 const OPAQUE: f64 = 0.5;
 
 impl TemporalField {
-    /// Where the object is at some times, looked at on about `nodes` nodes over the box. `moments` are the times in 0…1 that
-    /// the field knows, `times` the same in seconds.
+    /// The motion of the object, evaluated on about `nodes` nodes over the box. `moments` are normalised times in 0…1,
+    /// `times` the same in seconds.
     ///
     /// # Errors
     /// [`ErrorKind::Input`] when the field is empty at some time, or the store holds no such field.
@@ -39,7 +39,7 @@ impl TemporalField {
             let (mut sum, mut mass, mut lowest) = ([0.0; 3], 0.0, f64::INFINITY);
             for (x, d) in points.iter().zip(density) {
                 let alpha = opacity(d, shift, 1.0);
-                // what is left of the fog of an empty field must not draw the centroid to the box's centre
+                // residual opacity of an empty field must not bias the centroid to the box's centre
                 if alpha >= OPAQUE {
                     (0..3).for_each(|axis| sum[axis] += alpha * x[axis]);
                     mass += alpha;
@@ -57,9 +57,9 @@ impl TemporalField {
         Ok(motion)
     }
 
-    /// The still field of the first frame on a grid (that of the simulation, say): density is evaluated at its nodes, the
-    /// first `sizes.features` channels are resampled (missing ones are 0), and the network of colours is fresh. Some
-    /// iterations of the static stage make it agree with the first frame.
+    /// The static field of the first frame on another grid, such as that of the simulation. Density is evaluated at its
+    /// nodes; the first `sizes.features` channels are resampled (missing ones are 0); the colour network is new. A few
+    /// iterations of the static stage adapt it to the first frame.
     ///
     /// # Errors
     /// When the store holds no such field.
@@ -86,16 +86,17 @@ impl TemporalField {
 }
 
 impl FieldMotion {
-    /// The first time (as a position in [`FieldMotion::times`]) at which the object is within `reach` \[m\] of the ground.
+    /// The first time at which the object is within `reach` \[m\] of the ground, as an index into
+    /// [`FieldMotion::times`].
     pub fn first_contact(&self, ground: f64, reach: f64) -> Option<usize> {
         self.lowest.iter().position(|y| *y <= ground + reach)
     }
 
-    /// Position \[m\] and velocity \[m/s\] at the first time, by least squares of free fall `x₀ + v t + g t²/2` over the
+    /// Position \[m\] and velocity \[m/s\] at the first time, by a least-squares fit of `x₀ + v t + g t²/2` to the
     /// first `frames` centroids.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] with fewer than two different times.
+    /// [`ErrorKind::Input`] with fewer than two distinct times.
     pub fn ballistic(&self, gravity: [f64; 3], frames: usize) -> Result<([f64; 3], [f64; 3])> {
         let count = frames.min(self.times.len());
         let since: Vec<f64> = self.times[..count].iter().map(|t| t - self.times[0]).collect();

@@ -9,8 +9,8 @@ use crate::field::DenseGrid;
 use crate::layers::{Init, Linear, Perceptron, Scope};
 use crate::render::Rays;
 
-/// The grids and networks of a temporal field, ready to be evaluated. Names are those of the published implementation:
-/// `feature`, `density` (if there is one), `timenet`, `deformation_net`, `featurenet`, `densitynet`, `rgbnet`.
+/// The grids and networks of a temporal field, ready for evaluation. Names follow the published implementation:
+/// `feature`, `density` (optional), `timenet`, `deformation_net`, `featurenet`, `densitynet`, `rgbnet`.
 pub struct TemporalNet {
     settings: TemporalSettings,
     grid: DenseGrid,
@@ -24,7 +24,7 @@ pub struct TemporalNet {
     colour: Perceptron,
 }
 
-/// Times of frames and what the networks know of them.
+/// Times of frames and their embedding.
 pub struct Moments {
     /// Times in 0…1, `[times, 1]`.
     times: Var,
@@ -32,23 +32,23 @@ pub struct Moments {
     features: Option<Var>,
 }
 
-/// A field at points.
+/// A field evaluated at points.
 pub struct TemporalSample {
-    /// Where the points are at the canonical time \[m\], `[n, 3]`.
+    /// Points mapped to the canonical time \[m\], `[n, 3]`.
     pub bent: Var,
     /// Features interpolated at several distances, `[n, 3 · channels]`.
     pub interpolated: Var,
-    /// What the network makes of them, `[n, width]`.
+    /// Hidden features, `[n, width]`.
     pub hidden: Var,
     /// Raw density, `[n]`.
     pub density: Var,
 }
 
 impl TemporalNet {
-    /// The networks at a scope, over this grid.
+    /// The networks at a scope, over a grid.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, settings: &TemporalSettings, grid: &DenseGrid) -> Result<Self> {
         let encoded = TemporalSettings::encoded;
         let (width, channels, [x, y, z]) = (settings.width, settings.channels, grid.dims);
@@ -93,17 +93,17 @@ impl TemporalNet {
         })
     }
 
-    /// What the networks know of times in 0…1, beside a variable.
+    /// Embeds times in 0…1, in the type and on the device of `beside`.
     ///
     /// # Errors
-    /// What the ops return.
+    /// Propagates errors of the ops.
     pub fn moments(&self, beside: &Var, times: &[f64]) -> Result<Moments> {
         let times = constant::numbers(beside, times.to_vec(), [times.len(), 1])?;
         let encoded = times.positional_encoding(self.settings.time_levels);
         Ok(Moments { features: self.time.as_ref().map(|net| net.forward(&encoded)), times })
     }
 
-    /// Points, in −1…1 over the box if the settings say so, encoded.
+    /// Encoded points, normalised to −1…1 over the box if the settings ask for it.
     fn encoded(&self, points: &Var) -> Result<Var> {
         let points = if self.settings.normalised {
             let (low, high) = (self.grid.low, self.grid.high);
@@ -116,7 +116,7 @@ impl TemporalNet {
         Ok(points.positional_encoding(self.settings.position_levels))
     }
 
-    /// The offsets `x' − x` \[m\] of encoded points with their time features and times.
+    /// The offsets `x' − x` \[m\], from encoded points, their time features and times.
     fn offset(&self, net: &Perceptron, encoded: &Var, known: &Var, times: &Var) -> Result<Var> {
         let mut offset = net.forward(&encoded.concat(&[known], 1));
         if self.settings.canonical == Canonical::FirstFrame {
@@ -129,10 +129,10 @@ impl TemporalNet {
         Ok(offset)
     }
 
-    /// The field at points `[n, 3]` \[m\], each at the moment of its number in `which` `[n]`.
+    /// Evaluates the field at points `[n, 3]` \[m\]; `which` `[n]` holds the index of each point's time in `moments`.
     ///
     /// # Errors
-    /// What the ops return.
+    /// Propagates errors of the ops.
     pub fn at(&self, points: &Var, moments: &Moments, which: &Var) -> Result<TemporalSample> {
         let encoded = self.encoded(points)?;
         let (mut bent, mut known) = (points.clone(), None);
@@ -154,10 +154,10 @@ impl TemporalNet {
         Ok(TemporalSample { bent, interpolated, hidden, density })
     }
 
-    /// Colours `[n, 3]` in 0…1 of rows `[n, width]`, each seen along one of the rays.
+    /// Colours `[n, 3]` in 0…1 from hidden features `[n, width]`, each seen along its ray in `ray_of`.
     ///
     /// # Errors
-    /// What the ops return.
+    /// Propagates errors of the ops.
     pub fn colours(&self, hidden: &Var, rays: &Rays, ray_of: Vec<u32>) -> Result<Var> {
         let views = constant::points(hidden, &rays.unit_directions())?.positional_encoding(self.settings.view_levels);
         let views = views.index_select(&constant::indices(hidden, ray_of)?)?;
@@ -167,7 +167,7 @@ impl TemporalNet {
 }
 
 impl Moments {
-    /// Time features `[times, time_features]`; none without time.
+    /// Time features `[times, time_features]`; `None` for a static field.
     pub fn features(&self) -> Option<&Var> {
         self.features.as_ref()
     }

@@ -1,4 +1,4 @@
-//! Pictures of a temporal field.
+//! Rendering of a temporal field.
 
 use gradreel::optim::{Bound, Params};
 use gradreel::{DType, Key, Result, Shape, Tape, Tensor, Var};
@@ -10,45 +10,45 @@ use crate::field::{DenseGrid, Occupancy, opacity_shift};
 use crate::layers::{Init, Scope, Weights, initialise};
 use crate::render::{Absorption, Pixels, Rays, Samples, Sampling, Visible};
 
-/// Samples that go through the networks at a time where nothing is differentiated.
+/// Samples evaluated at a time without differentiation.
 const CHUNK: usize = 1 << 15;
 
-/// Raw density of what is known to be empty.
+/// Raw density of masked, empty space.
 const EMPTY: f64 = -100.0;
 
-/// A field that moves: where its grid is and how its numbers are read. The numbers are in a [`Params`] store under
-/// `temporal.*` (see [`TemporalNet`]).
+/// A moving field: its grid and how its values are interpreted. The values are in a [`Params`] store under `temporal.*`
+/// (see [`TemporalNet`]).
 #[derive(Debug, Clone, PartialEq)]
 pub struct TemporalField {
     /// Sizes and switches.
     pub settings: TemporalSettings,
     /// The grid of features and explicit density.
     pub grid: DenseGrid,
-    /// The spacing that is one unit of length of raw densities \[m\].
+    /// The length unit of raw densities \[m\].
     pub base_spacing: f64,
-    /// Outside of it there is nothing at any time, whatever the networks say there.
+    /// Occupancy mask; outside of it the field is empty at all times.
     pub mask: Option<Occupancy>,
 }
 
-/// What rays see of a temporal field.
+/// Rays rendered through a temporal field.
 pub struct TemporalPixels {
     /// The pixels.
     pub pixels: Pixels,
-    /// The ray of each seen sample.
+    /// The ray of each visible sample.
     pub ray_of_seen: Vec<u32>,
-    /// The samples that absorb.
+    /// The samples that absorb light.
     pub samples: TemporalSample,
     /// Their points \[m\], `[samples, 3]`.
     pub points: Var,
-    /// Their opacity, without its gradient, `[samples]`.
+    /// Their opacity, detached, `[samples]`.
     pub opacity: Var,
-    /// Samples that were looked at.
+    /// Number of samples evaluated.
     pub looked_at: usize,
-    /// Whether the field has time.
+    /// Whether the field depends on time.
     pub(super) moves: bool,
 }
 
-/// Weights without their gradients.
+/// A source of weights without gradients.
 struct Detached<'a>(&'a dyn Weights);
 
 impl Weights for Detached<'_> {
@@ -58,28 +58,28 @@ impl Weights for Detached<'_> {
 }
 
 impl TemporalField {
-    /// A field over a grid, whose spacing is the unit of length of raw densities.
+    /// A field over a grid, whose spacing becomes the length unit of raw densities.
     pub fn new(grid: DenseGrid, settings: TemporalSettings) -> Self {
         Self { settings, base_spacing: grid.spacing, grid, mask: None }
     }
 
-    /// Fresh numbers: empty grids, random networks.
+    /// Initial values: empty grids, random networks.
     ///
     /// # Errors
-    /// Never for `f32` and `f64`.
+    /// Only for types other than `f32` and `f64`.
     pub fn initialise(&self, key: Key, dtype: DType) -> Result<Params> {
         initialise(key, dtype, |scope| self.net(scope))
     }
 
-    /// The networks and grids of a source of weights.
+    /// The networks and grids from a source of weights.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// When a weight is missing or has the wrong shape.
     pub fn net(&self, scope: &Scope<'_>) -> Result<TemporalNet> {
         TemporalNet::new(&scope.at("temporal"), &self.settings, &self.grid)
     }
 
-    /// How density is absorbed along a step.
+    /// The absorption over one step.
     pub fn absorption(&self) -> Absorption {
         Absorption {
             shift: opacity_shift(self.settings.opacity),
@@ -93,10 +93,10 @@ impl TemporalField {
         Sampling { step: self.settings.step, near: self.settings.near, far: self.settings.far }
     }
 
-    /// Sends rays through the field, each at the time (in 0…1) that `moment_of` numbers among `times`.
+    /// Renders rays, each at the time (in 0…1) `times[moment_of]`.
     ///
-    /// Every sample goes through the networks once without a record, to find those that contribute; these go through them on
-    /// the tape. All others have neither value nor gradient.
+    /// All samples are first evaluated off the tape to find those that contribute; only these are evaluated again on
+    /// the tape. The others have neither value nor gradient.
     ///
     /// # Errors
     /// When the store holds no such field.
@@ -104,7 +104,7 @@ impl TemporalField {
         self.render_with(bound, bound.get("temporal.feature")?, rays, moment_of, times)
     }
 
-    /// The same from any source of weights; `beside` is a variable of their type on their device.
+    /// [`TemporalField::render`] with any source of weights; `beside` is a variable of their type and device.
     ///
     /// # Errors
     /// As [`TemporalField::render`].
@@ -155,10 +155,11 @@ impl TemporalField {
         Ok(TemporalPixels { pixels, ray_of_seen, samples: found, points, opacity, looked_at, moves })
     }
 
-    /// Calls `each` with the field at runs of points \[m\] at one time (in 0…1); nothing is differentiated.
+    /// Evaluates the field at points \[m\] at one time (in 0…1), in chunks, calling `each` with every chunk. Not
+    /// differentiated.
     ///
     /// # Errors
-    /// When the store holds no such field, and what `each` returns.
+    /// When the store holds no such field; errors of `each`.
     pub fn probe(
         &self,
         params: &Params,
@@ -196,7 +197,7 @@ impl TemporalField {
         Ok(all)
     }
 
-    /// The field on another grid: features and explicit density are resampled, networks stay.
+    /// The field on another grid: features and explicit density are resampled, networks are kept.
     ///
     /// # Errors
     /// When the store holds no such field.

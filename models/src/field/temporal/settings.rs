@@ -2,14 +2,14 @@
 
 use serde::{Deserialize, Serialize};
 
-/// At which time coordinates are those of the grid.
+/// The time at which grid coordinates and world coordinates coincide.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Canonical {
-    /// The first frame: `x' = x + t Δ(x, t)` is the identity at `t = 0`, so that particles are made there.
+    /// The first frame: `x' = x + t Δ(x, t)` is the identity at `t = 0`, where particles are seeded.
     #[default]
     FirstFrame,
-    /// None in particular: `x' = x + Δ(x, t)`, as published.
+    /// No particular time: `x' = x + Δ(x, t)`, as published.
     Free,
 }
 
@@ -17,17 +17,18 @@ pub enum Canonical {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TemporalSettings {
-    /// Whether there is time at all. Without it nothing is bent and no network knows the time: one still field for all frames,
-    /// the ablation of the temporal encoding.
+    /// Whether the field depends on time. Without, it is one static field for all frames (ablation of the temporal
+    /// encoding).
     pub time: bool,
-    /// Whether interpolated features are merged with encoded positions and the time feature before density and colour are read
-    /// from them; without it coordinates are bent and nothing else.
+    /// Whether interpolated features are merged with encoded positions and the time feature before density and colour;
+    /// without, time only deforms coordinates.
     pub merged: bool,
-    /// At which time coordinates are those of the grid.
+    /// The canonical time.
     pub canonical: Canonical,
-    /// Whether density is an explicit grid to which the network adds (nothing at first), or the network's alone.
+    /// Whether density is an explicit grid plus a network output that starts at 0, or the network's output alone.
     pub explicit_density: bool,
-    /// Whether coordinates are brought to −1…1 over the box before they are encoded, and offsets are in halves of the box.
+    /// Whether coordinates are normalised to −1…1 over the box before encoding; offsets are then in half extents of the
+    /// box.
     pub normalised: bool,
     /// Width of the networks.
     pub width: usize,
@@ -35,25 +36,25 @@ pub struct TemporalSettings {
     pub channels: usize,
     /// Length of the time feature.
     pub time_features: usize,
-    /// Frequencies of positions.
+    /// Frequencies of the encoding of positions.
     pub position_levels: usize,
-    /// Frequencies of times.
+    /// Frequencies of the encoding of times.
     pub time_levels: usize,
-    /// Frequencies of interpolated features; 0 gives them as they are.
+    /// Frequencies of the encoding of interpolated features; 0 passes them unencoded.
     pub feature_levels: usize,
-    /// Frequencies of viewing directions.
+    /// Frequencies of the encoding of viewing directions.
     pub view_levels: usize,
-    /// Opacity of an empty node over one unit of length, before anything was fitted.
+    /// Initial opacity of a node over one unit of length.
     pub opacity: f64,
     /// Distance between samples in grid spacings.
     pub step: f64,
-    /// Nearest sample, in lengths of a ray's direction.
+    /// Nearest sample, in multiples of the ray direction's length.
     pub near: f64,
-    /// Farthest sample.
+    /// Farthest sample, in the same unit.
     pub far: f64,
-    /// Opacities and weights up to this are dropped.
+    /// Opacities and weights up to this value are dropped.
     pub threshold: f64,
-    /// A ray ends behind the sample that leaves less than this.
+    /// A ray ends after the sample at which the transmittance falls below this value.
     pub stop: f64,
     /// Grey value of the background; 1 is white.
     pub background: f64,
@@ -86,8 +87,8 @@ impl Default for TemporalSettings {
 }
 
 impl TemporalSettings {
-    /// The small setting of J. Fang and others, "Fast Dynamic Radiance Fields with Time-Aware Neural Voxels", SIGGRAPH Asia
-    /// 2022, with 64 wide networks and 4 channels.
+    /// The small setting of J. Fang and others, "Fast Dynamic Radiance Fields with Time-Aware Neural Voxels", SIGGRAPH
+    /// Asia 2022: networks of width 64 and 4 channels.
     pub fn published() -> Self {
         Self {
             canonical: Canonical::Free,
@@ -100,7 +101,7 @@ impl TemporalSettings {
         }
     }
 
-    /// Length of an encoded vector of `n` numbers.
+    /// Length of an encoded vector of `n` components.
     pub(super) fn encoded(n: usize, levels: usize) -> usize {
         n * (1 + 2 * levels)
     }

@@ -1,4 +1,4 @@
-//! The mask that silhouettes give: what no frame shows the object in front of.
+//! The visual hull over all frames, as an occupancy mask.
 
 use gradreel::Result;
 use rayon::prelude::*;
@@ -7,13 +7,13 @@ use super::batch::ClipRays;
 use crate::field::{DenseGrid, Occupancy};
 use crate::video::Frame;
 
-/// Coverage from which a pixel belongs to the object.
+/// Coverage above which a pixel belongs to the object.
 const COVERED: f32 = 0.1;
 
-/// Half a cube's diagonal over its edge.
+/// Half the space diagonal of a unit cube.
 const REACH: f64 = 0.866_025_403_784_438_6;
 
-/// How many pixels of the object lie above and to the left of each pixel of a picture.
+/// A summed-area table: the number of object pixels above and to the left of each pixel.
 struct Counts {
     width: usize,
     height: usize,
@@ -27,7 +27,7 @@ impl Counts {
         for row in 0..height {
             let mut along = 0;
             for column in 0..width {
-                // a pixel that is excluded may hide the object
+                // an excluded pixel may hide the object
                 let object = frame.alpha[[row, column]] >= COVERED || frame.weight[[row, column]] < 0.5;
                 along += u32::from(object);
                 sums[(row + 1) * (width + 1) + column + 1] = sums[row * (width + 1) + column + 1] + along;
@@ -36,7 +36,7 @@ impl Counts {
         Self { width, height, sums }
     }
 
-    /// Whether the object is within `reach` pixels of a place; `None` where the picture does not show that.
+    /// Whether there is object within `reach` pixels of an image point; `None` outside of the image.
     fn sees(&self, u: f64, v: f64, reach: f64) -> Option<bool> {
         let (width, height) = (self.width as f64, self.height as f64);
         if u + reach < 0.0 || v + reach < 0.0 || u - reach > width || v - reach > height {
@@ -51,8 +51,8 @@ impl Counts {
 }
 
 impl ClipRays<'_> {
-    /// The nodes of a box \[m\] around which the object may be at some time: in some frame every real camera that sees the cube
-    /// of the node sees the object there, and at least half of the imagined ones do. What is outside need not be looked at.
+    /// The nodes of a box \[m\] where the object may be at any time: in some frame, every real camera that has the
+    /// node's cube in its image sees object there, and so do at least half of the imagined cameras.
     ///
     /// # Errors
     /// When about `nodes` nodes do not fit the box.

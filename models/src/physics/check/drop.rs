@@ -1,4 +1,4 @@
-//! A block dropped on frictionless ground: what must balance in every substep.
+//! Conservation checks: a block dropped on frictionless ground.
 
 use gradreel::Result;
 
@@ -15,10 +15,10 @@ use crate::physics::world::World;
 const TIME: f64 = 2.0;
 /// Grid spacing \[m\].
 const DX: f64 = 0.1;
-/// Particles along an edge.
+/// Particles along each edge.
 const SIDE: usize = 5;
 
-/// The largest imbalances, relative to the mass, or to the largest momentum of the fall.
+/// The largest imbalances, relative to the mass or to the largest momentum of the fall.
 #[derive(Default)]
 struct Imbalance {
     mass: f64,
@@ -27,7 +27,8 @@ struct Imbalance {
     pull: f64,
 }
 
-/// Balance of mass, of momentum between particles and grid, of horizontal momentum, and a ground that only pushes.
+/// Checks conservation of mass, momentum transfer between particles and grid, conservation of horizontal momentum, and
+/// that the ground only pushes.
 pub(super) fn checks(law: &Law) -> Vec<MaterialCheck> {
     match fall(law) {
         Ok(Imbalance { mass, transfer, horizontal, pull }) => {
@@ -50,7 +51,7 @@ fn fall(law: &Law) -> Result<Imbalance> {
     let ground = Collider::plane([0.0; 3], [0.0, 1.0, 0.0], Contact::Separate);
     let world = World { colliders: vec![ground], ..World::new(DX) };
     let values: Vec<f64> = law.parameters().iter().map(|p| p.start).collect();
-    // Compression stiffens: half the usual share of a cell per substep.
+    // Compression raises the speed of sound: half of the default CFL number.
     let schedule = Schedule::stable(&world, 2, TIME, law.wave_speed(&values, DENSITY), 3.0, 0.5 * CFL);
     let positions: Vec<[f64; 3]> = (0..SIDE.pow(3))
         .map(|i| [i / SIDE / SIDE, i / SIDE % SIDE, i % SIDE].map(|k| DX * (0.5 * k as f64 + 0.27)))

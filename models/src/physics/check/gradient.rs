@@ -8,16 +8,17 @@ use gradreel::{GradCheck, GradReport, Op, Result, Tensor, Var};
 
 use crate::physics::law::Law;
 
-/// States checked: random ones around rest, and a pure compression, in which all principal stretches coincide.
+/// Number of states checked: random ones around rest, and a pure compression, in which all principal stretches
+/// coincide.
 const STATES: usize = 12;
-/// The substep \[s\] at the states; also the unit in which it is varied.
+/// The substep \[s\] at the states; also the unit of its variation.
 const DT: f64 = 1e-3;
 
 impl Law {
-    /// Checks the derivative of projected deformation and stress with respect to deformation gradient, velocity gradient and
-    /// every parameter; in the last state all principal stretches coincide. The substep is varied in its own unit, a
-    /// millisecond: a difference over a hundredth of it would be off by what the law bends in between. For more, see
-    /// [`check_material`](crate::physics::check_material).
+    /// Checks the derivative of projected deformation and stress with respect to deformation gradient, velocity
+    /// gradient and every parameter; in the last state all principal stretches coincide. The substep is varied in units
+    /// of a millisecond, since a central difference over a larger step would include curvature of the law. For more
+    /// checks, see [`check_material`](crate::physics::check_material).
     ///
     /// ```
     /// use gradreel_models::physics::materials;
@@ -29,17 +30,17 @@ impl Law {
     /// ```
     ///
     /// # Errors
-    /// What [`GradCheck::function`] returns.
+    /// Propagates errors of [`GradCheck::function`].
     pub fn gradcheck(&self) -> Result<GradReport> {
         self.gradcheck_of(|whole| Rc::new(Map::new(whole)))
     }
 
-    /// The check of what `op` makes of the program.
+    /// The check of the op that `op` builds from the program.
     fn gradcheck_of(&self, op: impl FnOnce(Program) -> Rc<dyn Op>) -> Result<GradReport> {
         let program = self.program();
         let names: Vec<&str> = program.inputs().iter().map(String::as_str).collect();
         let fixed = names.iter().position(|name| *name == "dt").unwrap_or(names.len());
-        // stresses are of the order of the modulus of a pressure wave, ρ c²; F is of order 1
+        // stresses are of the order of the P-wave modulus ρ c²; F is of order 1
         let values: Vec<f64> = self.parameters().iter().map(|p| p.start).collect();
         let stiffness = self.wave_speed(&values, 1.0).powi(2);
         let starts: Vec<f64> = values.into_iter().chain(self.history().iter().map(|variable| variable.start)).collect();
@@ -69,13 +70,14 @@ impl Law {
             inputs.push((name, Tensor::from_vec(values, [STATES])));
         }
         let op = op(whole);
-        // velocity gradients act through the short substep: a step near the best, ∛ε, keeps rounding below the tolerance
+        // velocity gradients act through the short substep: a step of about ∛ε keeps rounding errors below the
+        // tolerance
         let check = GradCheck { step: 1e-5, ..GradCheck::default() };
         check.function(self.name(), &inputs, |tape, vars| tape.apply(op.clone(), &vars.iter().collect::<Vec<&Var>>()))
     }
 }
 
-/// `centre` with noise of this size; the last entry has none.
+/// `centre` with uniform noise of this size; the last entry without.
 fn perturbed(seed: usize, centre: f64, size: f64) -> Vec<f64> {
     let noise = uniform(seed as u64 + 1, [STATES], -size..size);
     let mut values: Vec<f64> = noise.slice::<f64>().iter().map(|n| centre + n).collect();
@@ -90,7 +92,7 @@ mod tests {
     use super::*;
     use crate::physics::materials;
 
-    /// A map with a derivative too large by a share for one input.
+    /// An op whose derivative with respect to one input is wrong by a relative error.
     #[derive(Debug)]
     struct Wrong {
         map: Map,

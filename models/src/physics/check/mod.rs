@@ -1,4 +1,4 @@
-//! Is this a sound material? A battery of checks for shipped materials and for one's own.
+//! Checks of materials, shipped or custom.
 
 mod drop;
 mod gradient;
@@ -11,17 +11,17 @@ use gradreel::Result;
 
 use super::law::Law;
 
-/// Puts a material through a battery of checks, at the starting values of its parameters.
+/// Checks a material at the initial values of its parameters:
 ///
 /// - no stress at rest;
-/// - frame indifference: a body turned has the same stress, turned;
+/// - frame indifference: the stress of a rotated body is the rotated stress;
 /// - the generated derivatives of projection and stress with respect to deformation, velocity gradient, parameters and
-///   history against central differences: at rest, where stretches coincide, on both sides of the yield surface (found by
-///   search), under large stretch. At a kink the derivative may be that of either side;
-/// - inverted input: finite, or NaN if the material says so ([`Material::survives_inversion`](super::Material));
-/// - a block dropped on frictionless ground for two seconds of simulated time: mass and momentum balance in every substep,
-///   horizontal momentum is kept, the ground never pulls;
-/// - the scalar program in WGSL against the CPU, values and derivative; skipped where there is no GPU.
+///   history, against central differences: at rest, for coinciding stretches, on both sides of the yield surface (found
+///   by search), and under large stretch. At a kink either one-sided derivative is accepted;
+/// - inverted input: finite, or NaN if the material declares so ([`Material::survives_inversion`](super::Material));
+/// - a block dropped on frictionless ground for two seconds of simulated time: mass and momentum balance in every
+///   substep, horizontal momentum is conserved, the ground never pulls;
+/// - the scalar program in WGSL against the CPU, values and derivative; skipped without a GPU.
 ///
 /// ```
 /// use gradreel_models::physics::{check_material, materials};
@@ -33,7 +33,7 @@ use super::law::Law;
 /// ```
 ///
 /// # Errors
-/// What the tape returns when a GPU is there but fails.
+/// Propagates errors of the tape when a GPU is present but fails.
 pub fn check_material(law: &Law) -> Result<MaterialReport> {
     let mut checks = response::checks(law);
     checks.extend(drop::checks(law));
@@ -46,35 +46,35 @@ pub fn check_material(law: &Law) -> Result<MaterialReport> {
 pub struct MaterialReport {
     /// The material's name.
     pub material: String,
-    /// What was checked, in order.
+    /// The checks, in order.
     pub checks: Vec<MaterialCheck>,
 }
 
 /// One line of a [`MaterialReport`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct MaterialCheck {
-    /// What was checked.
+    /// The name of the check.
     pub name: &'static str,
-    /// How far off it is, relative to what is natural for it.
+    /// The deviation, relative to the natural scale of the quantity.
     pub found: f64,
-    /// How far off it may be.
+    /// The allowed deviation.
     pub allowed: f64,
-    /// Where the largest deviation was, or why the check does not apply.
+    /// Where the largest deviation occurred, or why the check was skipped.
     pub note: String,
 }
 
 impl MaterialCheck {
-    /// A check that does not apply, and why.
+    /// A skipped check, with the reason.
     fn skipped(name: &'static str, why: impl Into<String>) -> Self {
         Self { name, found: 0.0, allowed: f64::INFINITY, note: why.into() }
     }
 
-    /// Whether it did not apply.
+    /// Whether the check was skipped.
     pub fn is_skipped(&self) -> bool {
         self.allowed == f64::INFINITY
     }
 
-    /// Whether it holds; one that does not apply does. NaN is a failure.
+    /// Whether the check passed or was skipped. NaN is a failure.
     pub fn passed(&self) -> bool {
         self.found <= self.allowed
     }

@@ -1,11 +1,11 @@
-//! Checks of one particle: stress, projection and their derivatives.
+//! Checks of a single particle: stress, projection and their derivatives.
 
 use gradreel::scalar::Program;
 
 use super::MaterialCheck;
 use crate::physics::law::Law;
 
-/// Row by row.
+/// A 3×3 matrix, row by row.
 pub(super) type Matrix = [f64; 9];
 
 const IDENTITY: Matrix = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
@@ -17,11 +17,11 @@ const DT: f64 = 1e-4;
 /// Density \[kg/m³\].
 pub(super) const DENSITY: f64 = 1000.0;
 
-/// A material at the starting values of its parameters, and the stress that is natural for it.
+/// A material at the initial values of its parameters, and its stress scale.
 pub(super) struct Subject<'a> {
     law: &'a Law,
     vjp: Program,
-    /// The modulus of a pressure wave, `ρ c²` \[Pa\].
+    /// The P-wave modulus `ρ c²` \[Pa\].
     pub modulus: f64,
 }
 
@@ -52,7 +52,7 @@ impl<'a> Subject<'a> {
         })
     }
 
-    /// The largest relative difference between derivative and differences at a state, and the input it was found at.
+    /// The largest relative error of the derivative at a state, and the input of which it is.
     fn gradient_error(&self, f: Matrix) -> (f64, String) {
         let x = self.inputs(f, STIRRED);
         let weights: Vec<f64> = (0..18 + self.law.history().len()).map(|k| (1.0 + 0.7 * k as f64).sin()).collect();
@@ -63,7 +63,7 @@ impl<'a> Subject<'a> {
         let here = objective(&x);
         let mut worst = (0.0, String::new());
         for k in (0..x.len()).filter(|&k| k != 18) {
-            // The change that belongs to a change of the input by what is usual for it.
+            // Scaled by the typical magnitude of the input.
             let usual = if k < 18 { 1.0 } else { x[k].abs().max(1e-2) };
             let step = 1e-5 * usual;
             let shifted = |by: f64| {
@@ -74,10 +74,10 @@ impl<'a> Subject<'a> {
             let (after, before) = (shifted(step), shifted(-step));
             let sides = [(after - before) / (2.0 * step), (after - here) / step, (here - before) / step];
             let error = |difference: f64| (gradient[k] - difference).abs() * usual / (1.0 + difference.abs() * usual);
-            // One side alone is accurate to the first order of the step only.
+            // A one-sided difference is only first-order accurate.
             let off = sides.into_iter().zip([1.0, 1e-2, 1e-2]).map(|(side, trust)| error(side) * trust);
             let off = off.fold(f64::INFINITY, f64::min);
-            // NaN is the worst.
+            // NaN counts as the worst.
             if off.is_nan() || off > worst.0 {
                 worst = (off, format!("at {}", self.law.program().inputs()[k]));
             }
@@ -85,8 +85,7 @@ impl<'a> Subject<'a> {
         worst
     }
 
-    /// The logarithmic stretch at which a body drawn out at constant volume begins to flow, if it does so between
-    /// 1e-6 and 1.
+    /// The logarithmic stretch at which a body extended at constant volume yields, if between 1e-6 and 1.
     fn yield_stretch(&self) -> Result<f64, &'static str> {
         let flows = |stretch: f64| {
             let f = drawn(stretch);
@@ -108,7 +107,7 @@ impl<'a> Subject<'a> {
     }
 }
 
-/// All checks of this file.
+/// All single-particle checks.
 pub(super) fn checks(law: &Law) -> Vec<MaterialCheck> {
     let subject = Subject::new(law);
     let rest = subject.stress(IDENTITY, STILL).iter().fold(0.0_f64, |most, tau| worse(most, tau.abs()));
@@ -163,7 +162,7 @@ fn frame_indifference(subject: &Subject<'_>) -> MaterialCheck {
     MaterialCheck { name: "frame indifference", found, allowed: 1e-11, note: String::new() }
 }
 
-/// Finite numbers, or NaN where the material says so, for inverted and collapsed particles.
+/// Inverted and collapsed particles: the response is finite, or NaN if the material declares so.
 fn inversion(subject: &Subject<'_>) -> MaterialCheck {
     let diagonal = |a: f64, b: f64, c: f64| [a, 0.0, 0.0, 0.0, b, 0.0, 0.0, 0.0, c];
     let states = [
@@ -181,12 +180,12 @@ fn inversion(subject: &Subject<'_>) -> MaterialCheck {
     MaterialCheck { name: "inverted input", found: wrong.count() as f64, allowed: 0.0, note: note.to_owned() }
 }
 
-/// The larger, NaN being the largest.
+/// The larger value; NaN counts as the largest.
 fn worse(a: f64, b: f64) -> f64 {
     if b <= a { a } else { b }
 }
 
-/// Drawn out along x by `eˢ`, at constant volume, with unequal stretches across.
+/// Extended along x by `eˢ` at constant volume, with unequal lateral stretches.
 fn drawn(stretch: f64) -> Matrix {
     [stretch.exp(), 0.0, 0.0, 0.0, (-0.3 * stretch).exp(), 0.0, 0.0, 0.0, (-0.7 * stretch).exp()]
 }

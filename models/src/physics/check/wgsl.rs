@@ -1,4 +1,4 @@
-//! The scalar program on a GPU against the CPU, along a path of deformations.
+//! The scalar program on a GPU against the CPU, along a deformation path.
 
 use std::rc::Rc;
 
@@ -10,15 +10,15 @@ use super::MaterialCheck;
 use super::response::Subject;
 use crate::physics::law::Law;
 
-/// Points of the path.
+/// Number of points on the path.
 const POINTS: usize = 400;
-/// The share of points that may lie on different sides of a kink.
+/// Allowed share of points on different sides of a kink.
 const OUTLIERS: f64 = 0.02;
 
 /// Compares projection and stress, contracted to one number, and its derivative along the path, both in `f32`.
 ///
 /// # Errors
-/// What the tape returns.
+/// Propagates errors of the tape.
 pub(super) fn check(law: &Law) -> Result<MaterialCheck> {
     const NAME: &str = "CPU and WGSL";
     let gpu = match Device::gpu() {
@@ -27,7 +27,7 @@ pub(super) fn check(law: &Law) -> Result<MaterialCheck> {
         Err(error) => return Err(error),
     };
     let map = Rc::new(Map::new(along(law)));
-    // Not through rest itself, where the two may round to different sides of a kink.
+    // The path avoids rest, where CPU and GPU may round to different sides of a kink.
     let points: Vec<f32> = (0..POINTS).map(|i| (i as f32 + 0.37) * 2.0 / POINTS as f32 - 1.0).collect();
     let on = |device: &Device| -> Result<[Vec<f64>; 2]> {
         let tape = Tape::new();

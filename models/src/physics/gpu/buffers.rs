@@ -1,41 +1,41 @@
-//! What a substep needs on the device besides states.
+//! Device buffers of a substep besides states.
 
 use gradreel::backend::gpu::Gpu;
 use gradreel::{DType, Device, Result, Spec, Tensor};
 
 use super::kernels::SCAN;
 
-/// Numbers of the record of a particle.
+/// Values of a particle's record.
 const RECORD: usize = 16;
 
-/// Buffers that every substep uses anew.
+/// Scratch buffers that every substep overwrites.
 #[derive(Debug)]
 pub(super) struct Buffers {
-    /// Cell and number of arrival of each particle.
+    /// Cell of each particle, and its arrival number in the cell.
     pub cells: Tensor,
-    /// Particles of each cell; zero between substeps.
+    /// Number of particles in each cell; zero between substeps.
     pub counts: Tensor,
-    /// Particles before each cell, from the start of its span.
+    /// Number of particles before each cell, from the start of its span.
     pub starts: Tensor,
-    /// Particles of each span, and before it.
+    /// Number of particles in each span, and before it.
     pub totals: Tensor,
     pub bases: Tensor,
-    /// The total of totals.
+    /// Total over all spans.
     pub total: Tensor,
-    /// Particles by cell, in the order of arrival.
+    /// Particles sorted by cell, in the order of arrival.
     pub arrivals: Tensor,
-    /// The place of each particle in the sorted list.
+    /// The index of each particle in the sorted list.
     pub slots: Tensor,
-    /// What particles scatter, sorted; backwards also what the adjoint of their gather scatters.
+    /// Records of particles, sorted; in the backward pass also those of the adjoint gather.
     pub records: Tensor,
-    /// Nodes; backwards also their cotangents.
+    /// Node values; in the backward pass also their cotangents.
     pub grid: Tensor,
-    /// Cells of a span.
+    /// Number of cells in a span.
     pub span: usize,
 }
 
 impl Buffers {
-    /// Buffers for so many particles and nodes, once for each direction.
+    /// Buffers for this number of particles and nodes, once per direction.
     pub fn new(gpu: &Gpu, particles: usize, capacity: usize, directions: usize) -> Result<Self> {
         let span = SCAN.reflect()?.constant("SPAN");
         let spans = capacity.div_ceil(span);
@@ -58,13 +58,13 @@ impl Buffers {
     }
 }
 
-/// A list on the device.
+/// Copies a list to the device.
 pub(super) fn upload<T: gradreel::Element>(gpu: &Gpu, values: Vec<T>) -> Result<Tensor> {
     let len = values.len();
     Tensor::from_vec(values, [len]).to_device(&Device::Gpu(gpu.clone()))
 }
 
-/// A list back from the device, when all work before is done.
+/// Copies a list back from the device, after all preceding work.
 pub(super) fn download<T: gradreel::Element>(tensor: &Tensor) -> Result<Vec<T>> {
     Ok(tensor.to_device(&Device::Cpu)?.slice::<T>().to_vec())
 }

@@ -1,9 +1,9 @@
-//! The kernels, put together from `models/kernels/`: fragments of `shared/` first, then the file with the entry point. `#import`
-//! lines bring fragments of the core's `kernels/shared/`.
+//! The kernels, assembled from `models/kernels/`: fragments of `shared/` first, then the file with the entry point.
+//! `#import` lines include fragments of the core's `kernels/shared/`.
 
 use gradreel::backend::gpu::Kernel;
 
-/// The text of files under `models/kernels/`, one after the other.
+/// The concatenated text of files under `models/kernels/`.
 macro_rules! text {
     ($($file:literal),+ $(,)?) => {
         concat!($(include_str!(concat!("../../../kernels/", $file)), "\n"),+)
@@ -15,7 +15,7 @@ macro_rules! kernels {
         $($(#[$doc])* pub(super) static $name: Kernel =
             Kernel::new($stem, $entry, text!($($file),+), &[$($buffer),+]);)+
 
-        /// All kernels that do not depend on a material.
+        /// All material-independent kernels.
         #[cfg(test)]
         pub(super) static ALL: &[&Kernel] = &[$(&$name),+];
     };
@@ -30,15 +30,15 @@ kernels! {
     COUNT = "sort", "count",
         ["shared/substep.wgsl", "shared/marks_write.wgsl", "shared/node_grid.wgsl", "sort.wgsl"],
         ["cells", "counts", "marks", "now"];
-    /// Running sums within spans.
+    /// Prefix sums within spans.
     SCAN = "sort", "scan",
         ["shared/substep.wgsl", "shared/marks_write.wgsl", "shared/node_grid.wgsl", "sort.wgsl"],
         ["sums", "totals", "numbers"];
-    /// Lists particles by cell.
+    /// Lists the particles by cell.
     ARRIVE = "sort", "arrive",
         ["shared/substep.wgsl", "shared/marks_write.wgsl", "shared/node_grid.wgsl", "sort.wgsl"],
         ["arrivals", "cell_and_arrival", "starts", "bases"];
-    /// The place of each particle in the sorted list.
+    /// The index of each particle in the sorted list.
     SETTLE = "sort", "settle",
         ["shared/substep.wgsl", "shared/marks_write.wgsl", "shared/node_grid.wgsl", "sort.wgsl"],
         ["slots", "cell_and_arrival", "starts", "bases", "arrived"];
@@ -56,25 +56,25 @@ kernels! {
     ADVANCE = "advance", "main",
         ["shared/substep.wgsl", "shared/marks_write.wgsl", "shared/node_grid.wgsl", "shared/stencil.wgsl", "advance.wgsl"],
         ["next", "marks", "now", "grid"];
-    /// What the adjoint of grid-to-particle scatters.
+    /// The records that the adjoint of grid-to-particle scatters.
     LIFT = "lift", "main", ["shared/substep.wgsl", "lift.wgsl"], ["records", "cotangent", "slots"];
     /// The adjoint of both transfers.
     PULL = "pull", "main",
         ["shared/substep.wgsl", "shared/marks_read.wgsl", "shared/node_grid.wgsl", "shared/stencil.wgsl", "pull.wgsl"],
         ["cotangent", "on_record", "marks", "now", "slots", "records", "grid"];
-    /// Positions of a frame out of a state.
+    /// Copies the positions of a state to a frame.
     SHOW = "frames", "show", ["shared/substep.wgsl", "frames.wgsl"], ["frames", "labels", "now"];
-    /// Cotangents of a frame into one.
+    /// Adds the cotangents of a frame to the cotangent of a state.
     ADD = "frames", "add", ["shared/substep.wgsl", "frames.wgsl"], ["cotangent", "labels", "on_frames"];
 }
 
-/// Around a material; see `law.rs`.
+/// The text around the kernel of a material; see `law.rs`.
 pub(super) const MATERIAL: (&str, &[&str]) = (
     text!["shared/substep.wgsl", "shared/marks_write.wgsl", "shared/node_grid.wgsl", "material.wgsl"],
     &["next", "records", "marks", "now", "slots", "values"],
 );
 
-/// Around the adjoint of a material.
+/// The text around the adjoint kernel of a material.
 pub(super) const MATERIAL_VJP: (&str, &[&str]) =
     (text!["shared/substep.wgsl", "material_vjp.wgsl"], &["cotangent", "on_values", "now", "values", "on_record"]);
 

@@ -1,4 +1,4 @@
-//! A material as two kernels: its program and the adjoint of it, between reading and writing a particle.
+//! A material as two kernels: its program and the adjoint program, with loads and stores of a particle.
 
 use std::fmt::Write;
 
@@ -8,7 +8,7 @@ use gradreel::scalar::Program;
 use super::kernels::{MATERIAL, MATERIAL_VJP};
 use crate::physics::law::Law;
 
-/// Reads of a state and of the values of a material: one value for all particles, or one each.
+/// Accessors of a state and of the values of a material, shared or per particle.
 const READ: &str = "
 fn entry(component: u32, p: u32) -> f32 {
     return now[place(component, p)];
@@ -23,14 +23,14 @@ fn value(k: u32, i: u32) -> f32 {
 /// The kernels of a material.
 #[derive(Debug)]
 pub(crate) struct LawKernels {
-    /// From a state to the records of particles, and the new deformation gradients and history.
+    /// From a state to the records of particles, the new deformation gradients and history.
     pub forward: Kernel,
-    /// The adjoint of it.
+    /// Its adjoint.
     pub reverse: Kernel,
 }
 
 impl LawKernels {
-    /// Writes the kernels of a law.
+    /// Generates the kernels of a law.
     pub fn of(law: &Law) -> Self {
         let around = |program: &Program, rest: String, (text, buffers): (&'static str, _)| {
             Kernel::around(format!("{}{READ}{rest}", program.wgsl()), program.name().to_owned(), text, buffers)
@@ -41,7 +41,7 @@ impl LawKernels {
     }
 }
 
-/// Deformation gradient, affine velocity, substep, scale of stress, mass, parameters, history: what a law takes.
+/// The inputs of a law: deformation gradient, affine velocity, substep, stress scale, mass, parameters, history.
 fn arguments(law: &Law) -> Vec<String> {
     let entry = |part: &'static str, k: usize| format!("entry({part} + {k}u, p)");
     let fixed = ["substep.dt", "substep.stress_scale", "value(0u, i)"].map(str::to_owned);

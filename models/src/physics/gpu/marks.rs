@@ -1,4 +1,4 @@
-//! What substeps leave about themselves: the box of cells that they need, and what went wrong. Twin of
+//! Marks that substeps leave on the device: the box of cells that the next one needs, and failures. Mirrors
 //! `models/kernels/shared/node_grid.wgsl`.
 
 const HEADER: usize = 8;
@@ -11,19 +11,19 @@ const NONE: u32 = u32::MAX;
 #[derive(Debug)]
 pub(super) struct Marks(pub Vec<u32>);
 
-/// How a rollout ended.
+/// The outcome of a rollout.
 #[derive(Debug, PartialEq)]
 pub(super) enum Outcome {
-    /// As it should.
+    /// Success.
     Finished,
     /// The grid had no room for this many nodes in a substep.
     TooLarge { step: usize, nodes: f64 },
-    /// A particle broke a limit in a substep; and the first particle there whose stress was not finite.
+    /// A particle broke a limit in a substep; `culprit` is the first particle with a non-finite stress in it.
     Broken { step: usize, particle: usize, culprit: Option<usize> },
 }
 
 impl Marks {
-    /// Those of a rollout that has not begun.
+    /// The marks of a rollout that has not begun.
     pub fn blank(steps: usize) -> Self {
         let mut marks = vec![NONE; HEADER + PER_STEP * (steps + 1)];
         for step in 0..=steps {
@@ -32,7 +32,7 @@ impl Marks {
         Self(marks)
     }
 
-    /// What they say.
+    /// Decodes the outcome.
     pub fn outcome(&self) -> Outcome {
         if self.0[0] == NONE {
             return Outcome::Finished;

@@ -1,14 +1,14 @@
-//! Obstacles as a table: nine rows of four numbers each. Twin of `models/kernels/shared/contact.wgsl`.
+//! Obstacles as a table, nine rows of four numbers each. Mirrors `models/kernels/shared/contact.wgsl`.
 
 use crate::physics::collider::{Collider, Contact, Region};
 use crate::physics::contact::Placed;
 use crate::physics::world::World;
 use crate::vector::{dot, minus};
 
-/// The table of all obstacles, for every substep if one of them moves.
+/// The table of all obstacles, one copy per substep if any of them moves.
 #[derive(Debug)]
 pub(super) struct Table {
-    /// Four numbers to a row.
+    /// Four numbers per row.
     pub rows: Vec<f32>,
     moving: bool,
     obstacles: usize,
@@ -29,7 +29,7 @@ impl Table {
         Self { rows, moving, obstacles: world.colliders.len() }
     }
 
-    /// Where the obstacles of a substep begin.
+    /// The index of the first obstacle of a substep.
     pub fn first(&self, step: usize) -> usize {
         if self.moving { step * self.obstacles } else { 0 }
     }
@@ -44,7 +44,7 @@ fn entry(collider: &Collider, time: f64) -> [f32; 36] {
         Contact::Friction(mu) => (3.0, mu),
     };
     let ([x, y, z], turn) = Placed::new(collider, time).pose();
-    // Where nothing has moved, coordinates stay those of the world, so that they keep their digits.
+    // Obstacles at rest keep world coordinates, to avoid rounding.
     let pivot = if collider.is_at_rest() { [0.0; 3] } else { collider.motion.pivot };
     let from = |point: [f64; 3]| minus(point, pivot);
     let (kind, a, size, b, length) = match collider.region {

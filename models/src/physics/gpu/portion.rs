@@ -1,4 +1,4 @@
-//! The particles of one material on the device: values, and the cotangents of these.
+//! The particles of one material on the device: their values and the cotangents of these.
 
 use gradreel::backend::gpu::Gpu;
 use gradreel::{Result, Tensor};
@@ -41,12 +41,12 @@ impl<'a> OnDevice<'a> {
         Ok(Self { law, first: range.start, count: range.len(), stress_scale, values })
     }
 
-    /// Cotangents of mass and parameters, one for each particle, all zero.
+    /// Zero cotangents of mass and parameters, one per particle.
     pub fn cotangents(&self, gpu: &Gpu) -> Result<Tensor> {
         upload(gpu, vec![0.0_f32; (1 + self.law.parameters().len()) * self.count.max(1)])
     }
 
-    /// Adds such cotangents to those of the values of a simulation: `found` holds that of the mass, then those of the
+    /// Adds these cotangents to those of a simulation's values: `found` holds that of the mass, then those of the
     /// parameters of this portion.
     pub fn collect(&self, on_values: &Tensor, found: &mut [&mut Vec<f64>], given: &[&Values<f32>]) -> Result<()> {
         let on_values: Vec<f32> = download(on_values)?;

@@ -1,4 +1,4 @@
-//! One substep on a device, forwards and backwards, and whole runs of them on plain states.
+//! One substep on a device, forward and backward, and runs of many substeps on plain states.
 
 use gradreel::backend::gpu::{Gpu, Kernel, Work};
 use gradreel::{DType, Error, ErrorKind, Result, Spec, Tensor};
@@ -13,7 +13,7 @@ use crate::physics::state::{COMPONENTS, HISTORY, State};
 use crate::physics::substep::Simulation;
 use crate::physics::values::{ValueGradients, Values};
 
-/// Numbers of the cotangent of a record: affine matrix, mass.
+/// Values in the cotangent of a record: affine matrix, mass.
 const ON_RECORD: usize = 10;
 
 /// A [`Simulation`] that runs on a GPU, in `f32`.
@@ -39,14 +39,14 @@ pub struct GpuSimulation<'a> {
     pub(super) plan: Simulation<'a, f32>,
     portions: Vec<OnDevice<'a>>,
     labels: Tensor,
-    /// Whether the cotangents of gravity and friction are wanted.
+    /// Whether the cotangents of gravity and friction are computed.
     tracked: bool,
 }
 
-/// The cotangents that substeps backwards add up.
+/// The cotangents that backward substeps accumulate.
 #[derive(Debug)]
 pub(super) struct Adjoint {
-    /// Of the record of each particle, for one substep.
+    /// Of the records, for one substep.
     on_record: Tensor,
     /// Of mass and parameters, by portion.
     on_values: Vec<Tensor>,
@@ -55,11 +55,11 @@ pub(super) struct Adjoint {
 }
 
 impl<'a> GpuSimulation<'a> {
-    /// Takes a simulation to a device.
+    /// Moves a simulation to a device.
     ///
     /// # Errors
     ///
-    /// [`ErrorKind::Unsupported`] for a world with a share of FLIP, [`ErrorKind::Device`] when the values do not fit.
+    /// [`ErrorKind::Unsupported`] for a world with FLIP, [`ErrorKind::Device`] when the values do not fit.
     pub fn new(gpu: &Gpu, simulation: Simulation<'a, f32>) -> Result<Self> {
         let plan = simulation;
         if plan.world.flip != 0.0 {
@@ -77,17 +77,17 @@ impl<'a> GpuSimulation<'a> {
         Ok(Self { gpu: gpu.clone(), portions, labels: upload(gpu, labels)?, plan, tracked: true })
     }
 
-    /// Leaves the cotangents of gravity and friction out.
+    /// Selects whether the cotangents of gravity and friction are computed.
     #[must_use]
     pub(crate) fn tracking(self, tracked: bool) -> Self {
         Self { tracked, ..self }
     }
 
-    /// The state after so many substeps from `start`.
+    /// The state after this number of substeps from `start`.
     ///
     /// # Errors
     ///
-    /// As [`Simulation::substep`], and [`ErrorKind::Device`] when the device fails or has no room.
+    /// As [`Simulation::substep`], and [`ErrorKind::Device`] when the device fails or runs out of memory.
     ///
     /// # Panics
     ///
@@ -99,8 +99,8 @@ impl<'a> GpuSimulation<'a> {
         self.state(&kept.last)
     }
 
-    /// Carries the cotangent of the state after so many substeps from `start` back to `start`; with the cotangents of
-    /// density, parameters, gravity and friction.
+    /// Propagates the cotangent of the state after this number of substeps from `start` back to `start`; returns the
+    /// cotangents of density, parameters, gravity and friction as well.
     ///
     /// # Errors
     ///
@@ -124,17 +124,17 @@ impl<'a> GpuSimulation<'a> {
         Ok((self.state(&cotangent)?, values))
     }
 
-    /// Puts a state on the device.
+    /// Copies a state to the device.
     pub(crate) fn load(&self, state: &State<f32>) -> Result<Tensor> {
         let mut all: Vec<f32> = (0..COMPONENTS + self.plan.history).flat_map(|k| state.component(k)).collect();
         all.resize(all.len().max(1), 0.0);
         upload(&self.gpu, all)
     }
 
-    /// Takes a state, or the cotangent of one, from the device.
+    /// Copies a state, or a cotangent, from the device.
     pub(crate) fn state(&self, tensor: &Tensor) -> Result<State<f32>> {
         let mut all: Vec<f32> = download(tensor)?;
-        // what a material does not remember is never written
+        // unused history variables of a material are never written
         for portion in &self.portions {
             for k in HISTORY + portion.law.history().len()..COMPONENTS + self.plan.history {
                 all[k * self.plan.particles + portion.first..][..portion.count].fill(0.0);
@@ -143,13 +143,13 @@ impl<'a> GpuSimulation<'a> {
         Ok(State::of_components(self.plan.particles, self.plan.history, &all))
     }
 
-    /// A state of undefined contents, or the cotangent of one.
+    /// A state, or a cotangent, with undefined contents.
     pub(super) fn blank(&self) -> Result<Tensor> {
         let len = self.plan.particles.max(1) * (COMPONENTS + self.plan.history);
         self.gpu.empty(Spec::new([len], DType::F32))
     }
 
-    /// Zero for what substeps backwards add up.
+    /// Zero accumulators for backward substeps.
     pub(super) fn adjoint(&self, capacity: usize) -> Result<Adjoint> {
         let module = GRID_VJP.reflect()?;
         let (obstacles, most) = (self.plan.world.colliders.len(), module.constant("MOST_OBSTACLES"));
@@ -176,7 +176,7 @@ impl<'a> GpuSimulation<'a> {
         self.each(&SURVEY, &[&course.marks, start], &course.words(self, 0))
     }
 
-    /// Positions of a state into a frame of `[frames, n, 3]`.
+    /// Copies the positions of a state to a frame of `[frames, n, 3]`.
     pub(crate) fn show(&self, state: &Tensor, frame: usize, frames: &Tensor) -> Result<()> {
         self.each(&SHOW, &[frames, &self.labels, state], &self.plain_words().frame(frame))
     }
@@ -194,7 +194,7 @@ impl<'a> GpuSimulation<'a> {
         Words::of(self.plan.world, self.plan.dt, self.plan.particles, capacity, self.tracked)
     }
 
-    /// Sorts particles, and runs their materials: fills records, and `F` and history of `next`.
+    /// Sorts the particles and runs their materials: fills the records, and `F` and history of `next`.
     fn scatter(&self, course: &Course, buffers: &Buffers, step: usize, now: &Tensor, next: &Tensor) -> Result<Words> {
         let words = course.words(self, step);
         let Buffers { cells, counts, starts, totals, bases, total, arrivals, slots, records, .. } = buffers;
@@ -231,7 +231,7 @@ impl<'a> GpuSimulation<'a> {
         self.each(&ADVANCE, &[next, &course.marks, now, grid], &words)
     }
 
-    /// Turns the cotangent of the state after a substep into that of `now`.
+    /// Propagates the cotangent of the state after a substep to that of `now`.
     #[allow(clippy::too_many_arguments)] // what a substep is made of
     pub(super) fn substep_vjp(
         &self,
@@ -259,7 +259,7 @@ impl<'a> GpuSimulation<'a> {
         Ok(())
     }
 
-    /// Sums over particles and nodes, in `f64` and in their order.
+    /// Sums over particles and nodes, in `f64` and in a fixed order.
     pub(super) fn value_gradients(&self, adjoint: &Adjoint) -> Result<ValueGradients<f32>> {
         let Simulation { mass, portions, particles, world, .. } = &self.plan;
         let blank = |values: &Values<f32>| match values {

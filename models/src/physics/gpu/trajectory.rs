@@ -1,4 +1,4 @@
-//! Many substeps on a device: room for the grid, states kept, cotangents back to the start, and what went wrong.
+//! Many substeps on a device: grid capacity, kept states, cotangents back to the start, and failures.
 
 use gradreel::{Error, ErrorKind, Result, Tensor};
 
@@ -14,32 +14,32 @@ use crate::physics::remat::Remat;
 use crate::physics::state::State;
 use crate::physics::values::ValueGradients;
 
-/// Cells around the particles that there is room for at first.
+/// Initial margin of the grid around the particles, in cells.
 const MARGIN: usize = 4;
 
-/// What is the same for all substeps of a run.
+/// The constants of a run.
 #[derive(Debug)]
 pub(crate) struct Course {
     steps: usize,
-    /// Nodes that there is room for.
+    /// Grid capacity in nodes.
     pub(super) capacity: usize,
     pub(super) marks: Tensor,
     pub(super) obstacles: Tensor,
     table: Table,
 }
 
-/// What the backward pass needs of the forward pass, all of it on the device.
+/// State kept by the forward pass for the backward pass, all of it on the device.
 #[derive(Debug)]
 pub(crate) struct Kept {
     course: Course,
     segment: usize,
     snapshots: Vec<Tensor>,
-    /// The state at the end.
+    /// The final state.
     pub(super) last: Tensor,
 }
 
 impl Kept {
-    /// Bytes of the states.
+    /// Size of the states \[bytes\].
     pub fn bytes(&self) -> usize {
         self.snapshots.iter().map(Tensor::bytes).sum::<usize>() + self.last.bytes()
     }
@@ -51,11 +51,11 @@ impl Course {
     }
 }
 
-/// Called with the number of substeps so far and the state, or the cotangent of the state, after them.
+/// Called with the number of substeps so far, and the state or cotangent after them.
 pub(crate) type Visit<'v> = &'v mut dyn FnMut(usize, &Tensor) -> Result<()>;
 
 impl GpuSimulation<'_> {
-    /// Simulates from `start`. Without `remat` no state is kept but the last.
+    /// Simulates from `start`. Without `remat` only the final state is kept.
     pub(crate) fn forward(
         &self,
         start: &State<f32>,
@@ -69,11 +69,11 @@ impl GpuSimulation<'_> {
             let kept = self.attempt(start, steps, remat, capacity, visit)?;
             match Marks(download(&kept.course.marks)?).outcome() {
                 Outcome::Finished => return Ok(kept),
-                // Too many nodes, or too far away for single precision.
+                // Too many nodes, or coordinates beyond single precision.
                 Outcome::TooLarge { step, nodes } if nodes > most as f64 || nodes <= capacity as f64 => {
                     return Err(self.too_large(start, step, capacity, nodes, most));
                 }
-                // Once more, with room for what is known to be needed and as much again.
+                // Retry with at least twice the capacity.
                 Outcome::TooLarge { nodes, .. } => capacity = (2 * nodes as usize).max(2 * capacity).min(most),
                 Outcome::Broken { step, particle, culprit } => {
                     return Err(self.broken(start, step, capacity, particle, culprit));
@@ -82,7 +82,7 @@ impl GpuSimulation<'_> {
         }
     }
 
-    /// Carries a cotangent of the state at the end back to the start, in place; `visit` may add to it on the way.
+    /// Propagates a cotangent of the final state back to the start, in place; `visit` may add to it on the way.
     pub(crate) fn backward(&self, kept: &Kept, cotangent: &Tensor, visit: Visit<'_>) -> Result<ValueGradients<f32>> {
         let Kept { course, segment, snapshots, .. } = kept;
         let adjoint = self.adjoint(course.capacity)?;
@@ -106,7 +106,7 @@ impl GpuSimulation<'_> {
         self.value_gradients(&adjoint)
     }
 
-    /// Records all substeps, in a grid with room for so many nodes.
+    /// Records all substeps, in a grid of this capacity.
     fn attempt(
         &self,
         start: &State<f32>,
@@ -140,7 +140,7 @@ impl GpuSimulation<'_> {
         Ok(Course { steps, capacity, marks: upload(&self.gpu, Marks::blank(steps).0)?, obstacles, table })
     }
 
-    /// Nodes that the world, the device and the sort allow.
+    /// The largest number of nodes that the world, the device and the sort allow.
     fn most_nodes(&self, backwards: bool) -> Result<usize> {
         let span = SCAN.reflect()?.constant("SPAN");
         let bytes = usize::try_from(self.gpu.limits().binding_bytes).unwrap_or(usize::MAX);
@@ -148,7 +148,7 @@ impl GpuSimulation<'_> {
         Ok((span * span).min(bytes / (16 * directions)).min(self.plan.world.node_limit.max(1)))
     }
 
-    /// Room for the grid at the start and some more.
+    /// The initial grid capacity: the initial box with a margin.
     fn first_capacity(&self, start: &State<f32>) -> Result<usize> {
         if start.is_empty() {
             return Ok(1);
@@ -157,7 +157,8 @@ impl GpuSimulation<'_> {
         Ok(node_grid.shape.iter().map(|nodes| nodes + 2 * MARGIN).product())
     }
 
-    /// The state after so many substeps, none of which fails in a grid with this much room, and the one after it.
+    /// The states before and after a substep, resimulated in a grid of this capacity, in which no earlier substep
+    /// fails.
     fn replay(&self, start: &State<f32>, step: usize, capacity: usize) -> Result<[State<f32>; 2]> {
         let mut before = None;
         let kept = self.attempt(start, step + 1, None, capacity, &mut |at, state| {
@@ -170,7 +171,7 @@ impl GpuSimulation<'_> {
         Ok([before.unwrap_or_else(|| last.clone()), last])
     }
 
-    /// The error of a grid without enough room.
+    /// The error of a grid without sufficient capacity.
     fn too_large(&self, start: &State<f32>, step: usize, capacity: usize, nodes: f64, most: usize) -> Error {
         let limit = self.plan.world.node_limit;
         let world = self
@@ -185,7 +186,7 @@ impl GpuSimulation<'_> {
         })
     }
 
-    /// The error of a particle that broke a limit: simulates up to there again, and looks.
+    /// The error of a particle that broke a limit; resimulates up to the failing substep.
     fn broken(
         &self,
         start: &State<f32>,

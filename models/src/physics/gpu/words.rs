@@ -1,17 +1,17 @@
-//! The numbers that every kernel takes. Twin of `models/kernels/shared/substep.wgsl`.
+//! The uniform words of every kernel. Mirrors `models/kernels/shared/substep.wgsl`.
 
 use super::portion::OnDevice;
 use crate::physics::world::World;
 
-/// Words of the struct.
+/// Number of words of the struct.
 pub(super) const COUNT: usize = 24;
 
-/// What is the same for all substeps of a rollout, and what each dispatch adds to it.
+/// The constants of a rollout, and the arguments of a dispatch.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Words([u32; COUNT]);
 
 impl Words {
-    /// Those of a world; `capacity` nodes have room.
+    /// The words of a world; `capacity` is that of the grid in nodes.
     pub fn of(world: &World, dt: f64, particles: usize, capacity: usize, tracked: bool) -> Self {
         let mut words = [0; COUNT];
         words[0] = word(particles);
@@ -32,14 +32,14 @@ impl Words {
         Self(words)
     }
 
-    /// Those of a substep.
+    /// Sets the substep.
     pub fn at(mut self, step: usize, first_obstacle: usize) -> Self {
         self.0[1] = word(step);
         self.0[4] = word(first_obstacle);
         self
     }
 
-    /// Those for the particles of one material.
+    /// Sets the portion of one material.
     pub fn portion(mut self, portion: &OnDevice<'_>) -> Self {
         self.0[5] = word(portion.first);
         self.0[6] = word(portion.count);
@@ -47,25 +47,25 @@ impl Words {
         self
     }
 
-    /// Those for a frame.
+    /// Sets the frame.
     pub fn frame(mut self, frame: usize) -> Self {
         self.0[7] = word(frame);
         self
     }
 
-    /// Those for a scan of so many numbers.
+    /// Sets the length of a scan.
     pub fn scan(mut self, numbers: usize) -> Self {
         self.0[2] = word(numbers);
         self
     }
 
-    /// As the kernels take them.
+    /// The words in the layout of the kernels.
     pub fn as_slice(&self) -> &[u32] {
         &self.0
     }
 }
 
-/// Counts fit: buffers of more than 2³² entries are refused when they are made.
+/// Counts fit: buffers of more than 2³² entries are refused at creation.
 #[allow(clippy::cast_possible_truncation)]
 fn word(count: usize) -> u32 {
     count as u32

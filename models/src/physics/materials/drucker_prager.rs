@@ -1,4 +1,4 @@
-//! Sand: grains that rub against each other, with or without cohesion.
+//! Sand: granular material with friction, with or without cohesion.
 
 use gradreel::scalar::{Mat3, Scalar};
 
@@ -9,17 +9,17 @@ use crate::physics::parameters::{Parameter, lame};
 
 /// Granular material after Drucker and Prager.
 ///
-/// With Hencky's strain `ε` of the trial deformation (as in [`VonMises`](super::VonMises)), `T = Σε − 3c`:
-/// where it expands (`T ≥ 0`) the grains part, `ε′ = c (1, 1, 1)`; elsewhere, with `‖ε̂‖ = √(ε̂·ε̂ + 1e-8)` and
-/// `δγ = ‖ε̂‖ + (3λ + 2μ)/(2μ) T α`, the shear strain is cut to what friction holds: `ε′ = ε − max(δγ, 0)/‖ε̂‖ ε̂`.
-/// `α = √(2/3) · 2 sin φ/(3 − sin φ)`. Parameters: Young's modulus `E` \[Pa\], Poisson's ratio `ν`, friction angle `φ` \[degrees\],
-/// cohesion `c`, the strain to which the material can be pulled before it falls apart. Source: Klár et al.,
+/// With Hencky strain `ε` of the trial deformation (as in [`VonMises`](super::VonMises)) and `T = Σε − 3c`: in
+/// expansion (`T ≥ 0`) the grains separate, `ε′ = c (1, 1, 1)`; otherwise, with `‖ε̂‖ = √(ε̂·ε̂ + 1e-8)` and
+/// `δγ = ‖ε̂‖ + (3λ + 2μ)/(2μ) T α`, the shear strain is limited by friction: `ε′ = ε − max(δγ, 0)/‖ε̂‖ ε̂`.
+/// `α = √(2/3) · 2 sin φ/(3 − sin φ)`. Parameters: Young's modulus `E` \[Pa\], Poisson's ratio `ν`, friction angle `φ`
+/// \[degrees\], cohesion `c`, the strain at which the material separates under tension. Source: Klár et al.,
 /// *Drucker–Prager Elastoplasticity for Sand Animation*, 2016.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct DruckerPrager;
 
 impl DruckerPrager {
-    /// The friction coefficient `α` of a friction angle \[degrees\], for numbers and for traced scalars.
+    /// The friction coefficient `α` of a friction angle \[degrees\].
     pub fn friction(angle: Scalar) -> Scalar {
         let sine = (angle * (std::f64::consts::PI / 180.0)).sin();
         (8.0_f64 / 3.0).sqrt() * sine / (3.0 - sine)

@@ -6,11 +6,11 @@ use super::hencky::pressure_wave;
 use crate::physics::material::{Given, Material, Point};
 use crate::physics::parameters::{Parameter, lame};
 
-/// An elastic solid whose stress is linear in the stretches and that survives inversion.
+/// An elastic solid with stress linear in the stretches, which survives inversion.
 ///
-/// Kirchhoff stress `τ = U diag(2μ (σ − 1) σ + λ (J − 1) J) Uᵀ` \[Pa\], that is `2μ (F − R) Fᵀ + λ (J − 1) J I` with the
-/// rotation `R = U Vᵀ`, `J = σ₀ σ₁ σ₂`, and Lamé's `μ`, `λ` from Young's modulus `E` \[Pa\] and Poisson's ratio `ν`. No
-/// projection. Source: Stomakhin et al., *Energetically Consistent Invertible Elasticity*, 2012.
+/// Kirchhoff stress `τ = U diag(2μ (σ − 1) σ + λ (J − 1) J) Uᵀ` \[Pa\], that is `2μ (F − R) Fᵀ + λ (J − 1) J I` with
+/// the rotation `R = U Vᵀ`, `J = σ₀ σ₁ σ₂`, and Lamé's `μ`, `λ` from Young's modulus `E` \[Pa\] and Poisson's ratio
+/// `ν`. No return map. Source: Stomakhin et al., *Energetically Consistent Invertible Elasticity*, 2012.
 #[derive(Debug, Clone, Copy)]
 pub struct FixedCorotated;
 

@@ -1,14 +1,14 @@
-//! Logarithmic strain and its stress, on which the plastic laws stand.
+//! Hencky strain and its stress, shared by the plastic laws.
 
 use gradreel::scalar::{Principal, Scalar, Vec3};
 
-/// Stretches below this count as this much, so that the logarithm of a crushed or inverted particle is finite.
+/// Lower bound of stretches, so that the logarithm stays finite for crushed or inverted particles.
 pub(super) const LEAST_STRETCH: f64 = 0.05;
 
-/// Added to squared norms, so that their roots have a derivative at 0.
+/// Added to squared norms, so that their roots are differentiable at 0.
 const NORM_FLOOR: f64 = 1e-8;
 
-/// Hencky's strain in principal axes: `ε = ln max(σ, 0.05)`.
+/// Hencky strain in principal axes: `ε = ln max(σ, 0.05)`.
 pub(super) fn strain(principal: Principal) -> Vec3 {
     principal.stretches().map(|stretch| stretch.max(LEAST_STRETCH).ln())
 }
@@ -35,7 +35,7 @@ pub(super) fn stress(strain: Vec3, mu: Scalar, lambda: Scalar) -> Vec3 {
     strain.map(|e| 2.0 * mu * e + pressure)
 }
 
-/// Pressure waves: `√((λ + 2μ)/ρ)`.
+/// P-wave speed: `√((λ + 2μ)/ρ)`.
 pub(super) fn pressure_wave((mu, lambda): (f64, f64), density: f64) -> f64 {
     ((lambda + 2.0 * mu) / density).sqrt()
 }

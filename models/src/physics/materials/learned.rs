@@ -1,4 +1,4 @@
-//! A law with a small neural network in it, learned from motion.
+//! A neural constitutive law, learned from motion.
 
 use std::sync::{Arc, LazyLock};
 
@@ -8,16 +8,16 @@ use gradreel::{Tensor, ops::uniform};
 use crate::physics::material::{Given, History, Material, Point};
 use crate::physics::parameters::Parameter;
 
-/// Invariants that the network sees.
+/// Number of invariants that the network takes.
 const INVARIANTS: usize = 3;
-/// Response coefficients that it returns.
+/// Number of response coefficients that it returns.
 const RESPONSES: usize = 2;
-/// The widest hidden layer.
+/// Largest number of hidden units.
 pub const WIDEST: usize = 16;
-/// Volume ratios below this count as this much.
+/// Lower bound of the volume ratio.
 const LEAST_VOLUME: f64 = 0.05;
 
-/// Names of the weights, whatever their number.
+/// Names of the weights, for any number of hidden units.
 static NAMES: LazyLock<Vec<&'static str>> =
     LazyLock::new(|| (0..count(WIDEST)).map(|n| &*Box::leak(format!("w{n}").into_boxed_str())).collect());
 
@@ -27,12 +27,12 @@ const fn count(hidden: usize) -> usize {
 
 /// A neural constitutive law: invariants → one hidden layer of `tanh` → response coefficients → stress.
 ///
-/// With `J = det F` (at least 0.05) and `b̄ = J^(−2/3) F Fᵀ` the network sees `ln J`, `½ (tr b̄ − 3)` and `¼ (tr b̄² − 3)` and
-/// returns `a₀`, `a₁`. Alone, the law is `τ = S (softplus(a₁) dev b̄ + softplus(a₀) ln J I)`: whatever the weights, it is
-/// isotropic, indifferent to the frame, free of stress at rest, and resists shear and compression. On top of another law
-/// it adds `S (a₁ dev b̄ + a₀ ln J I)` to that law's stress, starting from nothing. `S` is a fixed scale \[Pa\]. The weights
-/// are parameters like others: `w0 …`, first layer (hidden × 3) with its biases, then second (2 × hidden) with its
-/// biases.
+/// With `J = det F` (at least 0.05) and `b̄ = J^(−2/3) F Fᵀ`, the network takes `ln J`, `½ (tr b̄ − 3)` and
+/// `¼ (tr b̄² − 3)` and returns `a₀`, `a₁`. Alone, the law is `τ = S (softplus(a₁) dev b̄ + softplus(a₀) ln J I)`: for
+/// any weights it is isotropic, frame-indifferent and stress-free at rest, and resists shear and compression. As a
+/// residual it adds `S (a₁ dev b̄ + a₀ ln J I)`, initially zero, to the stress of another law. `S` is a fixed scale
+/// \[Pa\]. The weights are ordinary parameters: `w0 …`, first layer (hidden × 3) with its biases, then second (2 ×
+/// hidden) with its biases.
 ///
 /// Source: Ma et al., *Learning Neural Constitutive Laws From Motion Observations*, 2023; Cao et al., *NeuMA*, 2024.
 #[derive(Debug, Clone)]
@@ -45,8 +45,8 @@ pub struct Learned {
 }
 
 impl Learned {
-    /// A law that is all network, with `hidden` units and stresses of the order of `scale` \[Pa\]; `seed` chooses the weights
-    /// it starts from.
+    /// A purely neural law with `hidden` units and stresses of the order of `scale` \[Pa\]; `seed` determines the
+    /// initial weights.
     ///
     /// # Panics
     ///
@@ -56,8 +56,8 @@ impl Learned {
         Self::new("learned".to_owned(), None, hidden, scale, seed)
     }
 
-    /// A correction of another law, which has its say about projection and history. The parameters are those of `base`,
-    /// then the weights.
+    /// A correction of the stress of another law, whose projection and history are kept. The parameters are those of
+    /// `base`, then the weights.
     ///
     /// # Panics
     ///
@@ -75,7 +75,7 @@ impl Learned {
         let second = (INVARIANTS + 1) * hidden;
         let reach = |n: usize| match n {
             _ if n < INVARIANTS * hidden => 1.0,
-            // a residual starts as nothing, but with a slope
+            // a residual starts at zero, but with a nonzero gradient
             _ if n < second => 0.1,
             _ if base.is_some() => 0.0,
             _ => 0.3,
@@ -84,7 +84,7 @@ impl Learned {
         Self { name, base, hidden, scale, start }
     }
 
-    /// How many weights there are; the last so many parameters.
+    /// Number of weights, which are the last parameters.
     pub fn weights(&self) -> usize {
         count(self.hidden)
     }
@@ -149,7 +149,7 @@ impl Material for Learned {
         }
     }
 
-    /// Pressure waves at rest, where the moduli are `S a₁` (shear) and `S a₀` (bulk) on top of the base's.
+    /// P-wave speed at rest, where the moduli are `S a₁` (shear) and `S a₀` (bulk), plus those of the base.
     fn wave_speed(&self, values: &[f64], density: f64) -> f64 {
         let (base_values, weights) = values.split_at(values.len() - self.weights());
         let [volume, shear] = self.respond([0.0; INVARIANTS], |n| weights[n], f64::tanh);

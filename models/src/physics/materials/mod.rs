@@ -1,16 +1,16 @@
-//! The materials that come with the crate, one file each.
+//! The shipped materials, one file each.
 //!
-//! | name | what it is like | parameters |
+//! | name | example | parameters |
 //! |---|---|---|
 //! | [`NeoHookean`] | rubber | `E`, `ν` |
-//! | [`FixedCorotated`] | rubber that may be turned inside out | `E`, `ν` |
+//! | [`FixedCorotated`] | rubber that may invert | `E`, `ν` |
 //! | [`StvkHencky`] | metal within its elastic range | `E`, `ν` |
 //! | [`VonMises`] | plasticine | `E`, `ν`, yield stress |
 //! | [`Viscoplastic`] | toothpaste | `μ`, `κ`, yield stress, plastic viscosity |
 //! | [`DruckerPrager`] | sand, dry or damp | `E`, `ν`, friction angle, cohesion |
 //! | [`Newtonian`] | water, honey | viscosity, `κ` |
 //! | [`Snow`] | snow | `E`, `ν`, critical compression and stretch, hardening |
-//! | [`Learned`] | anything elastic, or the rest that another law leaves | weights of a network |
+//! | [`Learned`] | any elastic material, or the residual of another law | weights of a network |
 
 mod drucker_prager;
 mod fixed_corotated;
@@ -35,7 +35,7 @@ pub use von_mises::{VonMises, YieldConvention};
 
 use super::law::Law;
 
-/// Every shipped material. Being listed here gets a material tested.
+/// Every shipped material. The tests cover all materials listed here.
 pub fn all() -> Vec<Law> {
     vec![
         Law::of(DruckerPrager),

@@ -7,10 +7,10 @@ use crate::physics::parameters::{Parameter, lame};
 
 /// A rubber-like elastic solid.
 ///
-/// Kirchhoff stress `τ = μ F Fᵀ + (λ ln J − μ) I` \[Pa\] with `J = det F` and Lamé's `μ`, `λ` from Young's modulus `E` \[Pa\]
-/// and Poisson's ratio `ν`. No projection. Inverted material (`J ≤ 0`) has no stress: the result is NaN, which a rollout
-/// reports. Source: Jiang et al., *The Material Point Method for Simulating Continuum Materials*, 2016, with the volumetric
-/// term in `ln J`.
+/// Kirchhoff stress `τ = μ F Fᵀ + (λ ln J − μ) I` \[Pa\] with `J = det F` and Lamé's `μ`, `λ` from Young's modulus `E`
+/// \[Pa\] and Poisson's ratio `ν`. No projection. For inverted material (`J ≤ 0`) the stress is NaN, which a rollout
+/// reports. Source: Jiang et al., *The Material Point Method for Simulating Continuum Materials*, 2016, with the
+/// volumetric term in `ln J`.
 #[derive(Debug, Clone, Copy)]
 pub struct NeoHookean;
 
@@ -29,7 +29,7 @@ impl Material for NeoHookean {
         (f * f.t()) * mu + Mat3::eye() * (lambda * f.det().ln() - mu)
     }
 
-    /// Pressure waves: `√((λ + 2μ)/ρ)`.
+    /// P-wave speed: `√((λ + 2μ)/ρ)`.
     fn wave_speed(&self, values: &[f64], density: f64) -> f64 {
         let (mu, lambda) = lame(values[0], values[1]);
         ((lambda + 2.0 * mu) / density).sqrt()

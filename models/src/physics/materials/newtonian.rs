@@ -5,15 +5,16 @@ use gradreel::scalar::{Mat3, Scalar, Vec3};
 use crate::physics::material::{Given, Material, Point};
 use crate::physics::parameters::Parameter;
 
-/// The volume ratio is kept above this.
+/// Lower bound of the volume ratio.
 const LEAST_VOLUME: f64 = 0.05;
 
-/// A fluid that resists compression, and shear by its viscosity.
+/// A fluid with resistance to compression and viscous shear stress.
 ///
-/// It remembers its volume ratio `J` only, kept in the deformation gradient as `diag(J, 1, 1)`:
-/// `J′ = max((1 + dt tr C) J, 0.05)`. Kirchhoff stress `τ = κ (J − J⁻⁶) I + μ J (C + Cᵀ)/2` \[Pa\] with the velocity gradient `C`
-/// at the start of the substep. Parameters: viscosity `μ` \[Pa·s\] and bulk modulus `κ` \[Pa\]. Note the `μ D` where other texts
-/// write `2μ D`. Source: Li et al., *PAC-NeRF*, 2023; the equation of state is Cole's with exponent 7.
+/// Only the volume ratio `J` is kept, in the deformation gradient as `diag(J, 1, 1)`:
+/// `J′ = max((1 + dt tr C) J, 0.05)`. Kirchhoff stress `τ = κ (J − J⁻⁶) I + μ J (C + Cᵀ)/2` \[Pa\] with the velocity
+/// gradient `C` at the start of the substep. Parameters: viscosity `μ` \[Pa·s\] and bulk modulus `κ` \[Pa\]. Note the
+/// `μ D` where other texts write `2μ D`. Source: Li et al., *PAC-NeRF*, 2023; the equation of state is Cole's with
+/// exponent 7.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Newtonian;
 
@@ -41,7 +42,7 @@ impl Material for Newtonian {
         Mat3::eye() * pressure + point.c.sym() * (given["viscosity"] * j)
     }
 
-    /// Pressure waves at rest: `√(7 κ/ρ)`.
+    /// Speed of sound at rest: `√(7 κ/ρ)`.
     fn wave_speed(&self, values: &[f64], density: f64) -> f64 {
         (7.0 * values[1] / density).sqrt()
     }

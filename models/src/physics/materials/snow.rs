@@ -1,32 +1,33 @@
-//! Snow: elastic within narrow limits, plastic beyond, harder the more it is packed.
+//! Snow: elastic within narrow limits, plastic beyond, hardening under compaction.
 
 use gradreel::scalar::{Mat3, Scalar, Vec3};
 
 use crate::physics::material::{Given, History, Material, Point};
 use crate::physics::parameters::{Parameter, lame};
 
-/// Packed more than this (as the plastic volume ratio), snow gets no harder.
+/// The plastic volume ratio below which hardening no longer increases.
 const DENSEST: f64 = 0.6;
 
-/// The plastic volume ratio is kept above this.
+/// Lower bound of the plastic volume ratio.
 const LEAST_VOLUME: f64 = 0.05;
 
-/// Stretches below this count as this much.
+/// Lower bound of stretches.
 const LEAST_STRETCH: f64 = 0.05;
 
-/// Snow after Stomakhin and others.
+/// Snow after Stomakhin et al.
 ///
-/// Trial stretches are clamped to `[1 − θ_c, 1 + θ_s]`; what is cut off goes to the plastic volume ratio, a history variable:
-/// `J_P′ = J_P Π σ/Π σ′`. The moduli harden with packing, `μ = μ₀ h`, `λ = λ₀ h`, `h = exp(ξ (1 − max(J_P, 0.6)))`, and the
-/// stress is that of [`FixedCorotated`](super::FixedCorotated): `τ = U diag(2μ (σ − 1) σ + λ (J − 1) J) Uᵀ` \[Pa\]. Parameters:
-/// Young's modulus `E` \[Pa\] and Poisson's ratio `ν` before hardening, critical compression `θ_c` and stretch `θ_s`, hardening `ξ`.
-/// Source: Stomakhin et al., *A Material Point Method for Snow Simulation*, 2013; the bound 0.6 is of later
-/// implementations and keeps the stiffness, and with it the substep, within bounds.
+/// Trial stretches are clamped to `[1 − θ_c, 1 + θ_s]`; the remainder goes into the plastic volume ratio, a history
+/// variable: `J_P′ = J_P Π σ/Π σ′`. The moduli harden under compaction, `μ = μ₀ h`, `λ = λ₀ h`,
+/// `h = exp(ξ (1 − max(J_P, 0.6)))`, and the stress is that of [`FixedCorotated`](super::FixedCorotated):
+/// `τ = U diag(2μ (σ − 1) σ + λ (J − 1) J) Uᵀ` \[Pa\]. Parameters: Young's modulus `E` \[Pa\] and Poisson's ratio `ν`
+/// before hardening, critical compression `θ_c` and stretch `θ_s`, hardening `ξ`. Source: Stomakhin et al., *A Material
+/// Point Method for Snow Simulation*, 2013; the bound 0.6 follows later implementations and limits the stiffness, and
+/// thus the number of substeps.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Snow;
 
 impl Snow {
-    /// The stretches cut to their limits.
+    /// The trial stretches, clamped.
     fn clamped(trial: &Point, given: &Given) -> Vec3 {
         let (least, most) = (1.0 - given["critical_compression"], 1.0 + given["critical_stretch"]);
         trial.f.principal().stretches().map(|s| s.max(least).min(most))
@@ -76,7 +77,7 @@ impl Material for Snow {
         principal.left(s.map(|s| 2.0 * mu * (s - 1.0) * s + pressure))
     }
 
-    /// Pressure waves in the densest snow.
+    /// P-wave speed of snow at maximum hardening.
     fn wave_speed(&self, values: &[f64], density: f64) -> f64 {
         let (mu, lambda) = lame(values[0] * (values[4] * (1.0 - DENSEST)).exp(), values[1]);
         ((lambda + 2.0 * mu) / density).sqrt()

@@ -6,10 +6,10 @@ use super::hencky;
 use crate::physics::material::{Given, Material, Point};
 use crate::physics::parameters::{Parameter, lame};
 
-/// An elastic solid whose stress is linear in Hencky's strain, stiff in compression and soft in extension.
+/// An elastic solid with stress linear in the Hencky strain, stiff in compression and soft in extension.
 ///
-/// Kirchhoff stress `τ = U diag(2μ ε + λ Σε) Uᵀ` \[Pa\] with `F = U diag(σ) Vᵀ`, `ε = ln max(σ, 0.05)` and Lamé's `μ`, `λ`
-/// from Young's modulus `E` \[Pa\] and Poisson's ratio `ν`. No projection. Source: Hencky 1928; Klár et al.,
+/// Kirchhoff stress `τ = U diag(2μ ε + λ Σε) Uᵀ` \[Pa\] with `F = U diag(σ) Vᵀ`, `ε = ln max(σ, 0.05)` and Lamé's `μ`,
+/// `λ` from Young's modulus `E` \[Pa\] and Poisson's ratio `ν`. No return map. Source: Hencky 1928; Klár et al.,
 /// *Drucker–Prager Elastoplasticity for Sand Animation*, 2016.
 #[derive(Debug, Clone, Copy)]
 pub struct StvkHencky;

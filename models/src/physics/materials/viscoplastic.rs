@@ -1,4 +1,4 @@
-//! Non-Newtonian fluid: toothpaste and cream, which flow beyond a yield stress, and the faster the more they are pushed.
+//! Non-Newtonian fluid, such as toothpaste or cream: rate-dependent flow beyond a yield stress.
 
 use gradreel::scalar::Mat3;
 
@@ -7,19 +7,20 @@ use super::von_mises::{YieldConvention, elastic, project};
 use crate::physics::material::{Given, Material, Point};
 use crate::physics::parameters::Parameter;
 
-/// The shear modulus as a multiple of the yield stress, and its standard deviation in decades: soft matter yields at a shear strain of 0.06, as
-/// `τ_Y` is √3 times the stress in shear, to a factor of three (microgels and foams at 0.2 to 0.4, mayonnaise and whipped cream near 0.1, toothpaste
-/// and muds at 0.02 to 0.1).
+/// Prior of the shear modulus: multiple of the yield stress, and standard deviation in decades. Soft matter yields at a
+/// shear strain of about 0.06 within a factor of three (microgels and foams 0.2 to 0.4, mayonnaise and whipped cream
+/// near 0.1, toothpaste and muds 0.02 to 0.1); `τ_Y` is √3 times the yield stress in shear.
 const STIFF: [f64; 2] = [10.0, 0.5];
 
 /// A viscoplastic (Bingham) material.
 ///
-/// As [`VonMises`](super::VonMises), but the stress comes back to the yield surface over time:
-/// `‖s‖′ = ‖s‖ − (‖s‖ − r)/(1 + η/(2 μ̂ dt))` with `μ̂ = μ (Σσ²)/3`. Parameters: shear modulus `μ` \[Pa\], bulk modulus `κ` \[Pa\]
-/// (`λ = κ − 2μ/3`), yield stress `τ_Y` \[Pa\], plastic viscosity `η` \[Pa·s\]. Source: Yue et al., *Continuum Foam*, 2015.
+/// As [`VonMises`](super::VonMises), but the stress relaxes to the yield surface over time:
+/// `‖s‖′ = ‖s‖ − (‖s‖ − r)/(1 + η/(2 μ̂ dt))` with `μ̂ = μ (Σσ²)/3`. Parameters: shear modulus `μ` \[Pa\], bulk modulus
+/// `κ` \[Pa\] (`λ = κ − 2μ/3`), yield stress `τ_Y` \[Pa\], plastic viscosity `η` \[Pa·s\]. Source: Yue et al.,
+/// *Continuum Foam*, 2015.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Viscoplastic {
-    /// What the yield stress bounds.
+    /// The definition of the yield stress.
     pub convention: YieldConvention,
 }
 

@@ -1,4 +1,4 @@
-//! Plasticine: elastic in logarithmic strain up to von Mises' yield stress, perfectly plastic beyond.
+//! Plasticine: elastic in Hencky strain up to the von Mises yield stress, perfectly plastic beyond.
 
 use gradreel::scalar::{Mat3, Scalar, Vec3};
 
@@ -6,18 +6,18 @@ use super::hencky;
 use crate::physics::material::{Given, Material, Point};
 use crate::physics::parameters::{Parameter, lame};
 
-/// What the yield stress `τ_Y` bounds: a factor of 1.22 in reported values hangs on it.
+/// The definition of the yield stress `τ_Y`; the two differ by a factor of √(3/2) ≈ 1.22.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum YieldConvention {
-    /// `‖s‖ ≤ √(2/3) τ_Y`: `τ_Y` is the stress at yield in a tensile test.
+    /// `‖s‖ ≤ √(2/3) τ_Y`: `τ_Y` is the yield stress of a tensile test.
     #[default]
     Tensile,
-    /// `‖s‖ ≤ τ_Y`: `τ_Y` is the norm of the deviatoric stress itself.
+    /// `‖s‖ ≤ τ_Y`: `τ_Y` bounds the norm of the deviatoric stress.
     Norm,
 }
 
 impl YieldConvention {
-    /// The norm of the deviatoric stress at yield per `τ_Y`.
+    /// The norm of the deviatoric stress at yield, divided by `τ_Y`.
     pub fn factor(self) -> f64 {
         match self {
             Self::Tensile => (2.0_f64 / 3.0).sqrt(),
@@ -26,21 +26,21 @@ impl YieldConvention {
     }
 }
 
-/// Young's modulus as a multiple of the yield stress, and its standard deviation in decades: solids yield at a strain of half a percent, to a
-/// factor of five. Of twelve kinds (steel, aluminium, copper and lead, annealed or not; polyethylene, polypropylene, acrylic, nylon;
-/// wax, plasticine, clay) the logarithm of typical values has the mean 2.3 and the standard deviation 0.7.
+/// Prior of Young's modulus: multiple of the yield stress, and standard deviation in decades. Solids yield at a strain
+/// of half a percent, within a factor of five: mean and deviation of the logarithm over typical values of steel,
+/// aluminium, copper and lead (annealed or not), polyethylene, polypropylene, acrylic, nylon, wax, plasticine and clay.
 const STIFF: [f64; 2] = [200.0, 0.7];
 
-/// A solid that keeps its shape until it yields, and then the shape it was given.
+/// An elastic solid that yields and keeps its plastic deformation.
 ///
-/// `F_trial = U diag(σ) Vᵀ`, `ε = ln max(σ, 0.05)`, `ε̂ = ε − mean ε`, `s = 2μ ε̂`, `‖s‖ = √(s·s + 1e-8)`. While `‖s‖` is at
-/// most the radius `r = √(2/3) τ_Y` (or `τ_Y`, see [`YieldConvention`]) the strain stays; beyond, `ε̂` shrinks by `r/‖s‖`.
-/// `F′ = U diag(eᵉ) Vᵀ`, and `τ = U diag(2μ ε + λ Σε) Uᵀ` \[Pa\]. Parameters: Young's modulus `E` \[Pa\], Poisson's ratio `ν`,
-/// yield stress `τ_Y` \[Pa\]. Source: Gao et al., *An Adaptive Generalized Interpolation Material Point Method*, 2017;
-/// Simo, 1992.
+/// `F_trial = U diag(σ) Vᵀ`, `ε = ln max(σ, 0.05)`, `ε̂ = ε − mean ε`, `s = 2μ ε̂`, `‖s‖ = √(s·s + 1e-8)`. Up to the
+/// radius `r = √(2/3) τ_Y` (or `τ_Y`, see [`YieldConvention`]) the strain is unchanged; beyond, `ε̂` is scaled by
+/// `r/‖s‖`. `F′ = U diag(eᵉ) Vᵀ`, and `τ = U diag(2μ ε + λ Σε) Uᵀ` \[Pa\]. Parameters: Young's modulus `E` \[Pa\],
+/// Poisson's ratio `ν`, yield stress `τ_Y` \[Pa\]. Source: Gao et al., *An Adaptive Generalized Interpolation Material
+/// Point Method*, 2017; Simo, 1992.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct VonMises {
-    /// What the yield stress bounds.
+    /// The definition of the yield stress.
     pub convention: YieldConvention,
 }
 
@@ -71,7 +71,7 @@ impl Material for VonMises {
     }
 }
 
-/// The trial deformation brought back to the yield surface of this radius \[Pa\], as far as viscosity lets it:
+/// Projects the trial deformation towards the yield surface of this radius \[Pa\], delayed by viscosity:
 /// `‖s‖′ = ‖s‖ − (‖s‖ − r)/(1 + slowness)`. The slowness is a function of the stretches.
 pub(super) fn project(trial: &Point, mu: Scalar, radius: Scalar, slowness: impl FnOnce(Vec3) -> Scalar) -> Mat3 {
     let principal = trial.f.principal();
@@ -84,7 +84,7 @@ pub(super) fn project(trial: &Point, mu: Scalar, radius: Scalar, slowness: impl 
     principal.two_point(deviator.map(|e| (e * kept + mean).exp()))
 }
 
-/// Hencky's stress of a projected deformation.
+/// The Kirchhoff stress of a projected deformation, linear in the Hencky strain.
 pub(super) fn elastic(point: &Point, mu: Scalar, lambda: Scalar) -> Mat3 {
     let principal = point.f.principal();
     let strain = principal.stretches().map(|stretch| stretch.ln());

@@ -1,4 +1,4 @@
-//! From the cotangents of a simulation to those of the inputs of a rollout.
+//! Conversion of a simulation's cotangents to those of the inputs of a rollout.
 
 use gradreel::{Backward, Result, Tensor, Var};
 
@@ -8,8 +8,8 @@ use crate::physics::row::Number;
 use crate::physics::values::ValueGradients;
 
 impl Rollout {
-    /// The gradients of all inputs, in the caller's order of particles and summed where an input is one for all; `start` holds
-    /// the cotangents of positions and velocities at the start.
+    /// The gradients of all inputs, in the caller's order of particles and summed for shared inputs; `start` holds the
+    /// cotangents of initial positions and velocities.
     pub(super) fn hand_back<T: Number>(
         &self,
         cx: &Backward<'_>,

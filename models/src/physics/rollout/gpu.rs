@@ -7,11 +7,11 @@ use super::{Rollout, start};
 use crate::physics::gpu::{GpuSimulation, Kept};
 use crate::physics::state::V;
 
-/// What the backward pass needs of the forward pass.
+/// State kept by the forward pass for the backward pass.
 #[derive(Debug)]
 struct OnDevice {
     kept: Kept,
-    /// The caller's number of each particle in grid order.
+    /// The caller's index of each particle in grid order.
     order: Vec<u32>,
 }
 
@@ -54,7 +54,7 @@ impl Rollout {
     }
 }
 
-/// Tensors on the CPU.
+/// Copies tensors to the CPU.
 fn here<'a>(tensors: impl Iterator<Item = &'a Tensor>) -> Result<Vec<Tensor>> {
     tensors.map(|tensor| tensor.to_device(&Device::Cpu)).collect()
 }

@@ -11,11 +11,11 @@ use crate::physics::trajectory::Trajectory;
 use crate::physics::values::Values;
 
 impl Rollout {
-    /// Simulates, and differentiates along several directions at once, by forward mode.
+    /// Simulates, and differentiates along several directions at once in forward mode.
     ///
-    /// `inputs` are those of the op in its order. A direction has a tangent of the same shape for each of them, `None` where
-    /// it does not change. Returns the positions `[frames, n, 3]` \[m\] and, for each direction, how they change along it.
-    /// Costs about two to three rollouts per direction and no memory that grows with the number of substeps;
+    /// `inputs` are those of the op, in order. A direction has a tangent of the same shape for each of them, `None`
+    /// where it is zero. Returns the positions `[frames, n, 3]` \[m\] and their tangents, one per direction. A
+    /// direction costs about two to three rollouts; memory does not grow with the number of substeps.
     /// [`Rollout::remat`] is not used.
     ///
     /// ```
@@ -51,8 +51,9 @@ impl Rollout {
     ///
     /// # Errors
     ///
-    /// As a [`rollout`](super::rollout()); [`ErrorKind::Shape`] for tangents that do not fit, [`ErrorKind::NonFinite`] for tangents that are or
-    /// become infinite; [`ErrorKind::Unsupported`] for tensors on a GPU.
+    /// As a [`rollout`](super::rollout()); [`ErrorKind::Shape`] for tangents of the wrong shape,
+    /// [`ErrorKind::NonFinite`] for tangents that are or become non-finite; [`ErrorKind::Unsupported`] for tensors on a
+    /// GPU.
     pub fn jvp(&self, inputs: &[Tensor], directions: &[Vec<Option<Tensor>>]) -> Result<(Tensor, Vec<Tensor>)> {
         let specs: Vec<Spec> = inputs.iter().map(|input| Spec::new(input.dims(), input.dtype())).collect();
         self.infer(&specs)?;

@@ -1,10 +1,10 @@
-//! A *row*: three neighbouring grid nodes along z, twelve numbers, the unit in which the transfers read and write the grid.
+//! A *row*: three neighbouring grid nodes along z, twelve values, the unit in which the transfers access the grid.
 //!
-//! A node holds `[vx, vy, vz, mass]` (or the like) in four consecutive values and z is the fastest axis, so the three
-//! nodes which a quadratic B-spline touches along z are twelve consecutive values. The 27 nodes around a particle are
-//! nine such rows. A row is one AVX-512 register in `f32`; other machines use two or three registers, or a plain array.
-//! The transfers are written once over [`Row`] and instantiated per instruction set; [`Level::detect`] chooses at run
-//! time, so a program built for the oldest x86-64 still takes the fast path.
+//! A node holds four consecutive values such as `[vx, vy, vz, mass]`, and z is the fastest axis; the three nodes that a
+//! quadratic B-spline covers along z are therefore twelve consecutive values, and the 27 nodes around a particle are
+//! nine rows. A row is one AVX-512 register in `f32`; other machines use two or three registers, or a plain array. The
+//! transfers are written once over [`Row`] and instantiated per instruction set; [`Level::detect`] chooses at run time,
+//! so that a program built for the oldest x86-64 still uses the fast path.
 
 mod portable;
 #[cfg(target_arch = "x86_64")]
@@ -12,16 +12,16 @@ mod x86;
 
 use gradreel::scalar::{Path, Real};
 
-/// A number the transfers can be instantiated for: `f32` or `f64`, with its row types.
+/// A float for which the transfers are instantiated: `f32` or `f64`, with its row types.
 pub trait Number: Real + Rows {
-    /// Numbers below this can be split (see [`Number::split`]).
+    /// Upper bound of the magnitude of values that [`Number::split`] accepts.
     const SPLITTABLE: f64;
 
-    /// The largest integer not above it, as both types. For magnitudes below [`Number::SPLITTABLE`]; meaningless beyond.
+    /// The floor, as an integer and as a float. Undefined beyond [`Number::SPLITTABLE`].
     fn split(self) -> (i32, Self);
 }
 
-/// Adding 1.5 · 2^(mantissa bits) leaves the nearest integer in the lowest bits: no conversion, no branch.
+/// Adding 1.5 · 2^(mantissa bits) moves the nearest integer to the lowest bits, without conversion or branch.
 macro_rules! number {
     ($float:ident, $mantissa:literal) => {
         impl Number for $float {
@@ -43,7 +43,7 @@ macro_rules! number {
 number!(f32, 23);
 number!(f64, 52);
 
-/// The row types of a number, one per instruction set.
+/// The row types of a float, one per instruction set.
 pub trait Rows: Sized {
     /// The row used with AVX-512.
     type Wide: Row<Self>;
@@ -53,24 +53,24 @@ pub trait Rows: Sized {
     type Portable: Row<Self>;
 }
 
-/// Twelve numbers: three nodes of four values each.
+/// Twelve values: three nodes of four values each.
 ///
 /// An implementation may carry a fourth node (as an AVX-512 register does). [`Row::load`] may then read it and
-/// [`Row::store`] may write it; what is written back there is what was read plus zero times something.
+/// [`Row::store`] may write it back, unchanged up to the addition of zeros.
 ///
 /// # Safety
 ///
-/// All functions may only be called on a machine that has the instruction set of the implementation. Pointers must be
-/// valid for 16 values.
+/// The machine must support the instruction set of the implementation, for all functions. Pointers must be valid for 16
+/// values.
 #[allow(clippy::missing_safety_doc)] // said once, above
 pub trait Row<T>: Copy {
     /// Reads a row.
     unsafe fn load(from: *const T) -> Self;
     /// Writes a row.
     unsafe fn store(self, to: *mut T);
-    /// The same number everywhere.
+    /// The same value everywhere.
     unsafe fn splat(value: T) -> Self;
-    /// One number per node, zero in a fourth node.
+    /// One value per node, zero in a fourth node.
     unsafe fn nodes(values: [T; 3]) -> Self;
     /// The four values read from a pointer, once per node.
     unsafe fn repeat(from: *const T) -> Self;
@@ -82,9 +82,9 @@ pub trait Row<T>: Copy {
     unsafe fn mul(self, other: Self) -> Self;
     /// `self · factor + addend`
     unsafe fn mul_add(self, factor: Self, addend: Self) -> Self;
-    /// The sums of the three nodes of four rows, one after the other.
+    /// The sums over the three nodes of four rows, concatenated.
     unsafe fn fold(rows: [Self; 4]) -> [T; 16];
-    /// Four rows of four values become columns: `to[c][r] = from[r][c]`. Pointers must be valid for 4 values.
+    /// Transposes four rows of four values: `to[c][r] = from[r][c]`. Pointers must be valid for 4 values.
     unsafe fn turn(from: [*const T; 4], to: [*mut T; 4]);
 }
 
@@ -96,17 +96,18 @@ pub enum Level {
     Avx512,
     /// AVX2 and FMA.
     Avx2,
-    /// Whatever the target guarantees.
+    /// The baseline of the target.
     Portable,
 }
 
 impl Level {
-    /// The best level that the path of the run allows ([`Path::best`]).
+    /// The best level that the selected instruction set allows ([`Path::best`]).
     pub fn detect() -> Self {
         Self::of(Path::best())
     }
 
-    /// The best level that a path allows, which the processor has: AVX-512 needs more parts of it here than there.
+    /// The best level that a path allows and the processor supports: AVX-512 needs more extensions here than in
+    /// [`Path`].
     fn of(path: Path) -> Self {
         match path {
             #[cfg(target_arch = "x86_64")]

@@ -1,4 +1,4 @@
-//! Rows as plain arrays: correct on every machine, and vectorised by the compiler as far as its target allows.
+//! Rows as plain arrays: portable, and vectorised by the compiler as far as the target allows.
 
 use super::{Row, Rows};
 use gradreel::scalar::Real;

@@ -78,7 +78,7 @@ impl Row<f32> for __m512 {
     unsafe fn fold([a, b, c, d]: [Self; 4]) -> [f32; 16] {
         // SAFETY: the contract of `Row`: the instruction set is there, and pointers are valid.
         unsafe {
-            // two rows at a time: their first halves beside each other, plus their second halves without the fourth node
+            // two rows at a time: concatenate their first halves, add their second halves without the fourth node
             let ab = _mm512_shuffle_f32x4::<0x44>(a, b);
             let ab = _mm512_add_ps(ab, _mm512_maskz_shuffle_f32x4::<0xee>(0x0f0f, a, b));
             let cd = _mm512_shuffle_f32x4::<0x44>(c, d);
@@ -356,7 +356,7 @@ impl Row<f64> for Wide64 {
     }
 }
 
-/// [`Row::turn`] of `f32`.
+/// [`Row::turn`] for `f32`.
 #[inline(always)]
 unsafe fn turn32(from: [*const f32; 4], to: [*mut f32; 4]) {
     // SAFETY: the contract of `Row`: the instruction set is there, and pointers are valid.
@@ -371,7 +371,7 @@ unsafe fn turn32(from: [*const f32; 4], to: [*mut f32; 4]) {
     }
 }
 
-/// [`Row::turn`] of `f64`.
+/// [`Row::turn`] for `f64`.
 #[inline(always)]
 unsafe fn turn64(from: [*const f64; 4], to: [*mut f64; 4]) {
     // SAFETY: the contract of `Row`: the instruction set is there, and pointers are valid.
