@@ -151,6 +151,12 @@ impl Error {
     }
 
     /// The same error as another kind of fault, such as physics that cannot work because of what the user gave.
+    ///
+    /// ```
+    /// use gradreel::{Error, ErrorKind};
+    /// let error = Error::new(ErrorKind::Physics, "the step is unstable").with_kind(ErrorKind::Input);
+    /// assert_eq!(error.kind(), ErrorKind::Input);
+    /// ```
     #[must_use]
     pub fn with_kind(mut self, kind: ErrorKind) -> Self {
         self.0.kind = kind;

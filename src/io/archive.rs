@@ -437,6 +437,13 @@ impl Archive {
     }
 
     /// Whether the file is in memory or mapped, so that [`Archive::map`] need not copy.
+    ///
+    /// ```
+    /// use gradreel::io::{Archive, TensorFile};
+    /// let archive = Archive::from_bytes(TensorFile::default().to_bytes()?)?;
+    /// assert!(archive.is_held());
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn is_held(&self) -> bool {
         matches!(self.source, Source::Held(_))
     }

@@ -131,7 +131,9 @@ impl TensorFile {
     #[expect(clippy::type_complexity, reason = "what the format's crate takes")]
     fn parts(&self) -> Result<(BTreeMap<String, OnCpu>, Option<HashMap<String, String>>)> {
         let on_cpu = self.tensors.iter().map(|(name, t)| Ok((name.clone(), OnCpu(t.to_device(&Device::Cpu)?))));
-        Ok((on_cpu.collect::<Result<_>>()?, Some(self.metadata.clone().into_iter().collect())))
+        // the format's crate writes no valid header of empty metadata without tensors
+        let metadata = (!self.metadata.is_empty()).then(|| self.metadata.clone().into_iter().collect());
+        Ok((on_cpu.collect::<Result<_>>()?, metadata))
     }
 }
 

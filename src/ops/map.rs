@@ -23,6 +23,22 @@ use crate::{Error, ErrorKind, Result, Shape, Spec, Tensor};
 const BUFFERS: &[&str] = &["y", "x0", "x1", "x2", "x3", "x4", "x5", "x6"];
 
 /// A pointwise op of `N` operands, written once as an ordinary function.
+///
+/// ```
+/// use gradreel::ops::Pointwise;
+/// use gradreel::{Tape, Tensor};
+///
+/// static CUBE: Pointwise<1> = Pointwise {
+///     name: "cube",
+///     function: |[x]| x * x * x,
+///     cases: || vec![[Tensor::from_vec(vec![-2.0, 0.0, 3.0], [3])]],
+///     entry: Vec::new,
+/// };
+/// let tape = Tape::new();
+/// let x = tape.leaf(Tensor::from_vec(vec![2.0], [1]));
+/// assert_eq!(CUBE.apply([&x]).backward()?.wrt(&x)?.item()?, 12.0);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 pub struct Pointwise<const N: usize> {
     /// Its name in errors and tables.
     pub name: &'static str,
@@ -36,6 +52,21 @@ pub struct Pointwise<const N: usize> {
 
 impl<const N: usize> Pointwise<N> {
     /// The op with its program traced; the same one at every call of a thread, so that derivatives are built once.
+    ///
+    /// ```
+    /// use gradreel::ops::Pointwise;
+    /// use gradreel::{Tape, Tensor};
+    ///
+    /// static CUBE: Pointwise<1> = Pointwise {
+    ///     name: "cube",
+    ///     function: |[x]| x * x * x,
+    ///     cases: || vec![[Tensor::from_vec(vec![-2.0, 0.0, 3.0], [3])]],
+    ///     entry: Vec::new,
+    /// };
+    /// # let _ = Tape::new;
+    /// assert_eq!(CUBE.op().program().eval(&[2.0]), [8.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn op(&self) -> Rc<Map> {
         thread_local! {
             static TRACED: RefCell<AddressMap<(usize, usize), Rc<Map>>> = RefCell::default();
@@ -54,6 +85,22 @@ impl<const N: usize> Pointwise<N> {
     }
 
     /// Applies it to variables, broadcasting them to a common shape.
+    ///
+    /// ```
+    /// use gradreel::ops::Pointwise;
+    /// use gradreel::{Tape, Tensor};
+    ///
+    /// static CUBE: Pointwise<1> = Pointwise {
+    ///     name: "cube",
+    ///     function: |[x]| x * x * x,
+    ///     cases: || vec![[Tensor::from_vec(vec![-2.0, 0.0, 3.0], [3])]],
+    ///     entry: Vec::new,
+    /// };
+    /// let tape = Tape::new();
+    /// let x = tape.leaf(Tensor::from_vec(vec![2.0], [1]));
+    /// assert_eq!(CUBE.apply([&x]).item()?, 8.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Panics
     /// When the shapes do not broadcast.

@@ -14,6 +14,21 @@ use crate::tensor::for_real;
 use crate::{DType, Device, Error, ErrorKind, Result, Tensor};
 
 /// What an optimiser did in one update.
+///
+/// ```
+/// use gradreel::optim::{Params, Sgd};
+/// use gradreel::{Tape, Tensor};
+/// let mut params = Params::new();
+/// params.set("x", Tensor::from_vec(vec![4.0], [1]));
+/// let gradients = {
+///     let tape = Tape::new();
+///     let bound = params.bind(&tape);
+///     bound.gradients(&bound.get("x")?.square().backward()?)?
+/// };
+/// let update = Sgd::new(0.1).step(&mut params, &gradients)?;
+/// assert_eq!((update.step, update.rate, update.gradient_norm), (1, 0.1, 8.0));
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Update {
     /// Updates made so far, this one included.

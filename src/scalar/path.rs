@@ -38,6 +38,11 @@ static HELD: AtomicU8 = AtomicU8::new(0);
 
 impl Path {
     /// The environment variable that names the path of a run; it is read once.
+    ///
+    /// ```
+    /// use gradreel::scalar::Path;
+    /// assert_eq!(Path::VARIABLE, "GRADREEL_ISA");
+    /// ```
     pub const VARIABLE: &'static str = "GRADREEL_ISA";
 
     /// Every path that this processor can run.
@@ -156,6 +161,16 @@ impl Path {
 
     /// Holds all kernels of the process to one path, or lets them go: to compare paths with each other, or with another
     /// machine.
+    ///
+    /// ```standalone_crate
+    /// use gradreel::scalar::Path;
+    ///
+    /// let plain = Path::available().find(|path| path.name() == "scalar").expect("every processor runs plain code");
+    /// // SAFETY: no kernel is running.
+    /// unsafe { Path::hold(Some(plain)) };
+    /// assert_eq!(gradreel::isa(), "scalar");
+    /// unsafe { Path::hold(None) };
+    /// ```
     ///
     /// # Safety
     /// No kernel may be running on any thread: some ask for the path more than once, and lay out memory by the first answer.

@@ -7,6 +7,17 @@ use crate::tape::{Tape, Var};
 use crate::{DType, Device, Error, ErrorKind, Result, Tensor};
 
 /// The outcome of a device check: one row for the value and one for the gradient of each real input. Prints as a table.
+///
+/// ```
+/// use gradreel::{Device, Tensor, devicecheck};
+///
+/// // the CPU against itself
+/// let x = Tensor::from_vec(vec![0.3f32, -1.2], [2]);
+/// let report = devicecheck("tanh", &Device::Cpu, &[("x", x)], 2e-6, |_, v| Ok(v[0].tanh()))?;
+/// assert_eq!(report.rows.len(), 2);
+/// println!("{report}");
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct DeviceReport {
     /// What was checked.
@@ -18,6 +29,17 @@ pub struct DeviceReport {
 }
 
 /// How far a result on a device is from that of the CPU.
+///
+/// ```
+/// use gradreel::{Device, Tensor, devicecheck};
+///
+/// // the CPU against itself
+/// let x = Tensor::from_vec(vec![0.3f32, -1.2], [2]);
+/// let report = devicecheck("tanh", &Device::Cpu, &[("x", x)], 2e-6, |_, v| Ok(v[0].tanh()))?;
+/// assert_eq!(report.rows[1].what, "gradient of x");
+/// assert_eq!(report.rows[1].difference, 0.0);
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct DeviceRow {
     /// `value`, or `gradient of` an input.
@@ -102,6 +124,16 @@ fn row(what: String, here: &Tensor, there: &Tensor, tolerance: f64) -> Result<De
 
 impl DeviceReport {
     /// Whether every row is within the tolerance.
+    ///
+    /// ```
+    /// use gradreel::{Device, Tensor, devicecheck};
+    ///
+    /// // the CPU against itself
+    /// let x = Tensor::from_vec(vec![0.3f32, -1.2], [2]);
+    /// let report = devicecheck("tanh", &Device::Cpu, &[("x", x)], 2e-6, |_, v| Ok(v[0].tanh()))?;
+    /// assert!(report.passed());
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn passed(&self) -> bool {
         self.rows.iter().all(|row| row.passed)
     }

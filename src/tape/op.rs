@@ -304,36 +304,192 @@ pub struct Backward<'a> {
 
 impl Backward<'_> {
     /// The cotangent of the result.
+    ///
+    /// ```
+    /// # use gradreel::{Backward, Forward, Op, Operands, Result, Spec, Tape, Tensor, Var};
+    /// # #[derive(Debug)]
+    /// # struct Square;
+    /// # impl Op for Square {
+    /// #     fn name(&self) -> &str { "square" }
+    /// #     fn infer(&self, inputs: &[Spec]) -> Result<Spec> { Ok(inputs[0].clone()) }
+    /// #     fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+    /// #         let squares = inputs[0].slice::<f64>().iter().map(|x| x * x).collect();
+    /// #         Ok(Forward::with_residual(Tensor::from_vec(squares, inputs[0].shape()), 2.0f64))
+    /// #     }
+    /// fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
+    ///     // y = x²: the cotangent of x is 2 x times that of y
+    ///     Ok(vec![Some(&(cx.gradient() * cx.input(0)) * 2.0)])
+    /// }
+    /// # }
+    /// # let tape = Tape::new();
+    /// # let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+    /// # assert_eq!(x.apply(Square, &[])?.backward()?.wrt(&x)?.item()?, 6.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn gradient(&self) -> &Var {
         self.gradient
     }
 
     /// An operand; without its values if [`Op::reads`] leaves it out.
+    ///
+    /// ```
+    /// # use gradreel::{Backward, Forward, Op, Operands, Result, Spec, Tape, Tensor, Var};
+    /// # #[derive(Debug)]
+    /// # struct Square;
+    /// # impl Op for Square {
+    /// #     fn name(&self) -> &str { "square" }
+    /// #     fn infer(&self, inputs: &[Spec]) -> Result<Spec> { Ok(inputs[0].clone()) }
+    /// #     fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+    /// #         let squares = inputs[0].slice::<f64>().iter().map(|x| x * x).collect();
+    /// #         Ok(Forward::with_residual(Tensor::from_vec(squares, inputs[0].shape()), 2.0f64))
+    /// #     }
+    /// fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
+    ///     let x = cx.input(0);
+    ///     Ok(vec![Some(&(cx.gradient() * x) * 2.0)])
+    /// }
+    /// # }
+    /// # let tape = Tape::new();
+    /// # let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+    /// # assert_eq!(x.apply(Square, &[])?.backward()?.wrt(&x)?.item()?, 6.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn input(&self, index: usize) -> &Var {
         &self.inputs[index]
     }
 
     /// All operands; without the values of those that [`Op::reads`] leaves out.
+    ///
+    /// ```
+    /// # use gradreel::{Backward, Forward, Op, Operands, Result, Spec, Tape, Tensor, Var};
+    /// # #[derive(Debug)]
+    /// # struct Square;
+    /// # impl Op for Square {
+    /// #     fn name(&self) -> &str { "square" }
+    /// #     fn infer(&self, inputs: &[Spec]) -> Result<Spec> { Ok(inputs[0].clone()) }
+    /// #     fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+    /// #         let squares = inputs[0].slice::<f64>().iter().map(|x| x * x).collect();
+    /// #         Ok(Forward::with_residual(Tensor::from_vec(squares, inputs[0].shape()), 2.0f64))
+    /// #     }
+    /// fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
+    ///     let [x] = cx.inputs() else { unreachable!("the shape rule takes one operand") };
+    ///     Ok(vec![Some(&(cx.gradient() * x) * 2.0)])
+    /// }
+    /// # }
+    /// # let tape = Tape::new();
+    /// # let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+    /// # assert_eq!(x.apply(Square, &[])?.backward()?.wrt(&x)?.item()?, 6.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn inputs(&self) -> &[Var] {
         self.inputs
     }
 
     /// Whether anybody wants the gradient of this operand; others may be left `None`.
+    ///
+    /// ```
+    /// # use gradreel::{Backward, Forward, Op, Operands, Result, Spec, Tape, Tensor, Var};
+    /// # #[derive(Debug)]
+    /// # struct Square;
+    /// # impl Op for Square {
+    /// #     fn name(&self) -> &str { "square" }
+    /// #     fn infer(&self, inputs: &[Spec]) -> Result<Spec> { Ok(inputs[0].clone()) }
+    /// #     fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+    /// #         let squares = inputs[0].slice::<f64>().iter().map(|x| x * x).collect();
+    /// #         Ok(Forward::with_residual(Tensor::from_vec(squares, inputs[0].shape()), 2.0f64))
+    /// #     }
+    /// fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
+    ///     if !cx.wants(0) {
+    ///         return Ok(vec![None]);
+    ///     }
+    ///     Ok(vec![Some(&(cx.gradient() * cx.input(0)) * 2.0)])
+    /// }
+    /// # }
+    /// # let tape = Tape::new();
+    /// # let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+    /// # assert_eq!(x.apply(Square, &[])?.backward()?.wrt(&x)?.item()?, 6.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn wants(&self, index: usize) -> bool {
         self.wanted[index]
     }
 
     /// The result; without its values if [`Op::reads`] leaves it out.
+    ///
+    /// ```
+    /// # use gradreel::{Backward, Forward, Op, Operands, Result, Spec, Tape, Tensor, Var};
+    /// # #[derive(Debug)]
+    /// # struct Square;
+    /// # impl Op for Square {
+    /// #     fn name(&self) -> &str { "square" }
+    /// #     fn infer(&self, inputs: &[Spec]) -> Result<Spec> { Ok(inputs[0].clone()) }
+    /// #     fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+    /// #         let squares = inputs[0].slice::<f64>().iter().map(|x| x * x).collect();
+    /// #         Ok(Forward::with_residual(Tensor::from_vec(squares, inputs[0].shape()), 2.0f64))
+    /// #     }
+    /// fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
+    ///     // the slope of x² by its result, for x > 0
+    ///     Ok(vec![Some(&(cx.gradient() * &cx.output().sqrt()) * 2.0)])
+    /// }
+    /// # }
+    /// # let tape = Tape::new();
+    /// # let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+    /// # assert_eq!(x.apply(Square, &[])?.backward()?.wrt(&x)?.item()?, 6.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn output(&self) -> &Var {
         self.output
     }
 
     /// Whether the derivative is recorded, to be differentiated again: a fused kernel will not do then.
+    ///
+    /// ```
+    /// # use gradreel::{Backward, Forward, Op, Operands, Result, Spec, Tape, Tensor, Var};
+    /// # #[derive(Debug)]
+    /// # struct Square;
+    /// # impl Op for Square {
+    /// #     fn name(&self) -> &str { "square" }
+    /// #     fn infer(&self, inputs: &[Spec]) -> Result<Spec> { Ok(inputs[0].clone()) }
+    /// #     fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+    /// #         let squares = inputs[0].slice::<f64>().iter().map(|x| x * x).collect();
+    /// #         Ok(Forward::with_residual(Tensor::from_vec(squares, inputs[0].shape()), 2.0f64))
+    /// #     }
+    /// fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
+    ///     assert!(!cx.is_recorded(), "Var::backward records nothing");
+    ///     Ok(vec![Some(&(cx.gradient() * cx.input(0)) * 2.0)])
+    /// }
+    /// # }
+    /// # let tape = Tape::new();
+    /// # let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+    /// # assert_eq!(x.apply(Square, &[])?.backward()?.wrt(&x)?.item()?, 6.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn is_recorded(&self) -> bool {
         self.live
     }
 
     /// For derivatives that are kernels rather than ops: refuses to be recorded.
+    ///
+    /// ```
+    /// # use gradreel::{Backward, Forward, Op, Operands, Result, Spec, Tape, Tensor, Var};
+    /// # #[derive(Debug)]
+    /// # struct Square;
+    /// # impl Op for Square {
+    /// #     fn name(&self) -> &str { "square" }
+    /// #     fn infer(&self, inputs: &[Spec]) -> Result<Spec> { Ok(inputs[0].clone()) }
+    /// #     fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+    /// #         let squares = inputs[0].slice::<f64>().iter().map(|x| x * x).collect();
+    /// #         Ok(Forward::with_residual(Tensor::from_vec(squares, inputs[0].shape()), 2.0f64))
+    /// #     }
+    /// fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
+    ///     cx.first_order_only("square")?;
+    ///     Ok(vec![Some(&(cx.gradient() * cx.input(0)) * 2.0)])
+    /// }
+    /// # }
+    /// # let tape = Tape::new();
+    /// # let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+    /// # assert_eq!(x.apply(Square, &[])?.backward()?.wrt(&x)?.item()?, 6.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`ErrorKind::Unsupported`] when the caller wants gradients of gradients, which would silently be incomplete.
@@ -347,6 +503,28 @@ impl Backward<'_> {
     }
 
     /// What the forward pass kept.
+    ///
+    /// ```
+    /// # use gradreel::{Backward, Forward, Op, Operands, Result, Spec, Tape, Tensor, Var};
+    /// # #[derive(Debug)]
+    /// # struct Square;
+    /// # impl Op for Square {
+    /// #     fn name(&self) -> &str { "square" }
+    /// #     fn infer(&self, inputs: &[Spec]) -> Result<Spec> { Ok(inputs[0].clone()) }
+    /// #     fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+    /// #         let squares = inputs[0].slice::<f64>().iter().map(|x| x * x).collect();
+    /// #         Ok(Forward::with_residual(Tensor::from_vec(squares, inputs[0].shape()), 2.0f64))
+    /// #     }
+    /// fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> {
+    ///     let two: &f64 = cx.residual();
+    ///     Ok(vec![Some(&(cx.gradient() * cx.input(0)) * *two)])
+    /// }
+    /// # }
+    /// # let tape = Tape::new();
+    /// # let x = tape.leaf(Tensor::from_vec(vec![3.0], [1]));
+    /// # assert_eq!(x.apply(Square, &[])?.backward()?.wrt(&x)?.item()?, 6.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     ///
     /// # Panics
     /// When the forward pass kept nothing, or something of another type.

@@ -36,6 +36,25 @@ impl<'a> Operands<'a> {
 
     /// All of them, when there are `N`.
     ///
+    /// ```
+    /// # use gradreel::{Backward, Forward, Op, Operands, Result, Spec, Tape, Tensor, Var};
+    /// # #[derive(Debug)]
+    /// # struct First;
+    /// # impl Op for First {
+    /// #     fn name(&self) -> &str { "first" }
+    /// #     fn infer(&self, inputs: &[Spec]) -> Result<Spec> { Ok(inputs[0].clone()) }
+    /// fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+    ///     let [x, _y] = inputs.array();
+    ///     Ok(x.clone().into())
+    /// }
+    /// #     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> { Ok(vec![Some(cx.gradient().clone()), None]) }
+    /// # }
+    /// # let tape = Tape::new();
+    /// # let [x, y] = [1.0, 2.0].map(|x| tape.constant(Tensor::from_vec(vec![x], [1])));
+    /// # assert_eq!(x.apply(First, &[&y])?.item()?, 1.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    ///
     /// # Panics
     /// When there are not `N`: the shape rule should have refused them.
     #[track_caller]
@@ -45,6 +64,25 @@ impl<'a> Operands<'a> {
     }
 
     /// All of them.
+    ///
+    /// ```
+    /// # use gradreel::{Backward, Forward, Op, Operands, Result, Spec, Tape, Tensor, Var};
+    /// # #[derive(Debug)]
+    /// # struct First;
+    /// # impl Op for First {
+    /// #     fn name(&self) -> &str { "first" }
+    /// #     fn infer(&self, inputs: &[Spec]) -> Result<Spec> { Ok(inputs[0].clone()) }
+    /// fn forward_cpu(&self, inputs: Operands<'_>) -> Result<Forward> {
+    ///     let operands: &[Tensor] = inputs.all();
+    ///     Ok(operands[0].clone().into())
+    /// }
+    /// #     fn vjp(&self, cx: &Backward<'_>) -> Result<Vec<Option<Var>>> { Ok(vec![Some(cx.gradient().clone()), None]) }
+    /// # }
+    /// # let tape = Tape::new();
+    /// # let [x, y] = [1.0, 2.0].map(|x| tape.constant(Tensor::from_vec(vec![x], [1])));
+    /// # assert_eq!(x.apply(First, &[&y])?.item()?, 1.0);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
     pub fn all(self) -> &'a [Tensor] {
         self.0
     }

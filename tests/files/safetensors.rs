@@ -57,6 +57,17 @@ fn a_written_file_is_read_back_bit_for_bit() {
 }
 
 #[test]
+fn a_file_without_tensors_is_read_back() {
+    for metadata in [&[][..], &[("note", "nothing yet")]] {
+        let mut file = TensorFile::default();
+        file.metadata.extend(metadata.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned())));
+        let read = TensorFile::from_bytes(&file.to_bytes().unwrap()).unwrap();
+        assert!(read.tensors.is_empty());
+        assert_eq!(read.metadata, file.metadata);
+    }
+}
+
+#[test]
 fn a_failed_write_leaves_the_old_file() {
     let folder = Folder::new("failed");
     // a folder cannot be replaced by a file

@@ -43,6 +43,20 @@ pub struct Kernel {
 }
 
 /// A storage buffer of a kernel.
+///
+/// ```
+/// use gradreel::DType;
+/// use gradreel::backend::gpu::Kernel;
+/// static DOUBLE: Kernel = Kernel::new("double", "main", "
+/// @group(0) @binding(0) var<storage, read_write> y: array<f32>;
+/// @group(0) @binding(1) var<storage, read> x: array<f32>;
+/// @compute @workgroup_size(64) fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+///     if id.x < arrayLength(&y) { y[id.x] = 2.0 * x[id.x]; }
+/// }", &["y", "x"]);
+/// let y = &DOUBLE.reflect()?.buffers()[0];
+/// assert_eq!((y.name.as_str(), y.slot, y.element, y.written), ("y", 0, DType::F32, true));
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Binding {
     /// Its name in the shader.

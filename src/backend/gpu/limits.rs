@@ -20,6 +20,12 @@ pub struct GpuLimits {
 
 impl GpuLimits {
     /// No limits but those of the device.
+    ///
+    /// ```
+    /// use gradreel::backend::gpu::GpuLimits;
+    /// let small = GpuLimits { buffer_bytes: 1 << 20, ..GpuLimits::NONE };
+    /// assert!(small.buffer_bytes < small.binding_bytes);
+    /// ```
     pub const NONE: Self = Self { buffer_bytes: u64::MAX, binding_bytes: u64::MAX, groups_per_axis: u32::MAX };
 
     /// What a device grants, within these limits.

@@ -3,7 +3,7 @@
 //! Kernels are WGSL text under `kernels/`, parsed and validated by naga before any driver sees them; bindings,
 //! workgroup sizes and constants are read from the validated module ([`Kernel::reflect`]). They keep to WebGPU's
 //! guaranteed limits (eight storage buffers, 256 invocations, 16 KiB of workgroup memory). Work is recorded and
-//! submitted in batches; only [`GpuBuffer::read`], behind [`crate::Tensor::to_device`], waits for it. Buffers of
+//! submitted in batches; only [`crate::Tensor::to_device`] waits for it. Buffers of
 //! results return to a pool when their last tensor is dropped.
 
 mod buffer;
@@ -19,7 +19,7 @@ mod source;
 mod strides;
 mod windows;
 
-pub use buffer::GpuBuffer;
+pub(crate) use buffer::GpuBuffer;
 pub(crate) use cast::{NARROW, WIDEN};
 pub use device::Gpu;
 pub use kernel::{Binding, Kernel, Reflection};
