@@ -23,4 +23,5 @@ pub use mesh::Mesh;
 pub use picture::View;
 pub use run::{Frame, Runner, Snapshot};
 pub use setup::{Setup, Stuff};
+pub(crate) use surface::{Hit, Surface};
 pub use totals::Totals;

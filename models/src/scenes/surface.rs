@@ -17,19 +17,21 @@ const LEVEL: f32 = 0.5;
 const INSIDE: f64 = 64.0 / 315.0 * std::f64::consts::PI * RADIUS * RADIUS * RADIUS;
 
 /// Where a ray meets the surface.
-pub(super) struct Hit {
+pub(crate) struct Hit {
     pub colour: [f64; 3],
     /// Unit normal, outwards.
     pub normal: [f64; 3],
 }
 
 /// A field of which the surface is a level, and the particles' colours weighted by it.
-pub(super) struct Surface {
+pub(crate) struct Surface {
     origin: [f64; 3],
     spacing: f64,
     dims: [usize; 3],
     /// Share of the sum inside, and the colours premultiplied by it.
     nodes: Vec<[f32; 4]>,
+    /// The share at which the surface lies.
+    level: f32,
 }
 
 impl Surface {
@@ -71,7 +73,28 @@ impl Surface {
                 }
             }
         }
-        Ok(Self { origin, spacing: step, dims, nodes })
+        Ok(Self { origin, spacing: step, dims, nodes, level: LEVEL })
+    }
+
+    /// The same with the level that encloses a volume \[m³\], to that of an eighth of a cell.
+    #[must_use]
+    pub fn enclosing(mut self, volume: f64) -> Self {
+        let mut inside = Vec::new();
+        for i in 0..2 * (self.dims[0] - 1) {
+            for j in 0..2 * (self.dims[1] - 1) {
+                for k in 0..2 * (self.dims[2] - 1) {
+                    let share = self.share([i, j, k].map(|n| 0.5 * n as f64 + 0.25));
+                    if share > 0.0 {
+                        inside.push(share);
+                    }
+                }
+            }
+        }
+        let wanted = (8.0 * volume / self.spacing.powi(3)).round() as usize;
+        if let Some(last) = wanted.checked_sub(1).filter(|last| *last < inside.len()) {
+            self.level = *inside.select_nth_unstable_by(last, |a, b| b.total_cmp(a)).1;
+        }
+        self
     }
 
     /// The first point of a ray inside the level.
@@ -94,11 +117,11 @@ impl Surface {
         let at = |t: f64| -> [f64; 3] { std::array::from_fn(|axis| start[axis] + t * along[axis]) };
         let mut t = near;
         while t < far {
-            if self.level(at(t)) >= LEVEL {
+            if self.share(at(t)) >= self.level {
                 let (mut outside, mut inside) = ((t - STEP).max(near), t);
                 for _ in 0..8 {
                     let middle = 0.5 * (outside + inside);
-                    if self.level(at(middle)) >= LEVEL {
+                    if self.share(at(middle)) >= self.level {
                         inside = middle;
                     } else {
                         outside = middle;
@@ -117,13 +140,13 @@ impl Surface {
             let (mut below, mut above) = (x, x);
             below[axis] -= 0.7;
             above[axis] += 0.7;
-            f64::from(self.level(below) - self.level(above))
+            f64::from(self.share(below) - self.share(above))
         });
         let norm = dot(slope, slope).sqrt().max(1e-12);
         Hit { colour: [r, g, b].map(|c| f64::from(c / share)), normal: slope.map(|s| s / norm) }
     }
 
-    fn level(&self, x: [f64; 3]) -> f32 {
+    fn share(&self, x: [f64; 3]) -> f32 {
         self.sample(x)[0]
     }
 
@@ -186,11 +209,19 @@ mod tests {
             let reached = (0..2000).map(|k| 0.2 - 1e-4 * f64::from(k)).find(|r| {
                 let x: [f64; 3] =
                     std::array::from_fn(|axis| (r * outwards[axis] - surface.origin[axis]) / surface.spacing);
-                surface.level(x) >= LEVEL
+                surface.share(x) >= LEVEL
             });
             mean += reached.expect("the ball is filled") / 40.0;
         }
         assert!((mean - radius).abs() < 0.15 * spacing, "radius {mean} of {radius}");
         assert!(surface.hit([0.0, 0.3, -1.0], [0.0, 0.0, 1.0]).is_none());
+        // of half the volume, the radius is smaller by the cube root of 2
+        let half = surface.enclosing(0.5 * 4.0 / 3.0 * std::f64::consts::PI * radius.powi(3));
+        let reached = (0..2000).map(|k| 0.2 - 1e-4 * f64::from(k)).find(|r| half.hit([0.0, 0.0, 1.0], [0.0, 0.0, -1.0]).is_some() && {
+            half.share([0, 1, 2].map(|axis| (if axis == 2 { *r } else { 0.0 } - half.origin[axis]) / half.spacing)) >= half.level
+        });
+        let wanted = radius / 2f64.cbrt();
+        let reached = reached.expect("it is not empty");
+        assert!((reached - wanted).abs() < 0.3 * spacing, "radius {reached} of {wanted}");
     }
 }

@@ -23,7 +23,7 @@ impl Part {
 }
 
 /// Some solids as one.
-pub(super) struct Body {
+pub(crate) struct Body {
     parts: Vec<Part>,
     /// What is taken away.
     carved: Option<Part>,
@@ -54,13 +54,8 @@ impl Body {
         };
         let mut parts = vec![Part { solid: first, turn: any_turn(&mut dice), centre: [0.0; 3] }];
         while parts.len() < count {
-            let solid = Solid::draw(&mut dice);
-            let on = &parts[dice.below(parts.len())];
-            // near enough to overlap
-            let far = 0.75 * (on.solid.reach() + solid.reach());
-            let centre = plus(on.centre, dice.direction().map(|d| d * far));
-            let centre = centre.map(|x| x.clamp(-0.9, 0.9));
-            parts.push(Part { solid, turn: any_turn(&mut dice), centre });
+            let (solid, on) = (Solid::draw(&mut dice), &parts[dice.below(parts.len())]);
+            parts.push(beside(on, solid, &mut dice));
         }
         let carved = dice.chance(0.15).then(|| Part {
             solid: Solid::Cylinder { radius: dice.within(0.08, 0.2), half: 3.0, round: 0.0 },
@@ -84,6 +79,19 @@ impl Body {
             bends,
             turn: product(tilt, upright),
         }
+    }
+
+    /// A body of so many parts, turned uniformly over all attitudes; the first part of a thin one is a plate or a ring.
+    pub fn of_parts(key: Key, count: usize, thin: bool) -> Self {
+        let mut dice = Dice::new(key);
+        let first = if thin { Solid::thin(&mut dice) } else { Solid::draw(&mut dice) };
+        let mut parts = vec![Part { solid: first, turn: any_turn(&mut dice), centre: [0.0; 3] }];
+        while parts.len() < count {
+            let (solid, on) = (Solid::draw(&mut dice), &parts[dice.below(parts.len())]);
+            parts.push(beside(on, solid, &mut dice));
+        }
+        let fillet = dice.within(0.02, 0.2);
+        Self { parts, carved: None, fillet, mirrored: false, bends: [0.0; 4], turn: uniform_turn(&mut dice) }
     }
 
     /// Number of parts.
@@ -127,6 +135,26 @@ impl Body {
         let each = self.parts.iter().map(|part| part.distance(x)).enumerate();
         each.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(part, _)| part)
     }
+}
+
+/// A solid near enough to a part to overlap it.
+fn beside(on: &Part, solid: Solid, dice: &mut Dice) -> Part {
+    let far = 0.75 * (on.solid.reach() + solid.reach());
+    let centre = plus(on.centre, dice.direction().map(|d| d * far));
+    let centre = centre.map(|x| x.clamp(-0.9, 0.9));
+    Part { solid, turn: any_turn(dice), centre }
+}
+
+/// A rotation, uniform over all of them (Shoemake, *Uniform random rotations*, 1992).
+fn uniform_turn(dice: &mut Dice) -> Matrix {
+    let [u, a, b] = [1.0, std::f64::consts::TAU, std::f64::consts::TAU].map(|most| dice.within(0.0, most));
+    let (r, s) = ((1.0 - u).sqrt(), u.sqrt());
+    let [x, y, z, w] = [r * a.sin(), r * a.cos(), s * b.sin(), s * b.cos()];
+    [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+    ]
 }
 
 fn any_turn(dice: &mut Dice) -> Matrix {

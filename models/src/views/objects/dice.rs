@@ -3,7 +3,7 @@
 use gradreel::Key;
 
 /// A key and how many numbers it has given.
-pub(super) struct Dice {
+pub(crate) struct Dice {
     key: Key,
     thrown: u64,
 }

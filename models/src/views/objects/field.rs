@@ -13,11 +13,11 @@ const STEP: [f64; 2] = [0.3, 0.8];
 const THICK: f64 = 0.15;
 
 /// Distances to the surface at the nodes of a grid around the body. The longest side of the body's box is 1, its middle 0.
-pub(super) struct Field {
-    low: [f64; 3],
-    spacing: f64,
-    dims: [usize; 3],
-    nodes: Vec<f32>,
+pub(crate) struct Field {
+    pub low: [f64; 3],
+    pub spacing: f64,
+    pub dims: [usize; 3],
+    pub nodes: Vec<f32>,
     /// Half the sides of the box.
     pub half: [f64; 3],
     /// To the world in which the body was made: middle and size of the box.
@@ -101,8 +101,8 @@ impl Field {
         Some(self)
     }
 
-    /// Trilinear between the nodes.
-    fn at(&self, x: [f64; 3]) -> f64 {
+    /// Trilinear between the nodes; beyond them that of the nearest.
+    pub fn at(&self, x: [f64; 3]) -> f64 {
         let (mut corner, mut share) = ([0; 3], [0.0f32; 3]);
         for axis in 0..3 {
             let place = ((x[axis] - self.low[axis]) / self.spacing).clamp(0.0, (self.dims[axis] - 1) as f64 - 1e-6);

@@ -8,7 +8,7 @@ use super::field::Field;
 use super::texture::Texture;
 
 /// A body with a pattern.
-pub(super) struct Made {
+pub(crate) struct Made {
     body: Body,
     texture: Texture,
     field: Field,
@@ -16,10 +16,15 @@ pub(super) struct Made {
 
 impl Made {
     /// The one of a key for its shape and one for its paint, with so many nodes along the longest side.
-    pub fn new([shape, paint]: [Key; 2], nodes: usize) -> Self {
-        // what is empty or as thin as paper is thrown again
+    pub fn new(keys: [Key; 2], nodes: usize) -> Self {
+        Self::of(Body::new, keys, nodes)
+    }
+
+    /// The first of the bodies that `draw` makes of the keys that follow from one for its shape, which is neither empty nor as
+    /// thin as paper.
+    pub fn of(draw: impl Fn(Key) -> Body, [shape, paint]: [Key; 2], nodes: usize) -> Self {
         let made = (0..).find_map(|turn| {
-            let body = Body::new(shape.fold(turn));
+            let body = draw(shape.fold(turn));
             Field::of(&body, nodes.max(8)).map(|field| (body, field))
         });
         let (body, field) = made.expect("bodies do not end");
@@ -31,12 +36,22 @@ impl Made {
         self.field.half
     }
 
+    /// Distances to its surface, negative inside.
+    pub fn field(&self) -> &Field {
+        &self.field
+    }
+
+    /// Its colour at a point, 0 to 1 as shown on a screen.
+    pub fn colour(&self, place: [f64; 3]) -> [f64; 3] {
+        let (middle, size) = self.field.made;
+        let made: [f64; 3] = std::array::from_fn(|axis| middle[axis] + size * place[axis]);
+        let own = self.body.inside(made);
+        self.texture.colour(self.body.part_at(own), own)
+    }
+
     /// Where a ray meets it; the direction has length 1.
     pub fn met(&self, origin: [f64; 3], along: [f64; 3]) -> Option<Met> {
         let entry = self.field.entry(origin, along)?;
-        let (middle, size) = self.field.made;
-        let made: [f64; 3] = std::array::from_fn(|axis| middle[axis] + size * entry.place[axis]);
-        let own = self.body.inside(made);
-        Some(Met { normal: entry.normal, colour: self.texture.colour(self.body.part_at(own), own) })
+        Some(Met { normal: entry.normal, colour: self.colour(entry.place) })
     }
 }

@@ -36,6 +36,11 @@ use rayon::prelude::*;
 
 pub use folder::{FolderSettings, MeshFile, MeshFolder};
 pub use mesh::TexturedMesh;
+pub(crate) use body::Body;
+pub(crate) use dice::Dice;
+pub(crate) use field::Field;
+pub(crate) use made::Made;
+pub(crate) use mesh::{Bvh, crossed};
 pub use placement::Placement;
 pub use sample::{Sample, SampleSettings};
 

@@ -65,6 +65,15 @@ impl Solid {
         }
     }
 
+    /// A plate or a ring, as thin as a few particles.
+    pub fn thin(dice: &mut Dice) -> Self {
+        if dice.chance(0.5) {
+            let half = [0.5, dice.within(0.3, 0.5), dice.within(0.06, 0.09)];
+            return Self::Box { half, round: 0.3 * half[2] };
+        }
+        Self::Torus { ring: dice.within(0.38, 0.45), tube: dice.within(0.06, 0.1) }
+    }
+
     /// A letter.
     pub fn letter(dice: &mut Dice) -> Self {
         Self::Letter { rows: LETTERS[dice.below(LETTERS.len())], depth: dice.within(0.12, 0.3) }

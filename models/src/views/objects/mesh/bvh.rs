@@ -9,7 +9,7 @@ const LEAF: usize = 4;
 const DEEPEST: usize = 64;
 
 /// Boxes around boxes around triangles.
-pub(super) struct Bvh {
+pub(crate) struct Bvh {
     nodes: Vec<Node>,
     /// The triangles in the order of the leaves.
     order: Vec<u32>,

@@ -20,7 +20,7 @@ use gradreel::{Error, ErrorKind, Result};
 pub(super) use turned::Turned;
 
 use self::beside::Beside;
-use self::bvh::Bvh;
+pub(crate) use self::bvh::Bvh;
 use self::paint::Paint;
 use crate::mesh_files;
 use crate::vector::{cross, dot, minus};
@@ -171,7 +171,7 @@ fn turned_against(other: [f64; 3], x: [f64; 3]) -> [f64; 3] {
 
 /// Where a ray passes a triangle, from either side (Möller and Trumbore 1997): distance and the shares of the second and
 /// third corner.
-fn crossed([a, b, c]: [[f64; 3]; 3], origin: [f64; 3], along: [f64; 3]) -> Option<(f64, [f64; 2])> {
+pub(crate) fn crossed([a, b, c]: [[f64; 3]; 3], origin: [f64; 3], along: [f64; 3]) -> Option<(f64, [f64; 2])> {
     let (to_b, to_c) = (minus(b, a), minus(c, a));
     let across = cross(along, to_c);
     let volume = dot(to_b, across);

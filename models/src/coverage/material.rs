@@ -1,0 +1,95 @@
+//! Parameters of a law, drawn from its priors.
+
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+
+use gradreel::{Error, ErrorKind, Key, Result};
+
+use crate::identify::{Config, MaterialConfig};
+use crate::physics::{Map, Parameter};
+
+/// Values by name, and the logarithm of each one's density on the scale of its fit.
+type Drawn = (BTreeMap<String, f64>, BTreeMap<String, f64>);
+
+/// The settings of a family.
+pub(super) fn named(family: &str) -> MaterialConfig {
+    MaterialConfig { name: family.to_owned(), ..MaterialConfig::default() }
+}
+
+/// A value on the scale of its fit: decades for magnitudes.
+pub(super) fn scale(parameter: &Parameter, value: f64) -> f64 {
+    if parameter.map == Map::Log10 { value.log10() } else { value }
+}
+
+/// Draws the free parameters of a law, each from a normal distribution cut off at the ends of its plausible range; held ones
+/// are at their values.
+///
+/// # Errors
+/// As [`Config::law`]; [`ErrorKind::Input`] where a range holds next to nothing of the distribution.
+pub(super) fn draw(config: &Config, key: Key) -> Result<Drawn> {
+    let law = config.law()?;
+    let (held, start) = (config.held(&law)?, config.starting_values(&law)?);
+    let (mut values, mut densities) = Drawn::default();
+    for (k, (parameter, start)) in law.parameters().iter().zip(start).enumerate() {
+        if held.contains(&parameter.name) {
+            values.insert(parameter.name.to_owned(), start);
+            continue;
+        }
+        let base = parameter.times.and_then(|other| values.get(other)).copied().unwrap_or(1.0);
+        let [middle, deviation] = parameter.usual;
+        let middle = scale(parameter, middle * base);
+        let [low, high] = parameter.prior.map(|end| scale(parameter, end));
+        let mut normals = key.fold(k as u64).normal(1000);
+        let drawn = normals.find(|z| (low..=high).contains(&(middle + deviation * z))).ok_or_else(|| {
+            Error::new(ErrorKind::Input, "a prior lies outside the plausible range").at(parameter.name)
+        })?;
+        let x = middle + deviation * drawn;
+        let inside = share([low, high].map(|end| (end - middle) / deviation));
+        let density = -0.5 * drawn * drawn - (deviation * TAU.sqrt()).ln() - inside.ln();
+        let value = if parameter.map == Map::Log10 { 10f64.powf(x) } else { x };
+        values.insert(parameter.name.to_owned(), value);
+        densities.insert(parameter.name.to_owned(), density);
+    }
+    Ok((values, densities))
+}
+
+/// The share of a standard normal distribution between two ends.
+fn share([low, high]: [f64; 2]) -> f64 {
+    0.5 * (libm::erf(high / std::f64::consts::SQRT_2) - libm::erf(low / std::f64::consts::SQRT_2))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::FAMILIES;
+
+    #[test]
+    fn draws_are_of_the_prior() {
+        for (family, _) in FAMILIES {
+            let config = Config { material: named(family), ..Config::default() };
+            let law = config.law().unwrap();
+            let held = config.held(&law).unwrap();
+            for parameter in law.parameters() {
+                let all: Vec<Drawn> = (0..300).map(|n| draw(&config, Key::new(n)).unwrap()).collect();
+                let values: Vec<f64> = all.iter().map(|(values, _)| values[parameter.name]).collect();
+                let [low, high] = parameter.prior;
+                if held.contains(&parameter.name) {
+                    assert!(values.iter().all(|value| *value == values[0]) && !all[0].1.contains_key(parameter.name));
+                    continue;
+                }
+                assert!(values.iter().all(|value| (low..=high).contains(value)), "{family}: {}", parameter.name);
+                let middle = values.iter().map(|value| scale(parameter, *value)).sum::<f64>() / values.len() as f64;
+                let [least, most] = [low, high].map(|end| scale(parameter, end));
+                assert!(least < middle && middle < most, "{family}: {}: {middle}", parameter.name);
+            }
+        }
+    }
+
+    /// The density integrates to one: the mean of `1/density` over draws is the length of the range.
+    #[test]
+    fn densities_are_those_of_the_draws() {
+        let config = Config { material: named("elastic"), ..Config::default() };
+        let lengths: f64 = (0..4000).map(|n| (-draw(&config, Key::new(n)).unwrap().1["young"]).exp()).sum::<f64>() / 4000.0;
+        assert!((lengths - 4.0).abs() < 0.3, "{lengths} decades of 1e3 to 1e7 Pa");
+    }
+}
