@@ -10,12 +10,12 @@ use crate::video::{Camera, Flight};
 /// Standard deviation of a silhouette's centroid: a share of its side, with a minimum in pixels.
 const MIDDLE: [f64; 2] = [0.003, 0.25];
 
-/// Standard deviation of the logarithm of a silhouette's side. It covers the error of the approximate body under changing
-/// viewing directions; too small a value turns this error into spurious motion along the line of sight and a wrong scale.
+/// Standard deviation of the logarithm of a silhouette's side. It covers the error of the approximate body under
+/// changing viewing directions; too small a value turns this error into spurious motion along the line of sight.
 const SIZE: f64 = 0.05;
 
-/// Maximum growth of the cost by another ballistic frame, as a multiple of the residual variance: the 5 % level for its
-/// three residuals. Contact may displace the object by as little as half a pixel.
+/// Maximum growth of the cost by another ballistic frame, as a multiple of the residual variance: the 5 % level for
+/// its three residuals. Contact may displace the object by as little as half a pixel.
 const SURPRISE: f64 = 4.0;
 
 /// Direction of gravity in camera coordinates.

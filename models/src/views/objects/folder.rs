@@ -139,10 +139,10 @@ impl MeshFolder {
     /// The object of a key: a file to train on, a turn about the vertical, and a lamp.
     ///
     /// # Errors
-    /// When the file cannot be read any more.
+    /// If the file cannot be read any more.
     ///
     /// # Panics
-    /// When all files are held out.
+    /// If all files are held out.
     #[track_caller]
     pub fn object(&self, key: Key) -> Result<Object> {
         let [which, about, light] = key.split();
@@ -153,7 +153,7 @@ impl MeshFolder {
     /// An object that is not trained on, by its number: all files in turn, then all of them turned otherwise.
     ///
     /// # Errors
-    /// When the file cannot be read any more.
+    /// If the file cannot be read any more.
     pub fn unseen_object(&self, number: usize, key: Key) -> Result<Object> {
         let [_, about, light] = key.split();
         self.turned(self.unseen[number % self.unseen.len()], about, light)

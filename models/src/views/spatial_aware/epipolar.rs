@@ -84,10 +84,10 @@ fn pointwise(x: &Var, weight: &Var) -> Var {
 }
 
 impl EpipolarAttention {
-    /// The attention at a scope.
+    /// Builds the attention from the weights at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// If a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, sizes: &SpatialAwareSizes) -> Result<Self> {
         let (features, encoding) = (sizes.features, 2 * sizes.octaves);
         let square =
@@ -108,10 +108,10 @@ impl EpipolarAttention {
     /// Features `[b, views, f, w, w]` to features of the same shape, each with what was found in the neighbours added.
     ///
     /// # Errors
-    /// When places cannot be moved where the features are.
+    /// When places cannot be moved to the device of the features.
     ///
     /// # Panics
-    /// When the sizes are not those of the attention.
+    /// If the shapes do not match the sizes of the attention.
     #[track_caller]
     pub fn forward(&self, ring: &Ring, features: &Var) -> Result<Var> {
         let [batch, views, channels, height, width] = features.dims()[..] else {

@@ -127,10 +127,10 @@ pub struct SpatialAware {
 }
 
 impl SpatialAware {
-    /// The module at a scope, for a model with these cameras and volumes.
+    /// Builds the module from the weights at a scope, for a model with these cameras and volumes.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// If a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, sizes: &SpatialAwareSizes, volume: &VolumeSizes, ring: &Ring) -> Result<Self> {
         let SpatialAwareSizes { features, widths, .. } = *sizes;
         let VolumeSizes { latent, time, .. } = *volume;
@@ -151,10 +151,10 @@ impl SpatialAware {
     /// A spatial volume `[b, features, v, v, v]` with the object where the box is.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] for a box that is none; when places cannot be moved where the views are.
+    /// [`ErrorKind::Input`] for a box that is none; when places cannot be moved to the device of the views.
     ///
     /// # Panics
-    /// When the sizes are not those of the module.
+    /// If the shapes do not match the sizes of the module.
     #[track_caller]
     pub fn correct(&self, volume: &Var, given: &Surroundings<'_>) -> Result<Var> {
         let [batch, views, _, height, width] = given.noised.dims()[..] else {
@@ -179,10 +179,10 @@ impl SpatialAware {
 /// `[b, views, f, w, w]` gathered in space as `G`.
 ///
 /// # Errors
-/// [`ErrorKind::Input`] for a box that is none; when places cannot be moved where the features are.
+/// [`ErrorKind::Input`] for a box that is none; when places cannot be moved to the device of the features.
 ///
 /// # Panics
-/// When the shapes do not fit.
+/// If the shapes do not fit.
 #[track_caller]
 pub fn combine(
     ring: &Ring,
@@ -211,10 +211,10 @@ pub fn combine(
 /// it falls, `[b, f, size, size, size]`.
 ///
 /// # Errors
-/// When places cannot be moved where the features are.
+/// When places cannot be moved to the device of the features.
 ///
 /// # Panics
-/// When the features have not five axes.
+/// If the features have not five axes.
 #[track_caller]
 pub fn gather(ring: &Ring, maps: &Var, size: usize) -> Result<Var> {
     let [batch, views, channels, height, width] = maps.dims()[..] else {

@@ -50,10 +50,10 @@ fn images(views: &[&View]) -> Tensor {
 /// Encodes samples for a training step of a model with these weights. Chance depends on the key alone.
 ///
 /// # Errors
-/// When a weight is missing or mis-shaped, or the device fails.
+/// If a weight is missing or has the wrong shape, or the device fails.
 ///
 /// # Panics
-/// When there are no samples, or their images have not the size of the model.
+/// If there are no samples, or their images have not the size of the model.
 #[track_caller]
 pub fn encode(
     weights: &FileWeights,
