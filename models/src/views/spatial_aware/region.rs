@@ -1,8 +1,8 @@
-//! The box in the input image lifted into space, and the weights that it gives to voxels.
+//! The box in the input image lifted into space, and the resulting voxel weights.
 
 use crate::views::{Detection, Ring};
 
-/// Nearest depth that a camera sees.
+/// Minimum depth in front of a camera.
 pub(super) const NEAR: f64 = 1e-4;
 
 impl Ring {
@@ -12,7 +12,7 @@ impl Ring {
         self.covered_widely(size, elevation, seen, 0.0)
     }
 
-    /// As [`Ring::covered`], with a margin on all sides, in shares of the image.
+    /// As [`Ring::covered`], with a margin on all sides, as a share of the image.
     fn covered_widely(&self, size: usize, elevation: f64, seen: &Detection, margin: f64) -> Vec<bool> {
         let (pose, bounds) = (self.input_pose(elevation), seen.bounds.padded(margin));
         let [near, far] = seen.depths(self, margin).unwrap_or([NEAR, f64::INFINITY]);
@@ -26,7 +26,7 @@ impl Ring {
     }
 }
 
-/// φ of every voxel: 1 in the box, `least` outside, and 1 everywhere where there is no box.
+/// φ of every voxel: 1 in the box, `least` outside, and 1 everywhere without a box.
 pub(super) fn weights(
     ring: &Ring,
     size: usize,
