@@ -6,8 +6,9 @@ use crate::views::{Detection, Ring};
 pub(super) const NEAR: f64 = 1e-4;
 
 impl Ring {
-    /// Which of `size³` voxels the object may fill, in the order of [`Ring::voxels`]: the part of the cube that the input
-    /// camera at this elevation (radians, azimuth 0) sees through the box, as far away as the object is, if that is known.
+    /// Mask of the `size³` voxels that the object may occupy, in the order of [`Ring::voxels`]: the part of the
+    /// cube inside the frustum of the box, seen from the input camera at this elevation (radians, azimuth 0),
+    /// limited to the object's depth range if known.
     pub fn covered(&self, size: usize, elevation: f64, seen: &Detection) -> Vec<bool> {
         self.covered_widely(size, elevation, seen, 0.0)
     }

@@ -27,8 +27,8 @@ use crate::layers::{Scope, Weights, initialise, listing};
 
 /// A resumable training: the trained weights, the optimiser's moments, and the number of steps.
 ///
-/// Frozen weights stay in their file ([`FileWeights`]). Checkpoints ([`Training::save`]) are safetensors with the trained
-/// weights under the published names, and the optimiser's state under `optimizer.`.
+/// Frozen weights stay in their file ([`FileWeights`]). Checkpoints ([`Training::save`]) are safetensors with the
+/// trained weights under the published names, and the optimiser's state under `optimizer.`.
 ///
 /// ```no_run
 /// use gradreel::Device;
