@@ -26,7 +26,7 @@
 //! origin = [0.1, 0.0, 2.0]  # the point that becomes the origin, in the layout's coordinates, for example on the ground
 //! frames_per_s = 60.0       # frame rate [1/s], in place of the layout's times
 //! imagined = [1, 2, 3]      # cameras whose images were synthesized from those of the others
-//! # duration_s = 0.5        # or: the duration that normalised times 0…1 refer to, or from the first frame to the last [s]
+//! # duration_s = 0.5        # or: duration of normalised times 0…1, or from the first frame to the last [s]
 //! ```
 //!
 //! Lens distortion and paths that lead out of the folder are errors. Images are PNG or JPEG. In all layouts except

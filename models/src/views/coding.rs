@@ -111,7 +111,7 @@ pub enum Coder {
 
 impl Coder {
     /// Images `[b, 3, h, w]` in −1..1 to unscaled latents (see [`Coding::scale`]). With an autoencoder, they are
-    /// sampled from its distribution with noise from `noise`, or the means without a key.
+    /// sampled from its distribution with random numbers of the key `noise`, or the means without a key.
     ///
     /// # Errors
     /// If the noise cannot be moved to the images' device.

@@ -182,9 +182,9 @@ impl Unet {
         })
     }
 
-    /// Predicts the noise in `x [b, inputs, w, w]` at `times` (one per sample), given context tokens `[b, m,
-    /// context]` and the volumes of each level, finest first. Without volumes, the depth-wise attention receives
-    /// zeros.
+    /// Predicts the noise in `x [b, inputs, w, w]` at `times` (one per sample), given context tokens
+    /// `[b, m, context]` and the volumes of each level, finest first. Without volumes, the depth-wise attention
+    /// receives zeros.
     ///
     /// # Errors
     /// If the time features cannot be cast to the dtype of `x`.

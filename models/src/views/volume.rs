@@ -98,8 +98,8 @@ impl VolumePath {
         constant(like, Tensor::from_vec(values, [elevations.len(), views, 4]))
     }
 
-    /// Un-projects all noised views `[b, views, latent, w, w]`, given time vectors `[b, time]` and viewpoints `[b,
-    /// views, 4]`, into a volume `[b, views · features, v, v, v]`.
+    /// Un-projects all noised views `[b, views, latent, w, w]`, given time vectors `[b, time]` and viewpoints
+    /// `[b, views, 4]`, into a volume `[b, views · features, v, v, v]`.
     ///
     /// # Errors
     /// If the sampling positions cannot be cast.
@@ -171,8 +171,8 @@ impl VolumePath {
         self.spatial.forward(unprojected, time)
     }
 
-    /// Samples the spatial volume of one sample `[1, c, v, v, v]` in some views' frustums: `[views.len(), c, depth,
-    /// w, w]`.
+    /// Samples the spatial volume of one sample `[1, c, v, v, v]` in some views' frustums:
+    /// `[views.len(), c, depth, w, w]`.
     ///
     /// # Errors
     /// If the sampling positions cannot be cast.

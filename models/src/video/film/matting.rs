@@ -119,7 +119,7 @@ fn mattes(pictures: &Decoded, settings: &FilmSettings, wanted: Wanted) -> Result
             None => {
                 let mut empty = backdrop::of(images);
                 for _ in 0..ROUNDS {
-                    // prefer too large an object region to too small a one
+                    // prefer an object region that is too large to one that is too small
                     let (without, with) = against(&empty);
                     empty = corrected::of(images, with.as_ref().unwrap_or(&without), &empty);
                 }

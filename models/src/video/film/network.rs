@@ -18,10 +18,10 @@ const OVERSHOOT: f32 = 0.25;
 
 /// A network that segments the object in a picture, such as U²-Net, ISNet, RMBG, BiRefNet or MODNet.
 ///
-/// The input is one picture `[1, 3, height, width]` of `f32`; the first output is the object's coverage `[1, 1,
-/// height, width]` or `[1, height, width]`. Values outside 0…1 are taken as logits if some are negative and passed
-/// through the logistic function; otherwise they are rescaled to 0…1 per picture. Running a network takes the time
-/// and memory that its file demands.
+/// The input is one picture `[1, 3, height, width]` of `f32`; the first output is the object's coverage
+/// `[1, 1, height, width]` or `[1, height, width]`. Values outside 0…1 are taken as logits if some are negative and
+/// passed through the logistic function; otherwise they are rescaled to 0…1 per picture. Running a network takes the
+/// time and memory that its file demands.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MattingSettings {

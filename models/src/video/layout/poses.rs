@@ -51,8 +51,8 @@ pub(super) fn moving(list: &std::path::Path, found: String) -> Error {
         .fix("film with several cameras that stand still; clips of one moving camera cannot be used")
 }
 
-/// Converts world to camera with OpenCV axes (y down, looking along z), `x_camera = rotation x_world +
-/// translation`, to camera to world with OpenGL axes (y up, looking along −z).
+/// Converts world to camera with OpenCV axes (y down, looking along z), `x_camera = rotation x_world + translation`,
+/// to camera to world with OpenGL axes (y up, looking along −z).
 pub(super) fn from_opencv(rotation: &[[f64; 3]; 3], translation: [f64; 3]) -> [[f64; 4]; 3] {
     let back = std::array::from_fn(|i| [rotation[0][i], rotation[1][i], rotation[2][i]]);
     let centre = times(&back, translation).map(|x| -x);

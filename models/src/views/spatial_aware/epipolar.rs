@@ -61,8 +61,8 @@ struct Maps {
 }
 
 impl Maps {
-    /// The projections from features and positional encodings to keys, as one matrix per head: `[heads, c, features
-    /// + 2 octaves]`, on the tape and in the dtype of `x`.
+    /// The projections from features and positional encodings to keys, as one matrix per head:
+    /// `[heads, c, features + 2 octaves]`, on the tape and in the dtype of `x`.
     #[track_caller]
     fn keys(&self, heads: usize, x: &Var) -> Var {
         let both = self.key.to_dtype(x.dtype()).concat(&[&self.depth.to_dtype(x.dtype())], 1);
@@ -130,8 +130,8 @@ impl EpipolarAttention {
         Ok(features + &out.reshape(features.shape().clone()))
     }
 
-    /// Attention output of some views, the mean over those neighbours in which each cell has valid samples: `[b,
-    /// group, f, w, w]`.
+    /// Attention output of some views, the mean over those neighbours in which each cell has valid samples:
+    /// `[b, group, f, w, w]`.
     #[track_caller]
     fn found(&self, ring: &Ring, features: &Var, group: std::ops::Range<usize>) -> Result<Var> {
         let [batch, views, channels, height, width] = features.dims()[..] else { unreachable!("checked before") };
@@ -222,8 +222,8 @@ impl EpipolarAttention {
         (0..samples).map(|sample| (0..octaves).flat_map(|octave| pair(sample, octave)).collect()).collect()
     }
 
-    /// Inputs of the samples besides the features: their positional encoding and score offset, `[1, lines, 2
-    /// octaves + 1, samples, h, w]`.
+    /// Inputs of the samples besides the features: their positional encoding and score offset,
+    /// `[1, lines, 2 octaves + 1, samples, h, w]`.
     fn told(&self, encoding: &[Vec<f64>], lines: &[EpipolarLines], [height, width]: [usize; 2]) -> Tensor {
         let (cells, samples, channels) = (height * width, self.sizes.samples, 2 * self.sizes.octaves);
         let mut values = Vec::with_capacity(lines.len() * (channels + 1) * samples * cells);
