@@ -1,4 +1,4 @@
-//! Procedural objects: a body, what is painted on it, and its grid.
+//! Procedural objects: a body, its texture, and its grid.
 
 use gradreel::Key;
 
@@ -7,7 +7,7 @@ use super::body::Body;
 use super::field::Field;
 use super::texture::Texture;
 
-/// A body with a pattern.
+/// A body with a texture.
 pub(super) struct Made {
     body: Body,
     texture: Texture,
@@ -15,9 +15,9 @@ pub(super) struct Made {
 }
 
 impl Made {
-    /// The one of a key for its shape and one for its paint, with so many nodes along the longest side.
+    /// Built from a key for its shape and a key for its texture, with `nodes` grid nodes along the longest side.
     pub fn new([shape, paint]: [Key; 2], nodes: usize) -> Self {
-        // what is empty or as thin as paper is thrown again
+        // empty and paper-thin bodies are redrawn
         let made = (0..).find_map(|turn| {
             let body = Body::new(shape.fold(turn));
             Field::of(&body, nodes.max(8)).map(|field| (body, field))
@@ -26,12 +26,12 @@ impl Made {
         Self { texture: Texture::new(paint, body.parts()), body, field }
     }
 
-    /// Half the sides of its box.
+    /// Half sides of its box.
     pub fn half(&self) -> [f64; 3] {
         self.field.half
     }
 
-    /// Where a ray meets it; the direction has length 1.
+    /// Intersection with a ray; the direction has length 1.
     pub fn met(&self, origin: [f64; 3], along: [f64; 3]) -> Option<Met> {
         let entry = self.field.entry(origin, along)?;
         let (middle, size) = self.field.made;
