@@ -1,4 +1,4 @@
-//! `gradreel check`: looks at a clip without computing anything.
+//! `gradreel check`: inspects a clip without reconstructing it.
 
 use std::path::PathBuf;
 
@@ -42,7 +42,7 @@ views that nobody filmed), as in imagined = [1, 2]. What is assumed, `gradreel c
 
 A film is a GIF, a video file (decoded by ffmpeg) or a folder of numbered PNG or JPEG pictures without such a list.";
 
-/// Prints what is there, what is missing and what will be assumed.
+/// Reports what is present, what is missing and what will be assumed.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let looked = settings(arguments).and_then(|config| match Film::is_at(&arguments.clip) {
         true => film(arguments, &config),
@@ -59,7 +59,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     }
 }
 
-/// The settings with which a reconstruction would open the clip.
+/// The settings that a reconstruction would use to open the clip.
 fn settings(arguments: &Arguments) -> Result<Config> {
     let mut config = match &arguments.config {
         None => Config::default(),
@@ -72,10 +72,10 @@ fn settings(arguments: &Arguments) -> Result<Config> {
     Ok(config)
 }
 
-/// Prints what the folder of a calibrated clip holds; the inner result is an error if it cannot be used.
+/// Reports on the folder of a calibrated clip; the inner result is an error if the clip cannot be used.
 fn calibrated(arguments: &Arguments, config: &Config) -> Result<Result<()>> {
     let (mut inventory, mut clip) = inspect_and_open(&arguments.clip, &options(config))?;
-    // a single frame is good for views around another clip
+    // a single frame is valid as views for another clip
     if let Some(clip) = clip.as_mut().filter(|clip| clip.frame_count() > 1) {
         inventory.problems.extend(start(clip, config).err().map(|error| error.to_string()));
         inventory.assumptions.clone_from(&clip.assumptions);
@@ -94,7 +94,7 @@ fn calibrated(arguments: &Arguments, config: &Config) -> Result<Result<()>> {
         .fix("correct the problems listed above, or choose complete cameras and frames with --cameras and --frames")))
 }
 
-/// What a reconstruction does with a clip that was opened, before it begins.
+/// The checks that a reconstruction performs on an opened clip before it begins.
 fn start(clip: &mut Clip, config: &Config) -> Result<()> {
     check_motion(clip, config)?;
     check_start(clip, config)?;
@@ -105,7 +105,7 @@ fn start(clip: &mut Clip, config: &Config) -> Result<()> {
     Ok(())
 }
 
-/// Prints what a film shows: it is made a clip as a reconstruction would do it, which refuses whatever that refuses.
+/// Reports on a film, which is converted to a clip with all checks of a reconstruction.
 fn film(arguments: &Arguments, config: &Config) -> Result<Result<()>> {
     let clip = ready(&arguments.clip, config)?;
     if arguments.json {

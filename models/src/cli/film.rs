@@ -1,4 +1,4 @@
-//! Options that say which clip is used, and what is known of a film.
+//! Options that select a clip and describe a film.
 
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
@@ -24,15 +24,15 @@ pub(super) struct ChoiceArguments {
 }
 
 impl ChoiceArguments {
-    /// Whether anything was chosen.
+    /// Whether any option was given.
     pub fn are_given(&self) -> bool {
         self.cameras.is_some() || self.frames.is_some() || self.first_frame.is_some()
     }
 
-    /// Lets what was chosen replace what the settings have.
+    /// Overrides the settings with the given options.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] for no frames at all.
+    /// [`ErrorKind::Input`] for zero frames.
     pub fn apply(&self, clip: &mut ClipConfig) -> Result<()> {
         if self.frames == Some(0) {
             return Err(Error::new(ErrorKind::Input, "a clip needs at least two frames to show motion")
@@ -91,7 +91,7 @@ pub(super) struct FilmArguments {
 }
 
 impl FilmArguments {
-    /// The options that were given.
+    /// Names of the given options.
     fn given(&self) -> Vec<&'static str> {
         let options = [
             (self.fps.is_some(), "--fps"),
@@ -104,15 +104,15 @@ impl FilmArguments {
         options.into_iter().filter(|(given, _)| *given).map(|(_, name)| name).collect()
     }
 
-    /// Whether anything was said.
+    /// Whether any option was given.
     pub fn are_given(&self) -> bool {
         !self.given().is_empty()
     }
 
-    /// Refuses what is said of a film where the clip is none.
+    /// Rejects film options for a clip that is not a film.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] with the options that were given.
+    /// [`ErrorKind::Input`] naming the given options.
     pub fn check_is_of(&self, path: &Path) -> Result<()> {
         if !self.are_given() || Film::is_at(path) || !path.exists() {
             return Ok(());
@@ -124,10 +124,10 @@ impl FilmArguments {
             .fix("leave them out: times, lenses and masks are those that the clip's folder says (clip.toml, masks/)"))
     }
 
-    /// Lets what was said replace what the settings have.
+    /// Overrides the settings with the given options.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] for a number outside its range: 0 is none that a person gives.
+    /// [`ErrorKind::Input`] for a number outside its range; 0 is not accepted here.
     pub fn apply(&self, film: &mut FilmSettings) -> Result<()> {
         let ranges: [(&str, Option<f64>, RangeInclusive<f64>, &str); 3] = [
             ("--fps", self.fps, 0.1..=1e6, "0.1 to 1e6 frames per second"),
@@ -145,7 +145,7 @@ impl FilmArguments {
         if self.masks.is_some() || self.background.is_some() || self.matting.is_some() {
             film.masks = self.masks.as_deref().map(whole);
             film.background = self.background.as_deref().map(whole);
-            // what the settings say of the network's pictures goes on to hold
+            // keep the settings of the network's input
             let settings = film.matting.take().unwrap_or_default();
             film.matting = self.matting.as_deref().map(|file| MattingSettings { model: whole(file), ..settings });
         }

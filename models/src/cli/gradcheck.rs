@@ -1,4 +1,4 @@
-//! `gradreel gradcheck`: derivatives against central differences, as tables.
+//! `gradreel gradcheck`: compares derivatives with central differences.
 
 use gradreel::ops::registry;
 use gradreel::{Error, ErrorKind, Result};

@@ -1,4 +1,4 @@
-//! The views around what a single camera filmed: synthesized within a reconstruction, or given.
+//! Synthesized or given views that complement a single camera.
 
 use std::path::{Path, PathBuf};
 
@@ -38,17 +38,17 @@ pub(super) struct ImagineArguments {
 /// Heading of these options.
 const HEADING: &str = "What a single camera did not see";
 
-/// The picture that the views are made from, in the folder of the run.
+/// File in the run's folder with the picture that the views are synthesized from.
 const PICTURE: &str = "first_frame.png";
 
 impl ImagineArguments {
-    /// Lets what was said replace what the settings have.
+    /// Overrides the settings with the given options.
     pub fn apply(&self, config: &mut Config) {
         if self.imagine.is_some() || self.views.is_some() {
             config.imagine.weights = self.imagine.as_deref().map(whole);
             config.imagine.views = self.views.as_deref().map(whole);
             if config.imagine.weights.as_deref() == Some(Path::new(FileWeights::BUILT_IN)) {
-                // it knows silhouettes only
+                // the built-in model is reliable in silhouettes only
                 config.weights.imagined_colour = 0.0;
             }
         }
@@ -56,7 +56,7 @@ impl ImagineArguments {
     }
 }
 
-/// Refuses what cannot be surrounded, and puts given views around the clip.
+/// Rejects clips that cannot be complemented, and adds given views to the clip.
 pub(super) fn given(clip: &mut Clip, config: &Config) -> Result<()> {
     let imagine = &config.imagine;
     if let (Some(_), true) = (&imagine.weights, clip.cameras.len() > 1) {
@@ -66,7 +66,7 @@ pub(super) fn given(clip: &mut Clip, config: &Config) -> Result<()> {
             .wanted("a film, or a single calibrated camera (--cameras)")
             .fix("leave it out"));
     }
-    // weights that cannot be used leave no trace
+    // reject unusable weights before anything is written
     if let Some(weights) = &imagine.weights {
         Source::of(weights, "the weights")?;
         let weights = network::open(weights, &Device::Cpu)?;
@@ -78,7 +78,8 @@ pub(super) fn given(clip: &mut Clip, config: &Config) -> Result<()> {
     }
 }
 
-/// Synthesizes the views of the clip's first frame in the folder of the run, or goes on with it, and puts them around the clip.
+/// Synthesizes views of the clip's first frame in the folder of the run, or resumes this, and adds them to the
+/// clip.
 pub(super) fn imagined(clip: &mut Clip, run: &mut Run, progress: &Progress) -> Result<()> {
     let imagine = &run.config.imagine;
     let Some(weights) = &imagine.weights else { return Ok(()) };
@@ -113,7 +114,7 @@ fn put_around(clip: &mut Clip, folder: PathBuf) -> Result<()> {
     Ok(())
 }
 
-/// Colour and coverage in bytes, not premultiplied.
+/// Colour and coverage as bytes, with straight alpha.
 fn pixels(frame: &Frame) -> Vec<u8> {
     let byte = |x: f32| (255.0 * x).round().clamp(0.0, 255.0) as u8;
     let pixel = |((row, column), &alpha): ((usize, usize), &f32)| {

@@ -74,7 +74,7 @@ enum Command {
 /// Runs the command line and returns the exit code.
 pub fn main() -> u8 {
     let command = Cli::parse().command;
-    // said before anything is read or written: no kernel runs without it
+    // checked first: all kernels require it
     let outcome = Path::of_environment().and_then(|_| run(command));
     exit_code(outcome)
 }

@@ -1,4 +1,4 @@
-//! The weights that a command runs a model with.
+//! Opening the weights of a model.
 
 use std::path::Path;
 
@@ -6,17 +6,17 @@ use gradreel::{Device, Result};
 
 use crate::views::FileWeights;
 
-/// A file up to this size is read into memory, a larger one is mapped \[bytes\].
+/// Maximum size of a file that is read into memory \[bytes\]; larger files are mapped.
 const LARGEST_COPY: u64 = 1 << 30;
 
-/// Opens weights to run a model with.
+/// Opens weights for inference.
 pub(super) fn open(path: impl AsRef<Path>, device: &Device) -> Result<FileWeights> {
     let path = path.as_ref();
     let large = std::fs::metadata(path).is_ok_and(|about| about.is_file() && about.len() > LARGEST_COPY);
     match (device, large) {
-        // SAFETY: this process writes no file of weights in place: its own are renamed to their names when they are whole.
-        // That other programs leave the file alone while a run uses it is a condition that the help of the commands states;
-        // a private copy would take the disk and the memory of the whole model.
+        // SAFETY: this process never writes weights in place: it renames complete files to their final names. That
+        // other programs must not change the file during a run is stated in the help of the commands; a private
+        // copy would take the model's full size on disk and in memory.
         (Device::Cpu, true) => unsafe { FileWeights::open_mapped(path, device) },
         _ => FileWeights::open(path, device),
     }

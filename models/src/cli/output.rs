@@ -1,4 +1,4 @@
-//! What is printed as a result, and what is said besides.
+//! Printing of results to stdout and of status lines to stderr.
 
 use std::fmt;
 use std::io::{ErrorKind, Write, stdout};
@@ -6,14 +6,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use gradreel::{Error, Result};
 
-/// Prints a line as `println!` does, but neither a reader that has gone (`gradreel check clip | head`) nor a full disk is a
-/// reason to stop.
+/// Prints a line like `println!`, but a closed pipe (`gradreel check clip | head`) or a full disk does not end the
+/// program.
 macro_rules! say {
     () => { $crate::cli::output::print(format_args!("\n")) };
     ($text:literal $($more:tt)*) => { $crate::cli::output::print(format_args!("{}\n", format_args!($text $($more)*))) };
 }
 
-/// Says a line on stderr as `eprintln!` does, whether or not it can be written.
+/// Prints a line to stderr like `eprintln!`, ignoring write errors.
 macro_rules! tell {
     ($($text:tt)*) => { $crate::report::terminal::tell(format_args!($($text)*)) };
 }
@@ -21,10 +21,10 @@ macro_rules! tell {
 pub(super) use say;
 pub(super) use tell;
 
-/// Whether something of the result could not be written although somebody wants it.
+/// Whether some output could not be written for a reason other than a closed pipe.
 static LOST: AtomicBool = AtomicBool::new(false);
 
-/// Prints, unless nobody reads it any more.
+/// Prints text, ignoring a closed pipe.
 pub(super) fn print(text: fmt::Arguments<'_>) {
     let mut out = stdout().lock();
     match out.write_fmt(text).and_then(|()| out.flush()) {
@@ -33,10 +33,10 @@ pub(super) fn print(text: fmt::Arguments<'_>) {
     }
 }
 
-/// For commands whose result is what they print: whether all of it was written.
+/// Checks that all output was written, for commands whose result is their output.
 ///
 /// # Errors
-/// [`gradreel::ErrorKind::Io`] when it was not, as on a full disk.
+/// [`gradreel::ErrorKind::Io`] if it was not, as on a full disk.
 pub(super) fn arrived() -> Result<()> {
     match LOST.load(Ordering::Relaxed) {
         false => Ok(()),

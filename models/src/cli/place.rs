@@ -1,4 +1,4 @@
-//! The folder of results, looked at before any work is done for it.
+//! Checking the output folder before any computation.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,11 +7,11 @@ use gradreel::{Error, ErrorKind, Result};
 
 use crate::report::run_folder::RunFolder;
 
-/// Whether a new run can be written to a folder; what is read for it, `source`, is not to hold it.
+/// Checks that a new run can be written to `out`, which must not lie within its input `source`.
 ///
 /// # Errors
-/// [`ErrorKind::Input`] as [`RunFolder::can_be_created`], and for a folder within `source`, a name that is too long, or a place
-/// where nothing can be written.
+/// [`ErrorKind::Input`] as [`RunFolder::can_be_created`], and for a folder within `source`, a name that is too
+/// long, or a location without write permission.
 pub(super) fn check(out: &Path, source: Option<&Path>) -> Result<()> {
     RunFolder::can_be_created(out)?;
     let above = out.ancestors().map(|path| if path.as_os_str().is_empty() { Path::new(".") } else { path });
@@ -22,7 +22,7 @@ pub(super) fn check(out: &Path, source: Option<&Path>) -> Result<()> {
     let whole = above.canonicalize().map_err(|e| failed(above, &e))?;
     let rest = out.strip_prefix(above).unwrap_or(if above == Path::new(".") { out } else { Path::new("") });
     for part in rest.components() {
-        // names of folders that are still to be made: the system says whether it takes them
+        // the system tells whether it accepts the names of folders yet to be created
         match fs::symlink_metadata(whole.join(part)) {
             Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(failed(out, &e)),
             _ => {}
@@ -38,7 +38,7 @@ pub(super) fn check(out: &Path, source: Option<&Path>) -> Result<()> {
     writable(&whole).map_err(|e| failed(out, &e))
 }
 
-/// Tries to write to a folder, and leaves nothing there.
+/// Tests write permission in a folder with a temporary file.
 fn writable(folder: &Path) -> std::io::Result<()> {
     let trial: PathBuf = folder.join(format!(".gradreel-{}.partial", std::process::id()));
     fs::File::create(&trial)?;

@@ -1,4 +1,4 @@
-//! `gradreel reconstruct`: the main job.
+//! `gradreel reconstruct`: reconstructs a clip.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -93,7 +93,7 @@ by what is seen while it is elsewhere; the camera stands still.
 
 Look at a clip first with `gradreel check my/clip`. The results are in index.html of the output folder.";
 
-/// How far the ground may be from the object, in distances of the cameras from it.
+/// Maximum distance of the ground from the object, in distances of the cameras from it.
 const FAR_GROUND: f64 = 10.0;
 
 /// Reconstructs a clip into a folder.
@@ -131,14 +131,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
 }
 
 impl Arguments {
-    /// The first option that tells where a material's parameters start.
+    /// The first option given that sets a starting value of a material parameter.
     fn told_of_material(&self) -> Option<&'static str> {
         let told = [("--start", !self.start.is_empty()), ("--young", self.young.is_some())];
         let told = told.into_iter().chain([("--poisson", self.poisson.is_some())]);
         told.filter(|(_, given)| *given).map(|(option, _)| option).next()
     }
 
-    /// Where the parameters of a law start by the command line.
+    /// Starting values of a law's parameters from the command line.
     fn starts(&self, law: &Law) -> Result<BTreeMap<String, f64>> {
         let mut values = unit::of_law(&self.start, law, "--start")?;
         for (name, option, value) in [("young", "--young", self.young), ("poisson", "--poisson", self.poisson)] {
@@ -187,7 +187,7 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     config.check()?;
     config.material.held =
         (!config.chooses_family()).then_some(config.held(&law)?.into_iter().map(str::to_owned).collect());
-    // the clip first: one that cannot be used leaves no trace
+    // open the clip first, so that an unusable one leaves no folder
     let clip = ready(&arguments.clip, &config)?;
     let folder = match &arguments.out {
         Some(folder) => RunFolder::create(folder)?,
@@ -196,7 +196,7 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     Ok((Run::create(folder, config, &clip)?, clip))
 }
 
-/// The configuration in a file, which the command line may complete before it is checked.
+/// Reads a configuration file, to be completed by the command line before it is validated.
 pub(super) fn read_config(path: &Path) -> Result<Config> {
     let fix = "give the path of a TOML file to --config";
     let text = text::read(path, "the configuration", fix, text::SETTINGS)?;
@@ -218,7 +218,7 @@ fn resume(arguments: &Arguments) -> Result<(Run, Clip)> {
     Ok((run, clip))
 }
 
-/// A clip with which a reconstruction can begin: whatever refuses one that cannot is here.
+/// Opens a clip and performs all checks required for a reconstruction.
 pub(super) fn ready(path: &Path, config: &Config) -> Result<Clip> {
     let mut clip = open(path, config)?;
     check_start(&mut clip, config)?;
@@ -226,21 +226,21 @@ pub(super) fn ready(path: &Path, config: &Config) -> Result<Clip> {
     Ok(clip)
 }
 
-/// Puts given views around a clip, and refuses it if no body can be found in its first frame.
+/// Adds given views to a clip, and rejects a clip without a usable object in its first frame.
 pub(super) fn check_start(clip: &mut Clip, config: &Config) -> Result<()> {
     imagine::given(clip, config)?;
     check_shrink(clip, config.clip.shrink)?;
     check_body(clip, config)
 }
 
-/// Refuses cameras and masks that contradict each other, and voxels that are too many.
+/// Rejects cameras and masks that contradict each other, and too many voxels.
 fn check_body(clip: &Clip, config: &Config) -> Result<()> {
     let sphere = bounding_sphere(clip, 0)?;
     let spacing = if config.geometry.dx > 0.0 { 0.5 * config.geometry.dx } else { sphere.radius / 20.0 };
     hull(clip, 0, &sphere, spacing, config.geometry.hull_coverage, half_of_imagined(clip)).map(|_| ())
 }
 
-/// Refuses a ground that the object cannot be seen to touch.
+/// Rejects a ground height at which no camera can see the contact.
 fn check_ground(clip: &Clip, config: &Config) -> Result<()> {
     let WorldConfig { ground, find_ground, .. } = config.world;
     match far_ground(clip, ground)?.filter(|_| !find_ground) {
@@ -253,7 +253,7 @@ fn check_ground(clip: &Clip, config: &Config) -> Result<()> {
     }
 }
 
-/// What is said of a ground that is so far from the object that no camera sees both.
+/// A message if the ground is so far from the object that no camera sees both.
 pub(super) fn far_ground(clip: &Clip, ground: f64) -> Result<Option<String>> {
     let sphere = bounding_sphere(clip, 0)?;
     let distance = |camera: &Camera| minus(camera.centre(), sphere.centre).into_iter().fold(0.0, f64::hypot);
@@ -264,7 +264,7 @@ pub(super) fn far_ground(clip: &Clip, ground: f64) -> Result<Option<String>> {
     }))
 }
 
-/// Refuses a factor that leaves fewer than eight pixels of an image's side.
+/// Rejects a factor that leaves fewer than eight pixels along an image side.
 fn check_shrink(clip: &Clip, shrink: usize) -> Result<()> {
     let side = clip.cameras.iter().map(|camera| camera.width.min(camera.height)).min().unwrap_or(0);
     let most = (side / 8).max(1);
@@ -278,7 +278,7 @@ fn check_shrink(clip: &Clip, shrink: usize) -> Result<()> {
         .fix("choose a smaller factor in the file of --config, or 0 for an automatic one"))
 }
 
-/// What the settings choose of a clip.
+/// The selection of cameras and frames in the settings.
 pub(super) fn options(config: &Config) -> OpenOptions {
     OpenOptions {
         cameras: Some(config.clip.cameras.clone()).filter(|cameras| !cameras.is_empty()),
@@ -305,7 +305,7 @@ pub(super) fn open(path: &Path, config: &Config) -> Result<Clip> {
     Ok(clip)
 }
 
-/// Finds the fall that a single camera saw in a clip that was opened, and refuses a clip without motion.
+/// Fits the ballistic phase of a single-camera clip, and rejects a clip without motion.
 pub(super) fn check_motion(clip: &mut Clip, config: &Config) -> Result<()> {
     if let Some(imagined) = &config.clip.imagined {
         clip.imagine(imagined)?;
@@ -322,10 +322,10 @@ pub(super) fn check_motion(clip: &mut Clip, config: &Config) -> Result<()> {
     Ok(())
 }
 
-/// Refuses a path at which there is neither a film nor a folder nor the list of a clip.
+/// Rejects a path that is neither a film nor a folder nor the list of a clip.
 ///
 /// # Errors
-/// [`ErrorKind::Input`] that says what is missing.
+/// [`ErrorKind::Input`] naming what is missing.
 pub(super) fn check_is_clip(path: &Path) -> Result<()> {
     let refused = |what: &str, found: String| {
         Err(Error::new(ErrorKind::Input, what)
@@ -371,10 +371,10 @@ fn summarise(found: &Reconstruction, run: &Run) {
     say!("\n  open {}", run.folder.path("index.html").display());
 }
 
-/// Said of a family that is chosen although another is more probable by the pictures.
+/// Printed for a family that is chosen although another one is more probable.
 const OUTVOTED: &str = ", as what yields is not more probable by the frames alone";
 
-/// What is known of the height of the ground \[m\].
+/// Source of the ground height \[m\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Height {
     Given(f64),

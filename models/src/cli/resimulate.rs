@@ -1,4 +1,4 @@
-//! `gradreel simulate --from RUN`: what was reconstructed, under other conditions.
+//! `gradreel simulate --from RUN`: resimulates a reconstruction under different conditions.
 
 use std::path::{Path, PathBuf};
 
@@ -40,7 +40,7 @@ pub(super) struct Arguments {
     clip: Option<PathBuf>,
 }
 
-/// Simulates and films it into a new folder, which is a run itself.
+/// Resimulates and renders into a new folder, which is itself a run.
 pub(super) fn run(arguments: &Arguments, from: &Path, out: Option<&Path>, quiet: bool) -> Result<()> {
     interrupt::install()?;
     if let Some(folder) = out {
@@ -67,7 +67,7 @@ pub(super) fn run(arguments: &Arguments, from: &Path, out: Option<&Path>, quiet:
     };
     let mut again = before.copied();
     let words = changes.apply(&mut found, &mut again)?;
-    // what cannot be simulated leaves no folder
+    // create no folder for a simulation that fails
     found.motion(&again)?;
     again.folder = match out {
         Some(folder) => RunFolder::create(folder)?,
@@ -82,7 +82,7 @@ pub(super) fn run(arguments: &Arguments, from: &Path, out: Option<&Path>, quiet:
     Ok(())
 }
 
-/// Three numbers.
+/// Parses three numbers.
 fn vector(text: &str) -> std::result::Result<[f64; 3], String> {
     let numbers: std::result::Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
     let numbers = numbers.map_err(|e| format!("{text:?}: {e}; three numbers are wanted, such as 0,-9.8,0"))?;

@@ -1,4 +1,4 @@
-//! What `gradreel check --json` prints.
+//! Output of `gradreel check --json`.
 
 use std::path::Path;
 
@@ -8,49 +8,49 @@ use serde::Serialize;
 use crate::cli::output::say;
 use crate::video::{Clip, Inventory, WARNING};
 
-/// A clip as a program reads it. What is not known is `null`.
+/// A clip in machine-readable form. Unknown values are `null`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub(super) struct Seen {
     /// Its name.
     pub name: String,
-    /// Where it is.
+    /// Path.
     pub path: String,
-    /// Whether a reconstruction can begin with it.
+    /// Whether it can be reconstructed.
     pub ready: bool,
-    /// Frames of each camera.
+    /// Number of frames per camera.
     pub frames: usize,
     /// Number of the first frame.
     pub first_frame: Option<i64>,
-    /// Cameras.
+    /// Number of cameras.
     pub cameras: usize,
     /// Width and height of the first camera's pictures \[pixels\].
     pub pixels: Option<[usize; 2]>,
-    /// Frames per second \[1/s\].
+    /// Frame rate \[1/s\].
     pub fps: Option<f64>,
-    /// How far away the object is, where a single camera saw it fall \[m\].
+    /// Distance of the object, for single-camera drops \[m\].
     pub distance_m: Option<f64>,
-    /// The standard deviation of that, as a share of it.
+    /// Relative standard deviation of the distance.
     pub distance_deviation: Option<f64>,
-    /// How large the object is then \[m\].
+    /// Size of the object at this distance \[m\].
     pub diameter_m: Option<f64>,
-    /// Frames of free fall.
+    /// Number of ballistic frames.
     pub falling_frames: Option<usize>,
-    /// Where it is first, y up, the ground at 0 \[m\].
+    /// Initial position, y up, with the ground at 0 \[m\].
     pub start_m: Option<[f64; 3]>,
-    /// How fast it is there \[m/s\].
+    /// Initial velocity \[m/s\].
     pub velocity_m_per_s: Option<[f64; 3]>,
-    /// What tells the object from the background, camera by camera.
+    /// Foreground source of each camera.
     pub foreground: Vec<String>,
-    /// What had to be assumed.
+    /// Assumptions made.
     pub assumptions: Vec<String>,
-    /// What is hardly so.
+    /// Implausible values.
     pub warnings: Vec<String>,
-    /// What keeps it from being used.
+    /// Problems that prevent a reconstruction.
     pub problems: Vec<String>,
 }
 
 impl Seen {
-    /// A clip that is ready.
+    /// A usable clip.
     pub fn of(clip: &Clip, path: &Path) -> Self {
         let flight = clip.flight.as_ref();
         let (warnings, assumptions) = told(&clip.assumptions);
@@ -76,13 +76,13 @@ impl Seen {
         }
     }
 
-    /// A calibrated clip that can be opened, and what else keeps a reconstruction from it.
+    /// A calibrated clip that can be opened, with any other problems that prevent a reconstruction.
     pub fn of_opened(clip: &Clip, inventory: &Inventory, path: &Path) -> Self {
         let ready = inventory.is_complete() && clip.frame_count() > 1;
         Self { ready, problems: inventory.problems.clone(), ..Self::of(clip, path) }
     }
 
-    /// What the folder of a calibrated clip holds that cannot be opened.
+    /// The inventory of a calibrated clip that cannot be opened.
     pub fn of_inventory(inventory: &Inventory, path: &Path) -> Self {
         let cameras = &inventory.cameras;
         let (warnings, assumptions) = told(&inventory.assumptions);
@@ -118,7 +118,7 @@ impl Seen {
     }
 }
 
-/// Warnings, without the word, and assumptions.
+/// Splits into warnings, without their prefix, and assumptions.
 fn told(lines: &[String]) -> (Vec<String>, Vec<String>) {
     let warning = |line: &&String| line.starts_with(WARNING);
     let warnings = lines.iter().filter(warning).map(|line| line[WARNING.len()..].to_owned()).collect();

@@ -1,4 +1,4 @@
-//! `gradreel simulate`: a scene file in motion.
+//! `gradreel simulate`: runs a scene file.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -140,7 +140,7 @@ fn simulate_scene(arguments: &Arguments, scene: &Path, mut file: SceneFile) -> R
     }
 }
 
-/// Simulates a scene that needs no other files and films it into a new folder, without a word.
+/// Simulates a self-contained scene and renders a clip of it into a new folder, without output.
 pub(super) fn film(file: SceneFile, name: &str, out: &Path) -> Result<()> {
     let arguments = Arguments {
         scene: None,
@@ -232,12 +232,12 @@ fn simulate<T: Number>(
     Ok(())
 }
 
-/// The scene's name: that of its file.
+/// Name of the scene: that of its file.
 fn stem(scene: &Path) -> String {
     scene.file_stem().map_or("scene".into(), |stem| stem.to_string_lossy().into_owned())
 }
 
-/// What will be done, before it is.
+/// Prints the plan of a simulation.
 fn print_plan(name: &str, file: &SceneFile, setup: &Setup) {
     let title = if file.title.is_empty() { name } else { &file.title };
     say!("{title}");

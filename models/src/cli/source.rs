@@ -1,4 +1,4 @@
-//! What runs are begun with: files that must be found again, and devices.
+//! Inputs of a run: files that are identified on resuming, and devices.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -29,7 +29,8 @@ impl Place {
         }
     }
 
-    /// Views at once where memory does not limit them: more of them than threads would wait for each other.
+    /// Maximum number of concurrent views unless memory limits it further; more views than threads would only wait
+    /// for each other.
     pub fn at_once(self, views: usize) -> usize {
         match self {
             Self::Cpu => rayon::current_num_threads().min(views),
@@ -38,29 +39,29 @@ impl Place {
     }
 }
 
-/// A path that means the same wherever a run is resumed from; what is not there is left as it was given.
+/// Absolute path, independent of the working directory; unchanged if the file does not exist.
 pub(super) fn whole(path: &Path) -> PathBuf {
     path.canonicalize().unwrap_or_else(|_| path.to_owned())
 }
 
-/// The largest number that the file of settings can hold.
+/// Maximum seed representable in the settings file.
 pub(super) const LARGEST_SEED: u64 = i64::MAX as u64;
 
-/// A file that a run was begun with.
+/// An input file of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Source {
-    /// Where it was, for people.
+    /// Path at the start of the run, for display.
     pub path: String,
-    /// Tells it from other files.
+    /// Fingerprint.
     mark: String,
 }
 
 impl Source {
-    /// A file as it is now; `what` says in an error what it was to be.
+    /// The file in its present state; `what` describes its purpose in errors.
     pub fn of(path: &Path, what: &str) -> Result<Self> {
         let fix = format!("give the path of the file with {what}");
-        // a device may have no end, and a pipe may never be written
+        // devices may be endless, and pipes may block
         if path.exists() && !path.is_file() {
             let error = Error::new(ErrorKind::Input, format!("cannot read {what}"));
             let found = if path.is_dir() { "a folder" } else { "a device, a pipe or a socket" };
@@ -74,7 +75,7 @@ impl Source {
         Ok(Self { path: path.display().to_string(), mark })
     }
 
-    /// The same file, wherever it is now.
+    /// Identifies the same file at its present location.
     pub fn found_again(&self, path: &Path, what: &str) -> Result<Self> {
         let found = Self::of(path, what)?;
         if found.mark == self.mark {
@@ -88,7 +89,7 @@ impl Source {
     }
 }
 
-/// The length of a file and FNV-1a of it, of a large one of parts all over it.
+/// Fingerprint: the size and FNV-1a of a file; large files are sampled.
 fn mark(path: &Path) -> std::io::Result<String> {
     const PART: u64 = 1 << 16;
     const PARTS: u64 = 64;

@@ -1,4 +1,4 @@
-//! Numbers with units as people type them: `100kPa`, `0.5 MPa`, `1.2Pa s`, `30°`, `950 kg/m3`.
+//! Numbers with units as typed by users: `100kPa`, `0.5 MPa`, `1.2Pa s`, `30°`, `950 kg/m3`.
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -11,7 +11,7 @@ use crate::physics::Law;
 /// A unit as a multiple of SI units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Unit {
-    /// How many SI units it is.
+    /// Factor to SI units.
     factor: f64,
     /// Exponents of metre, kilogram, second and radian.
     dimension: [i32; 4],
@@ -35,7 +35,7 @@ const WITH_PREFIX: [(&str, f64, [i32; 4]); 12] = [
     ("l", 1e-3, [3, 0, 0, 0]),
 ];
 
-/// Units that take none.
+/// Units without prefixes.
 const WITHOUT_PREFIX: [(&str, f64, [i32; 4]); 6] = [
     ("deg", PI / 180.0, [0, 0, 0, 1]),
     ("°", PI / 180.0, [0, 0, 0, 1]),
@@ -59,7 +59,7 @@ const PREFIXES: [(&str, f64); 10] = [
 ];
 
 impl Unit {
-    /// Reads a product of units: `Pa s`, `Pa·s`, `kg/m³`, `m s^-2`.
+    /// Parses a product of units: `Pa s`, `Pa·s`, `kg/m³`, `m s^-2`.
     fn read(text: &str) -> Option<Self> {
         let mut product = NUMBER;
         let (mut sign, mut part) = (1, String::new());
@@ -79,7 +79,7 @@ impl Unit {
         (sign == 1).then_some(product)
     }
 
-    /// Reads one unit with its exponent: `m3`, `m^3`, `m³`, `s-1`.
+    /// Parses one unit with its exponent: `m3`, `m^3`, `m³`, `s-1`.
     fn power(text: &str) -> Option<Self> {
         if let Some(unit) = Self::named(text) {
             return Some(unit);
@@ -116,7 +116,7 @@ impl Unit {
     }
 }
 
-/// A number with the unit that was typed, if one was.
+/// A number with its optional unit, as typed.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Amount {
     value: f64,
@@ -124,7 +124,7 @@ pub(super) struct Amount {
 }
 
 impl Amount {
-    /// Reads `5`, `1e5`, `100kPa` or `100 kPa`.
+    /// Parses `5`, `1e5`, `100kPa` or `100 kPa`.
     pub fn read(text: &str) -> std::result::Result<Self, String> {
         let text = text.trim();
         let ends = text.char_indices().map(|(at, letter)| at + letter.len_utf8()).rev();
@@ -133,7 +133,7 @@ impl Amount {
         Ok(Self { value, unit: text[end..].trim().to_owned() })
     }
 
-    /// The number in this unit; a number without a unit is in it already.
+    /// Converts to a unit; a number without a unit is assumed to be in `wanted`.
     pub fn in_unit(&self, wanted: &str) -> std::result::Result<f64, String> {
         if self.unit.is_empty() {
             return Ok(self.value);
@@ -150,12 +150,12 @@ impl Amount {
     }
 }
 
-/// A number of an option whose unit is known, in that unit.
+/// Parses the value of an option and converts it to a unit.
 pub(super) fn number_in(text: &str, unit: &str) -> std::result::Result<f64, String> {
     Amount::read(text)?.in_unit(unit)
 }
 
-/// A parameter of a material and its value, as in `young=100kPa`.
+/// A material parameter with its value, as in `young=100kPa`.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Named {
     name: String,
@@ -163,17 +163,17 @@ pub(super) struct Named {
 }
 
 impl Named {
-    /// Reads a name, `=` and a number.
+    /// Parses a name, `=` and a number.
     pub fn read(text: &str) -> std::result::Result<Self, String> {
         let (name, amount) = text.split_once('=').ok_or("a name, `=` and a number are wanted, such as young=100kPa")?;
         Ok(Self { name: name.trim().to_owned(), amount: Amount::read(amount)? })
     }
 }
 
-/// The values of a law's parameters in their own units; `option` is where they were given.
+/// Converts parameters of a law to the law's units; `option` names the command-line option in errors.
 ///
 /// # Errors
-/// [`ErrorKind::Input`] for a parameter that the law does not have or that is named twice, and for a unit of another quantity.
+/// [`ErrorKind::Input`] for an unknown or repeated parameter, or a unit of another quantity.
 pub(super) fn of_law(given: &[Named], law: &Law, option: &str) -> Result<BTreeMap<String, f64>> {
     let mut values = BTreeMap::new();
     for Named { name, amount } in given {

@@ -1,4 +1,4 @@
-//! `gradreel weights`: looks at files of weights and writes them in another type.
+//! `gradreel weights`: inspects and converts weights files.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -85,14 +85,14 @@ struct Floats {
 }
 
 impl Floats {
-    /// The type for all floats, if there is to be one.
+    /// The type that all floats are converted to, if any.
     fn wanted(&self) -> Option<Stored> {
         let all = [(self.f16, Stored::F16), (self.f32, Stored::F32), (self.bf16, Stored::Bf16)];
         all.into_iter().find_map(|(given, stored)| given.then_some(stored))
     }
 }
 
-/// Does what was asked.
+/// Runs the subcommand.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     match &arguments.task {
         Task::Check(arguments) => check(arguments),
@@ -143,7 +143,7 @@ fn check(arguments: &Check) -> Result<()> {
         .fix("choose the checkpoint of the multi-view model, or get it again if it is damaged"))
 }
 
-/// Tensors that hold NaN or infinity. One tensor is read at a time.
+/// Names of tensors with NaN or infinity, reading one tensor at a time.
 fn not_finite(archive: &Archive, progress: &Progress) -> Result<Vec<String>> {
     let (mut done, total) = (0, readable(archive).map(|(_, bytes)| bytes).sum());
     let stage = progress.stage("reading", total);
@@ -159,13 +159,13 @@ fn not_finite(archive: &Archive, progress: &Progress) -> Result<Vec<String>> {
     Ok(broken)
 }
 
-/// Names of the tensors that can be read, and the bytes of each in the file.
+/// Names of readable tensors, and their sizes in the file.
 fn readable(archive: &Archive) -> impl Iterator<Item = (&str, u64)> {
     let size = |name| archive.entry(name).ok().map(|entry| (entry.shape.len() * entry.stored.size()) as u64);
     archive.names().filter_map(move |name| Some((name, size(name)?)))
 }
 
-/// Prints what a file is and how much of what it holds.
+/// Prints a summary of a file.
 fn describe(path: &Path, archive: &Archive) {
     let format = match archive.format() {
         Format::Safetensors => "safetensors",

@@ -1,4 +1,4 @@
-//! A clip made of a film whose camera is not known.
+//! A clip from a film of an uncalibrated camera.
 
 use std::path::Path;
 
@@ -10,17 +10,17 @@ use super::{ground, half_extent, locate};
 use crate::vector::times;
 use crate::video::{Camera, Clip, Film, FilmSettings, Flight, Frame, OpenOptions};
 
-/// The angle of view along the longer side of the image, if nobody said \[degrees\].
+/// Default angle of view along the longer side of the image \[degrees\].
 const FIELD_OF_VIEW: f64 = 50.0;
 
-/// How far the camera looks down, if nobody said, and the standard deviation of that \[degrees\].
+/// Default downward pitch of the camera and its standard deviation \[degrees\].
 const ELEVATION: [f64; 2] = [10.0, 10.0];
 
-/// The film at `path` as a clip of one camera, in metres: the object's free fall tells how far away it is, and where it stops
-/// falling, where the ground is, which is at height 0. The camera stands upright at `x = z = 0`.
+/// Reads the film at `path` as a metric single-camera clip. The ballistic fit yields the object's depth; the
+/// position of first contact yields the ground, which becomes height 0. The camera stands upright at `x = z = 0`.
 ///
 /// # Errors
-/// Those of [`Film::read`], and [`ErrorKind::Input`] for a film that does not show three frames of free fall first.
+/// Those of [`Film::read`], and [`ErrorKind::Input`] for a film that does not start with three frames of free fall.
 pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions, gravity: [f64; 3]) -> Result<Clip> {
     let strength = -gravity[1];
     if !(strength > 0.0 && gravity[0] == 0.0 && gravity[2] == 0.0) {
@@ -86,7 +86,7 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
     let metres = strength / fall.gravity;
     let diameter = 2.0 * metres * half_extent(&clip);
     let lowest = ground::below(&clip.cameras[0], &clip.frames[0], &clip.times, &fall);
-    // camera axes in the world, which turns about x: y goes up
+    // camera axes in the world: a rotation about x that makes y vertical
     let [_, cosine, sine] = fall.down.map(|x| -x);
     let rotation = [[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]];
     let start = times(&rotation, fall.start).map(|x| metres * x);
@@ -131,15 +131,15 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
     Ok(clip)
 }
 
-/// Sizes of objects that are believed without a word \[m\], and the one that is nearest to all of them.
+/// Plausible object sizes \[m\], and a typical one.
 const SIZES: [f64; 2] = [0.01, 2.0];
 const USUAL: f64 = 0.15;
 
-/// Frame rates that cameras have \[1/s\].
+/// Common frame rates of cameras \[1/s\].
 const RATES: [f64; 12] = [15.0, 24.0, 25.0, 30.0, 50.0, 60.0, 100.0, 120.0, 240.0, 480.0, 960.0, 1000.0];
 
-/// What there is to say of an object whose size is hardly that of a thing that falls in front of a camera: lengths go with the square of
-/// the time between frames, so that another frame rate would make it another one.
+/// Warning for an implausible object size. Lengths scale with the square of the frame interval, so a wrong frame
+/// rate yields a wrong size; a frame rate that would fit is proposed.
 fn implausible(diameter: f64, frames_per_s: f64) -> Option<String> {
     if (SIZES[0]..=SIZES[1]).contains(&diameter) {
         return None;
@@ -160,7 +160,7 @@ fn implausible(diameter: f64, frames_per_s: f64) -> Option<String> {
     ))
 }
 
-/// A length in a unit that suits it.
+/// A length in a suitable unit.
 fn length(metres: f64) -> String {
     match metres {
         ..0.0995 => format!("{:.1} cm", 100.0 * metres),
@@ -169,11 +169,11 @@ fn length(metres: f64) -> String {
     }
 }
 
-/// A difference of coverage that is one.
+/// Minimum difference of coverage that counts.
 const DIFFERENT: f32 = 0.1;
 
-/// Takes parts in the background's hue for the object's in the frames of its flight; in the others, where they may be its shadow,
-/// they count nothing. Returns whether there are any.
+/// Adds parts in the background's hue to the object in the ballistic frames; in all later frames, where they may be
+/// its shadow, their weight becomes 0. Returns whether there are any.
 fn complete(frames: &mut [Frame], hueless: Vec<Frame>, flight: usize) -> bool {
     let mut any = false;
     for (k, (frame, whole)) in frames.iter_mut().zip(hueless).enumerate() {
@@ -190,7 +190,7 @@ fn complete(frames: &mut [Frame], hueless: Vec<Frame>, flight: usize) -> bool {
     any
 }
 
-/// Where the ground is put that is never reached, below the start, as a share of the distance.
+/// Height of the ground relative to the start if contact is never seen, as a share of the distance.
 const FAR_BELOW: f64 = -2.0;
 
 #[cfg(test)]

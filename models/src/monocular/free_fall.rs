@@ -1,4 +1,4 @@
-//! How far away a falling object is: the parabola that fits what one camera saw.
+//! Depth of a falling object: ballistic fit to the silhouettes of one camera.
 
 use gradreel::Result;
 use gradreel::optim::{LevenbergMarquardt, Residuals};
@@ -7,25 +7,25 @@ use super::sighting::Sighting;
 use crate::vector::{dot, times};
 use crate::video::{Camera, Flight};
 
-/// Standard deviation of a silhouette's middle: a share of its side, at least so many pixels.
+/// Standard deviation of a silhouette's centroid: a share of its side, with a minimum in pixels.
 const MIDDLE: [f64; 2] = [0.003, 0.25];
 
-/// Standard deviation of the logarithm of a silhouette's side: of that of a body which is turned by what it is seen from, as its body is
-/// known roughly only. Taking it for surer makes things seem to come or go, and with that all lengths wrong.
+/// Standard deviation of the logarithm of a silhouette's side. It covers the error of the approximate body under
+/// changing viewing directions; too small a value turns this error into spurious motion along the line of sight.
 const SIZE: f64 = 0.05;
 
-/// How much the cost may grow by another frame of free fall, as a multiple of the residuals' variance: three numbers do so by
-/// chance one time in twenty. Half a pixel above the path, an object may have touched the ground already.
+/// Maximum growth of the cost by another ballistic frame, as a multiple of the residual variance: the 5 % level for
+/// its three residuals. Contact may displace the object by as little as half a pixel.
 const SURPRISE: f64 = 4.0;
 
-/// Which way gravity points, as the camera sees it.
+/// Direction of gravity in camera coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Down {
     /// Known: a unit vector in camera coordinates (x right, y up, looking along −z).
     Known([f64; 3]),
-    /// The camera is held upright and looks down by an angle \[rad\] that is known to a standard deviation only.
+    /// The camera is upright and pitched downwards by an uncertain angle \[rad\].
     Tilted {
-        /// The expected angle.
+        /// Expected angle.
         angle: f64,
         /// Its standard deviation.
         deviation: f64,
@@ -33,7 +33,7 @@ pub enum Down {
 }
 
 impl Down {
-    /// The direction for an angle, and its derivative.
+    /// The direction at an angle, and its derivative.
     fn at(self, angle: f64) -> ([f64; 3], [f64; 3]) {
         match self {
             Self::Known(direction) => (direction, [0.0; 3]),
@@ -42,24 +42,25 @@ impl Down {
     }
 }
 
-/// A free fall in camera coordinates, all lengths as shares of the first distance along the axis.
+/// A ballistic trajectory in camera coordinates, in units of the initial depth along the camera axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FreeFall {
-    /// The frames it was fitted to: the first so many.
+    /// Number of fitted frames, counted from the first.
     pub frames: usize,
-    /// Where the object was first; its third component is −1.
+    /// Initial position; its third component is −1.
     pub start: [f64; 3],
-    /// Its velocity \[1/s\].
+    /// Initial velocity \[1/s\].
     pub velocity: [f64; 3],
-    /// Which way gravity points.
+    /// Unit vector of gravity.
     pub down: [f64; 3],
-    /// How far the camera looks down \[rad\], if that was to be found.
+    /// Downward pitch of the camera \[rad\], if fitted.
     pub angle: f64,
     /// Gravity \[1/s²\].
     pub gravity: f64,
-    /// The standard deviation of `gravity` as a share of it: that of every length which follows from it.
+    /// Relative standard deviation of `gravity`, and hence of every length derived from it.
     pub deviation: f64,
-    /// Covariance of the velocity \[1/s²\], with what the deviation of `gravity` does to it in metres.
+    /// Covariance of the metric velocity in units of the distance \[1/s²\]; it includes the uncertainty of
+    /// `gravity`.
     pub spread: [[f64; 3]; 3],
     /// Covariance of that velocity with the logarithm of the distance \[1/s\].
     pub with_distance: [f64; 3],
@@ -68,30 +69,30 @@ pub struct FreeFall {
 }
 
 impl FreeFall {
-    /// Where the object is at a time \[s\].
+    /// Position at a time \[s\].
     pub fn at(&self, t: f64) -> [f64; 3] {
         [0, 1, 2].map(|axis| self.start[axis] + self.velocity[axis] * t + 0.5 * self.gravity * self.down[axis] * t * t)
     }
 
-    /// Covariance of the velocity \[m²/s²\] along the axes of a world into which `turn` turns the camera's coordinates, at a
+    /// Covariance of the velocity \[m²/s²\] in world axes, where `turn` rotates camera to world coordinates, at a
     /// distance \[m\].
     pub fn velocity_covariance(&self, turn: &[[f64; 3]; 3], distance: f64) -> [[f64; 3]; 3] {
         turn.map(|a| turn.map(|b| distance * distance * dot(a, times(&self.spread, b))))
     }
 
-    /// Covariance of the velocity with the distance as a share of it \[m/s\], for such axes and such a distance.
+    /// Covariance of the velocity with the relative distance \[m/s\] for the same arguments.
     pub fn velocity_with_distance(&self, turn: &[[f64; 3]; 3], distance: f64) -> [f64; 3] {
         times(turn, self.with_distance).map(|x| distance * x)
     }
 
-    /// Fits the first `frames` sightings. `bias` is what a sighting shows besides a point at the object's centre: its silhouette's
-    /// middle \[pixels\] and the logarithm of its side.
+    /// Fits `sightings` with a ballistic trajectory. `bias` is the difference between a sighting and the projection
+    /// of the object's centre: centroid \[pixels\] and log size.
     ///
     /// # Errors
     /// [`gradreel::ErrorKind::NonFinite`] for sightings that are not finite.
     ///
     /// # Panics
-    /// If there is no sighting.
+    /// If `sightings` is empty.
     pub fn fit(camera: &Camera, sightings: &[Sighting], bias: &[[f64; 3]], down: Down) -> Result<Self> {
         let first = sightings.first().expect("at least one sighting");
         let offset = |k: usize| bias.get(k).copied().unwrap_or_default();
@@ -100,7 +101,7 @@ impl FreeFall {
             Down::Known(_) => None,
             Down::Tilted { angle, deviation } => Some((angle, deviation)),
         };
-        // x/d, y/d, velocity/d, gravity/d, log of the size at distance 1, and the angle
+        // x/d, y/d, velocity/d, gravity/d, log size at distance 1, and the angle
         let columns = 7 + usize::from(tilt.is_some());
         let mut model = |p: &[f64], _: bool| {
             let rows = 3 * sightings.len() + usize::from(tilt.is_some());
@@ -114,7 +115,7 @@ impl FreeFall {
                 });
                 let depth = if x[2] < 0.0 { -x[2] } else { f64::NAN };
                 let [du, dv, ds] = offset(k);
-                // each residual and its derivative with respect to x
+                // each residual with its derivative with respect to x
                 let rows = [
                     (
                         (camera.cx + camera.fx * x[0] / depth + du - sighting.middle[0]) / middle,
@@ -151,7 +152,7 @@ impl FreeFall {
         let fit = LevenbergMarquardt::default().minimise(&start, &mut model)?;
         let p = &fit.point;
         let angle = p.get(7).copied().unwrap_or_default();
-        // residuals are in standard deviations: their own scatter counts only where it is larger
+        // residuals are normalised: their scatter rescales the covariance only if it exceeds 1
         let variance = fit.variance.unwrap_or(1.0);
         let known = fit.undetermined.is_empty();
         let covariance = |i: usize, j: usize| {
@@ -163,7 +164,7 @@ impl FreeFall {
             let with_scale = rate[j] * covariance(2 + i, 5) + rate[i] * covariance(2 + j, 5);
             covariance(2 + i, 2 + j) - with_scale + rate[i] * rate[j] * covariance(5, 5)
         };
-        // the distance is g/γ, so that d ln(distance) = −dγ/γ
+        // the distance is g/γ, hence d ln(distance) = −dγ/γ
         let with_distance = |i: usize| (rate[i] * covariance(5, 5) - covariance(2 + i, 5)) / p[5];
         Ok(Self {
             frames: sightings.len(),
@@ -179,8 +180,8 @@ impl FreeFall {
         })
     }
 
-    /// The longest free fall from the first sighting on: frames are added until one does not agree. `None` with fewer than three
-    /// frames, or if the object is not seen to fall.
+    /// The longest ballistic phase from the first sighting on: frames are added until one does not fit. `None` with
+    /// fewer than three frames, or if gravity is not resolved.
     ///
     /// # Errors
     /// Those of [`FreeFall::fit`].
@@ -188,7 +189,7 @@ impl FreeFall {
         let mut found: Option<Self> = None;
         for frames in Flight::LEAST_FRAMES..=sightings.len() {
             let longer = Self::fit(camera, &sightings[..frames], bias, down)?;
-            // noise is what is expected, or what there was if that was more
+            // the larger of expected and observed noise
             let noise = |shorter: &Self| (2.0 * shorter.cost / (3 * shorter.frames - 7) as f64).max(1.0);
             if found.as_ref().is_some_and(|shorter| longer.cost - shorter.cost > SURPRISE * noise(shorter)) {
                 break;
@@ -199,5 +200,5 @@ impl FreeFall {
     }
 }
 
-/// A scale that is less sure than this share of it is no scale.
+/// Maximum relative standard deviation of a usable depth scale.
 const UNSURE: f64 = 0.5;

@@ -1,22 +1,22 @@
-//! Where the ground is under a falling object.
+//! Height of the ground under a falling object.
 
 use super::free_fall::FreeFall;
 use super::locate::Body;
 use crate::vector::{dot, minus, plus};
 use crate::video::{Camera, Frame};
 
-/// Frames after the fall in which the object is looked at: it has not gone far yet, nor changed its shape much.
+/// Number of frames after first contact that are evaluated: the object has neither moved nor deformed much yet.
 const LANDED: usize = 2;
 
-/// How much nearer than its centre the part is that a camera sees lowest from above, as a share of half the object's extent. The body
-/// that a silhouette suggests is as deep as it is wide in every *part*; most objects are deeper than that as a whole.
+/// Depth offset of the lowest visible point towards the camera, as a share of half the object's extent. A body
+/// inferred from a silhouette is as deep as it is wide in every *part*; most real objects are deeper overall.
 const NEARER: f64 = 0.3;
 
-/// How high above the first position of the object's centre the ground is (a negative number), as a share of the first distance;
-/// `None` if the fall lasts to the end of the film.
+/// Height of the ground relative to the initial position of the object's centre (a negative number), as a share of
+/// the initial distance; `None` if the fall lasts to the end of the film.
 ///
-/// In the first frames after the fall the undeformed body is put where the fall would have it, and then moved up until the lower
-/// edge of its silhouette is where it was filmed. The lowest point that it ever has lies on the ground.
+/// In the first frames after contact the undeformed body is placed on the extrapolated trajectory and raised until
+/// the lower edge of its silhouette matches the image. The lowest point over these frames lies on the ground.
 pub(super) fn below(camera: &Camera, frames: &[Frame], times: &[f64], fall: &FreeFall) -> Option<f64> {
     let body = Body::of(camera, &frames[0])?;
     let up = fall.down.map(|x| -x);
@@ -26,7 +26,7 @@ pub(super) fn below(camera: &Camera, frames: &[Frame], times: &[f64], fall: &Fre
     let heights = landed.filter_map(|k| {
         let edge = lower_edge(&frames[k])?;
         let at = fall.at(times[k] - times[0]);
-        // the edge moves downwards as the body does: bisection
+        // the edge is monotonic in the lift: bisection
         let (mut low, mut high) = (-1.0, 1.0);
         for _ in 0..40 {
             let lift = 0.5 * (low + high);
@@ -45,13 +45,13 @@ pub(super) fn below(camera: &Camera, frames: &[Frame], times: &[f64], fall: &Fre
     heights.reduce(f64::min)
 }
 
-/// How far a line of sight goes down for its length along the ground.
+/// Descent of a line of sight per unit of horizontal length.
 fn steepness(sight: [f64; 3], up: [f64; 3]) -> f64 {
     let rise = dot(sight, up);
     -rise / (dot(sight, sight) - rise * rise).max(f64::MIN_POSITIVE).sqrt()
 }
 
-/// The lower edge of the object \[pixels\]; `None` if it is that of the image.
+/// Lower edge of the object \[pixels\]; `None` if it coincides with the image's.
 fn lower_edge(frame: &Frame) -> Option<f64> {
     let inside = frame.alpha.indexed_iter().filter(|(_, alpha)| **alpha > 0.5);
     let last = inside.map(|((row, _), _)| row).max()?;

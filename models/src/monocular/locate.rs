@@ -1,4 +1,4 @@
-//! The free fall of the object itself, not of its silhouette.
+//! Ballistic fit of the object's centre, corrected for the bias of its silhouette.
 
 use gradreel::Result;
 use ndarray::Array2;
@@ -9,24 +9,24 @@ use crate::field::Inflated;
 use crate::vector::{minus, plus};
 use crate::video::{Camera, Clip, Flight, Frame};
 
-/// Pixels of the coarse silhouettes along the object's side.
+/// Resolution of the coarse silhouettes: pixels along the object's side.
 const FINENESS: f64 = 60.0;
 
-/// How often the body is seen anew along a better path.
+/// Number of alternations between predicted silhouettes and fit.
 const ROUNDS: usize = 3;
 
-/// The longest free fall that the first camera of a clip saw from its first frame on. `None` if it did not see the whole object
-/// fall for three frames.
+/// The longest ballistic phase seen by the first camera of a clip, starting at its first frame. `None` if it did
+/// not see the whole object fall for three frames.
 ///
-/// A silhouette's middle is not the picture of the object's centre, and its size depends on the side one sees; both change
-/// with the direction of sight while the object passes. They are corrected by those of the body that the first frame
-/// suggests.
+/// The centroid of a silhouette is not the projection of the object's centre, and the area depends on the visible
+/// side; both change with the viewing direction as the object moves. The fit corrects this bias with a body
+/// inferred from the first frame.
 ///
 /// # Errors
 /// Those of [`FreeFall::fit`].
 pub fn locate(clip: &Clip, down: Down) -> Result<Option<FreeFall>> {
     let (camera, frames) = (&clip.cameras[0], &clip.frames[0]);
-    // frames of which nothing counts are passed over
+    // frames of weight 0 are skipped
     let counting = frames.iter().enumerate().filter(|(_, frame)| frame.weight.iter().any(|weight| *weight > 0.0));
     let sighted = |(k, frame): (usize, &Frame)| Some((k, Sighting::of(camera, frame, clip.times[k] - clip.times[0])?));
     let (numbers, sightings): (Vec<usize>, Vec<Sighting>) = counting.map_while(sighted).unzip();
@@ -43,18 +43,18 @@ pub fn locate(clip: &Clip, down: Down) -> Result<Option<FreeFall>> {
     Ok(fall.map(|fall| FreeFall { frames: numbers[fall.frames - 1] + 1, ..fall }))
 }
 
-/// A body as one frame suggests it.
+/// A body inferred from one frame.
 pub(super) struct Body {
-    /// Points in camera coordinates around their centre, in shares of the object's distance.
+    /// Points in camera coordinates relative to their centre, as shares of the object's distance.
     pub points: Vec<[f64; 3]>,
-    /// Side of a pixel of its coarse silhouettes \[pixels\].
+    /// Side of a pixel in its coarse silhouettes \[pixels\].
     side: f64,
 }
 
-/// A camera in its own coordinates.
+/// Camera-to-world matrix of a camera at the origin.
 const EYE_AT_ORIGIN: [[f64; 4]; 3] = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
 
-/// Left, top, right and bottom of a silhouette \[pixels\].
+/// Bounding box of a silhouette: left, top, right and bottom \[pixels\].
 fn extent(frame: &Frame) -> Option<[f64; 4]> {
     let inside = frame.alpha.indexed_iter().filter(|(_, alpha)| **alpha > 0.5);
     inside
@@ -66,7 +66,7 @@ impl Body {
     pub fn of(camera: &Camera, frame: &Frame) -> Option<Self> {
         let sight = Sighting::of(camera, frame, 0.0)?;
         let rect = extent(frame)?;
-        // two points for each coarse pixel, so that a silhouette has no holes
+        // two points per coarse pixel, so that the silhouette has no holes
         let side = (sight.size.exp() / FINENESS).max(0.5);
         let at_origin = Camera { c2w: EYE_AT_ORIGIN, ..camera.clone() };
         let (_, centre) = at_origin.ray(sight.middle[0], sight.middle[1]);
@@ -93,13 +93,14 @@ impl Body {
         (!points.is_empty()).then_some(Self { points, side })
     }
 
-    /// Half of its larger extent in the picture, as a share of the distance.
+    /// Half of its larger extent parallel to the image, as a share of the distance.
     pub fn half_extent(&self) -> f64 {
         let along = |axis: usize| self.points.iter().fold(0.0f64, |most, p| most.max(p[axis].abs()));
         along(0).max(along(1))
     }
 
-    /// What its silhouette shows at a time on a path, less what a point at its centre would.
+    /// Silhouette of the body at a time on a path minus the projection of its centre: centroid \[pixels\] and log
+    /// size.
     fn bias(&self, camera: &Camera, path: &FreeFall, time: f64) -> [f64; 3] {
         let centre = path.at(time);
         let moved: Vec<[f64; 3]> = self

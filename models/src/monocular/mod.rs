@@ -1,15 +1,16 @@
-//! Monocular: where an object is that a single camera saw.
+//! Monocular: position and scale of an object seen by a single camera.
 //!
-//! One camera sees no distance, but it sees the object fall: gravity gives every pixel its metres. [`FreeFall`] fits the
-//! parabola to what the silhouettes show ([`Sighting`]), frame after frame until the object touches something; [`locate`] corrects
-//! what a silhouette shows besides the object's centre, by a body that is as deep as it is wide
+//! One camera does not observe depth, but it observes the object's fall, and gravity fixes the metric scale.
+//! [`FreeFall`] fits a ballistic trajectory to the silhouettes ([`Sighting`]), frame after frame until contact;
+//! [`locate`] corrects the bias between silhouette and object centre with a body as deep as it is wide
 //! ([`half_thickness`](crate::field::half_thickness)). [`sight`] does so for a calibrated camera.
 //!
-//! [`clip_of_film`] makes a clip of a film of which nothing is known: the camera is upright and looks down by an angle that is found
-//! with the fall, its angle of view is assumed (the metres hardly depend on it: what falls by so many pixels in a second is so far
-//! away in focal lengths), and the ground is where the object is lowest after its fall.
+//! [`clip_of_film`] makes a clip of an uncalibrated film. The camera is assumed to be upright; its pitch is fitted
+//! jointly with the fall. Its angle of view is assumed, which hardly affects the metric scale: an image
+//! acceleration in pixels fixes the distance in focal lengths. The ground is at the lowest position of the object
+//! after its fall.
 //!
-//! [`surround`] puts views that nobody filmed around the object: what it looks like from elsewhere, as a model imagines it.
+//! [`surround`] adds synthesized views around the object.
 
 mod film;
 mod free_fall;
@@ -29,11 +30,11 @@ use gradreel::Result;
 use crate::vector::dot;
 use crate::video::{Clip, Flight};
 
-/// Gives a clip of a single calibrated camera its [`Flight`], if that camera sees the object fall, and says what follows from it;
-/// other clips are left as they are.
+/// Adds a [`Flight`] to a clip of a single calibrated camera, if that camera sees the object fall, and reports what
+/// follows from it; other clips are unchanged.
 ///
 /// # Errors
-/// [`gradreel::ErrorKind::NonFinite`] for a camera whose matrix is not finite.
+/// [`gradreel::ErrorKind::NonFinite`] for a camera with a non-finite matrix.
 pub fn sight(clip: &mut Clip, gravity: [f64; 3]) -> Result<()> {
     let strength = dot(gravity, gravity).sqrt();
     let ([camera], true) = (&clip.cameras[..], strength > 0.0) else { return Ok(()) };
@@ -64,7 +65,7 @@ pub fn sight(clip: &mut Clip, gravity: [f64; 3]) -> Result<()> {
     Ok(())
 }
 
-/// Half of the larger extent of what the first frame of a clip shows, as a share of its distance.
+/// Half of the larger extent of the object in the first frame, as a share of its distance.
 fn half_extent(clip: &Clip) -> f64 {
     locate::Body::of(&clip.cameras[0], &clip.frames[0][0]).map_or(0.0, |body| body.half_extent())
 }

@@ -1,22 +1,22 @@
-//! Where a camera saw the object, and how large.
+//! Position and size of the object in the image.
 
 use ndarray::Array2;
 
 use crate::video::{Camera, Frame};
 
-/// The silhouette of one frame in three numbers.
+/// The silhouette of one frame, reduced to its centroid and size.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sighting {
     /// Time \[s\].
     pub time: f64,
-    /// Its middle \[pixels\].
+    /// Centroid of the silhouette \[pixels\].
     pub middle: [f64; 2],
-    /// Logarithm of the side of a square of its area \[pixels\], as it would be in the middle of the image.
+    /// Logarithm of the side of a square of the silhouette's area \[pixels\], corrected to the image centre.
     pub size: f64,
 }
 
 impl Sighting {
-    /// What `frame` shows; `None` if it has no object, or the object is cut by the image's edge or by excluded pixels.
+    /// The sighting in `frame`; `None` without an object, or if the image border or excluded pixels cut it off.
     pub fn of(camera: &Camera, frame: &Frame, time: f64) -> Option<Self> {
         let (height, width) = frame.alpha.dim();
         let cut = frame.alpha.indexed_iter().any(|((row, column), &alpha)| {
@@ -26,7 +26,7 @@ impl Sighting {
         (!cut).then(|| Self::of_coverage(camera, &frame.alpha, [0.0; 2], 1.0, time)).flatten()
     }
 
-    /// The same of any map of coverage whose first pixel has its corner at `corner`, and whose pixels are `side` wide.
+    /// The same for a coverage map whose first pixel has its corner at `corner` and whose pixels are `side` wide.
     pub(super) fn of_coverage(
         camera: &Camera,
         alpha: &Array2<f32>,
@@ -45,7 +45,7 @@ impl Sighting {
             return None;
         }
         let middle: [f64; 2] = std::array::from_fn(|axis| corner[axis] + side * moment[axis] / mass);
-        // an image plane cuts the cone of rays obliquely off its middle
+        // off-axis, the image plane cuts the cone of rays obliquely
         let [x, y] = [(middle[0] - camera.cx) / camera.fx, (middle[1] - camera.cy) / camera.fy];
         let cosine = 1.0 / (1.0 + x * x + y * y).sqrt();
         Some(Self { time, middle, size: 0.5 * (mass * side * side * cosine).ln() })

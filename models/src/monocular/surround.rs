@@ -1,4 +1,4 @@
-//! Views of the first frame that nobody filmed, put around the object where the camera saw it.
+//! Synthesized views of the first frame, aligned with the object seen by the camera.
 
 use gradreel::ops::NodeGrid;
 use gradreel::{Error, ErrorKind, Result};
@@ -9,28 +9,28 @@ use crate::field::{Sphere, bounding_sphere, hull, place};
 use crate::vector::{dot, minus, plus, product, times};
 use crate::video::{Around, Camera, Clip};
 
-/// Voxels of the body along the radius of the ball around it.
+/// Voxels of the body along the radius of its bounding sphere.
 const VOXELS: f64 = 24.0;
-/// Samples of a pixel's ray through that ball.
+/// Samples of a pixel's ray through that sphere.
 const SAMPLES: usize = 96;
-/// One view in so many may be wrong about a voxel, at most.
+/// Reciprocal of the maximum share of views that may disagree on a voxel.
 const MOST_DISSENT: usize = 4;
-/// Rounds in which scale and place are corrected by what the camera sees.
+/// Number of corrections of scale and position.
 const ROUNDS: usize = 6;
-/// The body of the views must cover the object's silhouette at least so well (intersection over union).
+/// Minimum intersection over union of the aligned body's silhouette with the object's.
 const ALIKE: f64 = 0.5;
 
-/// Puts views of the first frame around what a single camera filmed. `views` is a clip of one frame in coordinates of its own (y
-/// up, any unit and origin, as `gradreel synthesize` leaves them); its first camera is taken to stand at the azimuth of the real
-/// one.
+/// Adds synthesized views of the first frame to a single-camera clip. `views` is a clip of one frame in its own
+/// coordinates (y up, any unit and origin, as written by `gradreel synthesize`); its first camera is assumed to
+/// have the azimuth of the real one.
 ///
-/// The body that the views have in common is turned to the real camera, and moved and scaled until its silhouette has area and
-/// middle of the one that was filmed; how far away it is, the fall says. Returns how well the silhouettes then agree
-/// (intersection over union).
+/// The visual hull of the views is rotated to face the real camera, then moved and scaled until its silhouette
+/// matches the filmed one in area and centroid; its depth is that of the ballistic fit. Returns the final
+/// intersection over union of the two silhouettes.
 ///
 /// # Errors
-/// [`ErrorKind::Input`] when the clip is not of a single camera, the views contradict each other, or what they show does not look
-/// like the object.
+/// [`ErrorKind::Input`] if the clip has more than one camera, if the views contradict each other, or if they do not
+/// resemble the object.
 pub fn surround(clip: &mut Clip, views: &Clip) -> Result<f64> {
     let refused = |what: &str| Error::new(ErrorKind::Input, what.to_owned()).at(views.root.display());
     let [camera] = &clip.cameras[..] else {
@@ -71,8 +71,9 @@ struct Body {
 }
 
 impl Body {
-    /// What the views have in common, and how many of them may be wrong about a voxel: so many that the body's silhouettes agree
-    /// best with all views. One that must please all is too thin where a single view is wrong, one that need not is too fat.
+    /// Visual hull of the views, and the number of views that may disagree on a voxel, chosen to maximise the
+    /// agreement of its silhouettes with all views. Zero tolerance makes the hull too thin where a single view is
+    /// wrong; too much tolerance makes it too large.
     fn of(views: &Clip) -> Result<(Self, usize)> {
         let count = views.cameras.len();
         let views = Clip { imagined: vec![true; count], ..views.clone() };
@@ -87,7 +88,7 @@ impl Body {
             let alike: Vec<f64> = each.map(|(camera, mask)| overlap(mask, &body.silhouette(camera))).collect();
             Ok((alike.iter().sum::<f64>(), body, dissent))
         });
-        // views that have nothing in common may have it but for one of them
+        // an empty hull at zero tolerance may become non-empty at a larger one
         let best = tried.reduce(|best, next| match (best, next) {
             (Ok(best), Ok(next)) => Ok(if next.0 > best.0 { next } else { best }),
             (Ok(found), Err(_)) | (Err(_), Ok(found)) => Ok(found),
@@ -96,7 +97,7 @@ impl Body {
         best.expect("no dissent is tried").map(|(_, body, dissent)| (body, dissent))
     }
 
-    /// The mean of its voxels.
+    /// Centroid of its voxels.
     fn middle(&self) -> [f64; 3] {
         let (mut sum, mut count) = ([0.0; 3], 0.0);
         for (flat, _) in self.filled.iter().enumerate().filter(|(_, filled)| **filled) {
@@ -114,7 +115,7 @@ impl Body {
         inside && self.filled[(i * dims[1] + j) * dims[2] + k]
     }
 
-    /// Where a camera sees it.
+    /// Its silhouette in a camera.
     fn silhouette(&self, camera: &Camera) -> Array2<bool> {
         let Sphere { centre, radius, .. } = self.sphere;
         Array2::from_shape_fn((camera.height, camera.width), |(row, column)| {
@@ -134,7 +135,7 @@ impl Body {
     }
 }
 
-/// Where the views' coordinates are in the world: `x ↦ origin + scale · turn (x − middle)`.
+/// Similarity from the views' coordinates to the world: `x ↦ origin + scale · turn (x − middle)`.
 struct Placed {
     turn: [[f64; 3]; 3],
     scale: f64,
@@ -143,7 +144,7 @@ struct Placed {
 }
 
 impl Placed {
-    /// The first view's azimuth is the camera's, its distance in proportion.
+    /// Aligns the azimuth of the first view with the camera's and scales by the ratio of the distances.
     fn facing(camera: &Camera, centre: [f64; 3], first: &Camera, middle: [f64; 3]) -> Self {
         let azimuth = |from: [f64; 3], at: [f64; 3]| {
             let away = minus(from, at);
@@ -157,20 +158,20 @@ impl Placed {
         Self { turn, scale: far / near, origin: centre, middle }
     }
 
-    /// Moves the body so that it is seen so many pixels to the right and down, as far away as before.
+    /// Shifts the body by a number of pixels to the right and down at constant depth.
     fn shift(&mut self, camera: &Camera, [right, down]: [f64; 2]) {
         let Some([u, v, depth]) = camera.project(self.origin) else { return };
         let (from, along) = camera.ray(u + right, v + down);
         self.origin = plus(from, along.map(|x| depth * x));
     }
 
-    /// A camera of the views in the world.
+    /// A camera of the views in world coordinates.
     fn in_world(&self, camera: &Camera) -> Camera {
         let from = times(&self.turn, minus(camera.centre(), self.middle)).map(|x| self.scale * x);
         moved(camera, self.turn, plus(self.origin, from))
     }
 
-    /// A camera of the world among the views.
+    /// A camera of the world in the views' coordinates.
     fn in_views(&self, camera: &Camera) -> Camera {
         let back = [0, 1, 2].map(|i| [0, 1, 2].map(|j| self.turn[j][i]));
         let from = times(&back, minus(camera.centre(), self.origin)).map(|x| x / self.scale);
@@ -178,7 +179,7 @@ impl Placed {
     }
 }
 
-/// A camera elsewhere, its axes turned.
+/// The camera with rotated axes at another position.
 fn moved(camera: &Camera, turn: [[f64; 3]; 3], to: [f64; 3]) -> Camera {
     let axes = product(turn, camera.c2w.map(|row| [row[0], row[1], row[2]]));
     Camera { c2w: std::array::from_fn(|i| [axes[i][0], axes[i][1], axes[i][2], to[i]]), ..camera.clone() }
@@ -190,7 +191,7 @@ fn overlap(a: &Array2<bool>, b: &Array2<bool>) -> f64 {
     count(|a, b| a && b) / count(|a, b| a || b).max(1.0)
 }
 
-/// Number of pixels of a silhouette, and their middle.
+/// Number of pixels of a silhouette, and its centroid.
 fn extent(mask: &Array2<bool>) -> Option<(f64, [f64; 2])> {
     let (mut count, mut sum) = (0.0, [0.0; 2]);
     for ((row, column), _) in mask.indexed_iter().filter(|(_, inside)| **inside) {

@@ -1,14 +1,14 @@
-//! Pictures and moving pictures: what was filmed beside what was reconstructed.
+//! Pictures and animations, for comparing input and reconstruction.
 
 use gif::{Encoder, Frame, Repeat};
 use gradreel::{Error, ErrorKind, Result};
 
 use super::palette::Palette;
 
-/// What fills the places of a composition that no picture covers.
+/// Fill value of empty areas in a composition.
 const WHITE: u8 = 255;
 
-/// Shortest delay that browsers honour, in hundredths of a second.
+/// Minimum delay that browsers honour, in hundredths of a second.
 const SHORTEST_DELAY: f64 = 2.0;
 
 /// An 8-bit sRGB picture; rows from the top, three bytes per pixel.
@@ -23,15 +23,15 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// A picture from sRGB values `[height, width, 3]`; 0…1 becomes 0…255, and what lies outside is clipped.
+    /// A picture from sRGB values `[height, width, 3]`; 0…1 is mapped to 0…255, and values outside are clipped.
     ///
     /// # Errors
     ///
-    /// A value is NaN or infinite; the error names the pixel.
+    /// If a value is NaN or infinite; the error names the pixel.
     ///
     /// # Panics
     ///
-    /// `values` is not `width · height · 3` long.
+    /// If `values` does not have the length `width · height · 3`.
     #[track_caller]
     pub fn from_unit(width: usize, height: usize, values: &[f32]) -> Result<Self> {
         assert_eq!(values.len(), width * height * 3, "Picture::from_unit: wrong length for {width} × {height} × 3");
@@ -46,11 +46,11 @@ impl Picture {
         Ok(Self { width, height, rgb })
     }
 
-    /// This picture with `other` to its right. The lower one is filled up with white at its foot.
+    /// This picture with `other` to its right; the lower one is padded with white at the bottom.
     ///
     /// # Panics
     ///
-    /// `rgb` of a picture does not have the length of its size.
+    /// If `rgb` of a picture does not match its size.
     #[must_use]
     #[track_caller]
     pub fn beside(&self, other: &Self) -> Self {
@@ -60,11 +60,12 @@ impl Picture {
         both
     }
 
-    /// The pictures row by row in `columns` columns. Every place is as large as the largest picture; the rest is white.
+    /// Arranges pictures row by row in `columns` columns. Cells have the size of the largest picture and are padded
+    /// with white.
     ///
     /// # Panics
     ///
-    /// `columns` is zero, or `rgb` of a picture does not have the length of its size.
+    /// If `columns` is zero, or `rgb` of a picture does not match its size.
     #[must_use]
     #[track_caller]
     pub fn grid(columns: usize, pictures: &[Self]) -> Self {
@@ -104,20 +105,20 @@ impl Picture {
     }
 }
 
-/// The bytes of an animated GIF that plays without end.
+/// Encodes an endlessly looping GIF.
 ///
-/// All frames share one palette of 256 colours, so that what stands still does not flicker. A GIF counts time in
-/// hundredths of a second: the delays are rounded such that the frames stay within half a hundredth of their time.
-/// Above 50 frames per second it plays slower than asked, as browsers do not honour shorter delays.
+/// All frames share one palette of 256 colours, so that static areas do not flicker. GIF delays are in hundredths
+/// of a second: they are rounded such that every frame is within half a hundredth of its time. Above 50 frames per
+/// second the animation is slowed down, as browsers do not honour shorter delays.
 ///
 /// # Errors
 ///
-/// There is no frame, a frame is empty, larger than 65535 pixels or not of the size of the first, or the speed is not
-/// a positive number.
+/// If there is no frame, a frame is empty, larger than 65535 pixels or of a different size than the first, or the
+/// speed is not a positive number.
 ///
 /// # Panics
 ///
-/// `rgb` of a frame does not have the length of its size.
+/// If `rgb` of a frame does not match its size.
 #[track_caller]
 pub fn gif(frames: &[Picture], frames_per_second: f64) -> Result<Vec<u8>> {
     let refused = |found: String| Error::new(ErrorKind::Input, "cannot make an animation").found(found);
@@ -152,7 +153,7 @@ pub fn gif(frames: &[Picture], frames_per_second: f64) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// How long each frame stays, in hundredths of a second.
+/// Delay of each frame, in hundredths of a second.
 fn delays(count: usize, frames_per_second: f64) -> Result<Vec<u16>> {
     let step = (100.0 / frames_per_second).max(SHORTEST_DELAY);
     if !(frames_per_second > 0.0 && frames_per_second.is_finite() && step <= f64::from(u16::MAX)) {

@@ -1,8 +1,8 @@
-//! Base64 (RFC 4648, section 4): bytes as text, so that a page can carry its pictures and data inside itself.
+//! Base64 (RFC 4648, section 4), for embedding pictures and data in a page.
 
 const ALPHABET: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
 
-/// The bytes as base64 with padding: four characters for every three bytes, `=` filling the last four.
+/// Encodes bytes as base64 with padding: four characters for every three bytes, with `=` completing the last four.
 ///
 /// ```
 /// use gradreel_models::report::base64::encode;
@@ -21,7 +21,7 @@ pub fn encode(bytes: &[u8]) -> String {
     text
 }
 
-/// The bytes of a text that [`encode`] could have written; padding may be missing. `None` for any other text.
+/// Decodes base64 text; padding is optional. `None` for any other text.
 ///
 /// ```
 /// use gradreel_models::report::base64::decode;
@@ -38,7 +38,7 @@ pub fn decode(text: &str) -> Option<Vec<u8>> {
             let sextet = ALPHABET.iter().position(|known| *known == letter)?;
             word = word << 6 | sextet as u32;
         }
-        // the bits of a last byte that is not whole are dropped
+        // surplus bits of an incomplete last byte are dropped
         let (whole, bits) = (6 * chunk.len() / 8, 6 * chunk.len());
         if whole == 0 {
             return None;

@@ -1,7 +1,7 @@
-//! Ctrl-C: the first asks the run to save and stop, the second stops it at once.
+//! Ctrl-C: the first asks the run to save and stop, the second stops it immediately.
 //!
-//! A loop calls [`check`] between two steps, where its state is whole. `SIGTERM`, which batch systems send, counts as
-//! a Ctrl-C.
+//! Loops call [`check`] between two steps, where their state is consistent. `SIGTERM`, which batch systems send,
+//! counts as Ctrl-C.
 
 use std::io::Write;
 use std::sync::Mutex;
@@ -9,17 +9,17 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use gradreel::{Error, ErrorKind, Result};
 
-/// Exit status of a process that Ctrl-C ended: 128 + `SIGINT`.
+/// Exit status of a process ended by Ctrl-C: 128 + `SIGINT`.
 const STOPPED: i32 = 130;
 
 static REQUESTED: AtomicBool = AtomicBool::new(false);
 static INSTALLED: Mutex<bool> = Mutex::new(false);
 
-/// Listens for Ctrl-C from here on. Calling it again does nothing.
+/// Installs the signal handler. Further calls have no effect.
 ///
 /// # Errors
 ///
-/// The operating system refuses, or another part of the process already listens.
+/// If the operating system refuses, or another part of the process has installed a handler.
 pub fn install() -> Result<()> {
     let mut installed = INSTALLED.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
     if !*installed {
@@ -30,12 +30,12 @@ pub fn install() -> Result<()> {
     Ok(())
 }
 
-/// Whether the user asked to stop.
+/// Whether a stop was requested.
 pub fn requested() -> bool {
     REQUESTED.load(Ordering::Relaxed)
 }
 
-/// Ends the caller's work with `?` once the user asked to stop.
+/// For use with `?` in loops: returns an error once a stop was requested.
 ///
 /// # Errors
 ///
@@ -49,11 +49,11 @@ pub fn check() -> Result<()> {
 }
 
 fn on_signal() {
-    // signals are handled one after another
+    // signals are handled sequentially
     if requested() {
         std::process::exit(STOPPED);
     }
-    // said before the run can end; a closed stderr must not turn a clean stop into a panic.
+    // printed before the run can end; a closed stderr must not turn a clean stop into a panic
     let message = "\nstopping: finishing the current step and saving; press Ctrl-C again to stop at once";
     let _ = writeln!(std::io::stderr(), "{message}");
     REQUESTED.store(true, Ordering::Relaxed);

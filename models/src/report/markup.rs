@@ -1,10 +1,10 @@
-//! Text from outside made safe to stand inside HTML and SVG.
+//! Escaping of untrusted text for HTML and SVG.
 
 use std::fmt::Write as _;
 
-/// The text with the characters that mean something in markup replaced, for element content and quoted attributes.
+/// Escapes the markup characters in a text for element content and quoted attributes.
 ///
-/// Control characters, which XML forbids, become U+FFFD, so that they stay visible.
+/// Control characters, which XML forbids, become U+FFFD and thus stay visible.
 pub(super) fn escape(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for character in text.chars() {
@@ -23,7 +23,8 @@ pub(super) fn escape(text: &str) -> String {
     safe
 }
 
-/// A relative link to a file beside the page: percent-encoded, and begun with `./`, so that it never names a scheme.
+/// A relative link to a file beside the page: percent-encoded, with the prefix `./`, so that it never names a
+/// scheme.
 pub(super) fn relative_link(path: &str) -> String {
     let mut link = String::from("./");
     for byte in path.bytes() {

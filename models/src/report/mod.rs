@@ -1,4 +1,4 @@
-//! Report: what a person opens after a run.
+//! Report: output files and the page of a run.
 
 pub mod animation;
 pub mod base64;

@@ -1,4 +1,4 @@
-//! The page a person opens after a run: one HTML file that needs no network and carries everything inside itself.
+//! The HTML page of a run: one self-contained file that needs no network.
 
 use std::fmt::Write as _;
 
@@ -12,25 +12,25 @@ pub use scene::Scene;
 
 const STYLE: &str = include_str!("page.css");
 const VIEWER: &str = include_str!("viewer.js");
-/// An animation narrower than this \[px\] is shown enlarged by a whole factor.
+/// Animations narrower than this \[px\] are enlarged by an integer factor.
 const ROOMY: usize = 720;
 
-/// One number the run was about.
+/// A main result.
 #[derive(Debug, Clone)]
 pub struct Headline {
     /// Its symbol: `E`.
     pub symbol: String,
     /// Its name: `Young's modulus`.
     pub label: String,
-    /// The rounded value with a unit fit for reading: `301 kPa`.
+    /// Rounded value with a suitable unit: `301 kPa`.
     pub readable: String,
-    /// All digits in the SI unit: `3.0123e5 Pa`.
+    /// Full precision in the SI unit: `3.0123e5 Pa`.
     pub exact: String,
-    /// Where it came from: `fitted; started at 10 kPa`.
+    /// Source of the value: `fitted; started at 10 kPa`.
     pub note: String,
 }
 
-/// Everything the page shows. A part that is empty is left out.
+/// Contents of the page. Empty parts are omitted.
 ///
 /// ```
 /// use gradreel_models::report::page::Page;
@@ -51,38 +51,38 @@ pub struct Headline {
 /// ```
 #[derive(Debug, Clone)]
 pub struct Page<'a> {
-    /// Name of the clip or the run.
+    /// Name of the clip or run.
     pub title: &'a str,
     /// One line beneath the title.
     pub subtitle: String,
-    /// The numbers the run was about, most important first.
+    /// Main results, most important first.
     pub headlines: Vec<Headline>,
-    /// Bytes of a GIF: the input beside the reconstruction.
+    /// Bytes of a GIF: input and reconstruction side by side.
     pub animation: Option<&'a [u8]>,
-    /// What the animation shows.
+    /// Caption of the animation.
     pub animation_caption: String,
     /// The particles, for the player.
     pub scene: Option<Scene>,
-    /// Curves, of convergence for instance.
+    /// Curves, such as convergence.
     pub plots: Vec<Plot>,
-    /// What was measured and what was assumed: name and text.
+    /// Measured values and assumptions: name and text.
     pub notes: Vec<(String, String)>,
-    /// Stages of the run and how long they took \[s\].
+    /// Stages of the run with their durations \[s\].
     pub timings: Vec<(String, f64)>,
     /// The resolved configuration.
     pub config_toml: String,
-    /// The other files of the folder: link relative to the page, and what the file is.
+    /// Other files in the folder: link relative to the page, and description.
     pub files: Vec<(String, String)>,
 }
 
 impl Page<'_> {
     /// The page as the text of one HTML file.
     ///
-    /// All text is escaped, so that a clip may be named `<script>`. Pictures and data are embedded; the page forbids
-    /// itself every connection.
+    /// All text is escaped, including names such as `<script>`. Pictures and data are embedded; the page's policy
+    /// forbids all connections.
     ///
     /// # Panics
-    /// If a frame of the scene has a number of particles other than the number of colours.
+    /// If a scene frame has a different number of particles than there are colours.
     #[track_caller]
     pub fn html(&self) -> String {
         let title = escape(self.title);
@@ -119,7 +119,7 @@ fn paragraph(class: &str, content: &str) -> String {
     if content.is_empty() { String::new() } else { format!("<p class=\"{class}\">{}</p>\n", escape(content)) }
 }
 
-/// A part of the page under its own heading; nothing where the content is empty.
+/// A section with a heading; nothing if the content is empty.
 fn section(class: &str, heading: &str, content: &str) -> String {
     if content.is_empty() {
         return String::new();
@@ -142,7 +142,7 @@ fn headlines(list: &[Headline]) -> String {
     if cards.is_empty() { cards } else { format!("<div class=\"numbers\">\n{cards}</div>\n") }
 }
 
-/// The GIF with its true aspect; a small one is enlarged by a whole factor, with its pixels left sharp.
+/// The GIF in its true aspect ratio; small ones are enlarged by an integer factor without smoothing.
 fn animation(gif: &[u8], caption: &str) -> String {
     let size = |at: usize| gif.get(at..at + 2).map_or(0, |b| usize::from(u16::from_le_bytes([b[0], b[1]])));
     let (width, height) = (size(6), size(8));
@@ -162,7 +162,8 @@ fn animation(gif: &[u8], caption: &str) -> String {
     section("card animation", "In motion", &content)
 }
 
-/// The particle player. The data stand in an inert script element; no `<` survives in it that could end the element.
+/// The particle player. Its data are in an inert script element, with `<` escaped so that nothing can end the
+/// element.
 #[track_caller]
 fn player(scene: &Scene) -> String {
     let data = scene.data().to_string().replace('<', "\\u003c");
@@ -199,7 +200,7 @@ fn notes(list: &[(String, String)]) -> String {
     section("card", "Measured and assumed", &content)
 }
 
-/// Stages with a bar as long as their share of the longest one.
+/// Stages with bars proportional to their durations.
 fn timings(list: &[(String, f64)]) -> String {
     let longest = list.iter().map(|t| t.1).filter(|s| s.is_finite()).fold(0.0, f64::max);
     let mut rows = String::new();

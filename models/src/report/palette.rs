@@ -1,31 +1,32 @@
-//! The 256 colours that show a set of pictures best.
+//! Colour quantisation to a palette of 256 colours for a set of pictures.
 //!
-//! Colours are counted in a histogram of 32³ cells; the box of cells with the largest spread is cut in two at its mean,
-//! until there are as many boxes as the palette has places. A colour counts with the square root of its frequency, so
-//! that a wide background does not take the colours of the small thing in front of it. Pictures with few colours keep
-//! them exactly. Idea: X. Wu, *Efficient statistical computations for optimal color quantization*, 1991.
+//! Colours are counted in a histogram of 32³ cells; the box of cells with the largest variance is split at its mean
+//! until the palette is full. Colours are weighted by the square root of their frequency, so that a large
+//! background does not use up the palette. Pictures with few colours keep them exactly. Based on X. Wu, *Efficient
+//! statistical computations for optimal color quantization*, 1991.
 
 use std::collections::{BTreeSet, HashMap};
 
-/// Places in a palette.
+/// Size of a palette.
 const PLACES: usize = 256;
 
-/// Spread below which a group is one colour; far above rounding, so that a cut always leaves two halves.
+/// Variance below which a group is one colour; far above rounding, so that a split always yields two nonempty
+/// groups.
 const NO_SPREAD: f64 = 1e-6;
 
-/// Colours, and for every colour asked for the nearest of them.
+/// The colours, with a cache of the nearest one for every requested colour.
 pub(super) struct Palette {
     colours: Vec<[u8; 3]>,
     nearest: HashMap<[u8; 3], u8>,
 }
 
-/// The colours that fell into one cell: how often, and their mean.
+/// The colours of one histogram cell: weight and mean.
 struct Cell {
     weight: f64,
     mean: [f64; 3],
 }
 
-/// Some cells, with the axis along which they spread most and how much.
+/// Some cells, with their axis of largest variance and that variance.
 struct Group {
     cells: Vec<Cell>,
     mean: [f64; 3],
@@ -34,7 +35,7 @@ struct Group {
 }
 
 impl Palette {
-    /// The palette of all these pixels.
+    /// The palette of these pixels.
     pub(super) fn of<'a>(pixels: impl Iterator<Item = &'a [u8; 3]> + Clone) -> Self {
         let mut exact = BTreeSet::new();
         for pixel in pixels.clone() {
@@ -46,12 +47,12 @@ impl Palette {
         Self { colours: exact.into_iter().collect(), nearest: HashMap::new() }
     }
 
-    /// The colours one after the other, three bytes each.
+    /// The colours as consecutive bytes, three each.
     pub(super) fn bytes(&self) -> Vec<u8> {
         self.colours.concat()
     }
 
-    /// Which colour of the palette is nearest to this one, by squared distance.
+    /// Index of the nearest colour by squared distance.
     pub(super) fn index(&mut self, colour: [u8; 3]) -> u8 {
         let colours = &self.colours;
         *self.nearest.entry(colour).or_insert_with(|| {
@@ -103,7 +104,7 @@ impl Group {
         let spread =
             [0, 1, 2].map(|i| cells.iter().map(|cell| cell.weight * (cell.mean[i] - mean[i]).powi(2)).sum::<f64>());
         let axis = (0..3).max_by(|&a, &b| spread[a].total_cmp(&spread[b])).expect("three axes");
-        // One cell cannot be cut, whatever rounding says of its spread.
+        // a single cell cannot be split, even if rounding gives it a variance
         let spread = if cells.len() > 1 { spread[axis] } else { 0.0 };
         Self { cells, mean, axis, spread }
     }

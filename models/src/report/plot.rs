@@ -13,11 +13,12 @@ const LEFT: f64 = 64.0;
 const RIGHT: f64 = 16.0;
 const FIELD: f64 = 210.0;
 const BELOW: f64 = 50.0;
-/// Room given to one character of the legend, which is set in 12 px.
+/// Width of a legend character at 12 px.
 const CHARACTER: f64 = 6.7;
-/// A series of at most this many points shows each of them as a dot.
+/// Maximum number of points that a series marks with dots.
 const DOTTED: usize = 40;
-/// Colours with contrast enough on white and on near-black; a page may restyle the classes `series-0` … `series-5`.
+/// Colours with sufficient contrast on white and on near-black; a page may restyle the classes `series-0` …
+/// `series-5`.
 const COLOURS: [&str; 6] = ["#3b7dd8", "#d9733a", "#2f9e77", "#a565c9", "#c79a1e", "#d0527a"];
 
 /// One curve.
@@ -25,32 +26,32 @@ const COLOURS: [&str; 6] = ["#3b7dd8", "#d9733a", "#2f9e77", "#a565c9", "#c79a1e
 pub struct Series {
     /// Name in the legend.
     pub label: String,
-    /// Points `(x, y)` in the order in which they are joined, in the units of the axes.
+    /// Points `(x, y)` in drawing order, in the units of the axes.
     pub points: Vec<(f64, f64)>,
 }
 
 /// A plot of one or more curves.
 #[derive(Debug, Clone)]
 pub struct Plot {
-    /// What is shown.
+    /// Title.
     pub title: String,
-    /// Name of the horizontal axis, with its SI unit.
+    /// Label of the horizontal axis, with its SI unit.
     pub x_label: String,
-    /// Name of the vertical axis, with its SI unit.
+    /// Label of the vertical axis, with its SI unit.
     pub y_label: String,
     /// Whether the vertical axis is logarithmic.
     pub log_y: bool,
     /// The curves.
     pub series: Vec<Series>,
-    /// A horizontal dashed line, for instance a true value: its name and height.
+    /// A horizontal dashed line, such as a true value: its label and height.
     pub reference: Option<(String, f64)>,
 }
 
 impl Plot {
-    /// The plot as one SVG element, 520 units wide, which can stand inside a page or be a file of its own.
+    /// The plot as one SVG element, 520 units wide, for use in a page or as a file.
     ///
-    /// Text and lines take the colour of the surrounding text. A point that is not finite (or not positive on a
-    /// logarithmic axis) interrupts its curve and is counted in a line beneath the plot.
+    /// Text and lines inherit the surrounding text colour. A point that is not finite (or not positive on a
+    /// logarithmic axis) interrupts its curve and is counted in a line below the plot.
     ///
     /// ```
     /// use gradreel_models::report::plot::{Plot, Series};
@@ -103,7 +104,7 @@ impl Plot {
         Axis::shows(false, x) && Axis::shows(self.log_y, y)
     }
 
-    /// Both axes around what can be shown; `None` where no series has a point to show.
+    /// Both axes, fitted to the valid points; `None` without valid points.
     fn axes(&self) -> Option<(Axis, Axis)> {
         let shown = || self.series.iter().flat_map(|s| s.points.iter().copied()).filter(|&p| self.shows(p));
         let level = self.reference.iter().map(|r| r.1).filter(|&y| Axis::shows(self.log_y, y));
@@ -112,7 +113,7 @@ impl Plot {
         Some((x, y))
     }
 
-    /// Writes the name of the vertical axis and the legend; returns where the field of the plot begins.
+    /// Writes the label of the vertical axis and the legend; returns the top of the plot area.
     fn legend(&self, body: &mut String) -> f64 {
         let mut at = (12.0, 66.0);
         text(body, at.0, 46.0, "start", 0.75, &self.y_label);
@@ -150,7 +151,7 @@ impl Plot {
         put(body, &line);
     }
 
-    /// The curve: one path with a gap at every point that cannot be shown; dots where there are few points.
+    /// Draws a curve as one path with gaps at invalid points, and with dots if there are few points.
     fn draw(&self, body: &mut String, series: &Series, index: usize, x: &Axis, y: &Axis, top: f64) {
         let (mut path, mut dots) = (String::new(), String::new());
         let shown = |i: usize| series.points.get(i).is_some_and(|&p| self.shows(p));
@@ -173,7 +174,7 @@ impl Plot {
     }
 }
 
-/// The field of the plot with grid lines and tick labels.
+/// The plot area with grid lines and tick labels.
 fn frame(body: &mut String, x: &Axis, y: &Axis, top: f64) {
     let bottom = top + FIELD;
     rectangle(body, top);

@@ -1,11 +1,11 @@
-//! PLY: particles as a point cloud that every mesh viewer opens.
+//! PLY: particles as a point cloud for mesh viewers.
 //!
 //! Binary little-endian PLY 1.0: three `float` coordinates in metres with y up, then, if given, three `uchar` colours.
 //! Format: Greg Turk, *The PLY Polygon File Format*, 1994.
 
 use gradreel::{Error, ErrorKind, Result};
 
-/// The bytes of a point cloud: `positions` \[m\], y up, and one sRGB colour for each of them or none at all.
+/// Encodes a point cloud: `positions` \[m\], y up, and either no colours or one sRGB colour per position.
 ///
 /// ```
 /// let bytes = gradreel_models::report::ply::ply(&[[0.0, 0.5, 0.0]], Some(&[[255, 0, 0]]))?;
@@ -15,11 +15,11 @@ use gradreel::{Error, ErrorKind, Result};
 ///
 /// # Errors
 ///
-/// A coordinate is NaN or infinite; the error names the particle.
+/// If a coordinate is NaN or infinite; the error names the particle.
 ///
 /// # Panics
 ///
-/// The number of colours is not the number of positions.
+/// If the numbers of colours and positions differ.
 #[track_caller]
 pub fn ply(positions: &[[f32; 3]], colours: Option<&[[u8; 3]]>) -> Result<Vec<u8>> {
     if let Some(colours) = colours {

@@ -1,25 +1,25 @@
-//! PNG: one picture as it is, without loss.
+//! PNG encoding of pictures.
 
 use gradreel::{Error, ErrorKind, Result};
 
 use super::animation::Picture;
 
-/// The bytes of a picture as an 8-bit sRGB PNG.
+/// Encodes a picture as 8-bit sRGB PNG.
 ///
 /// # Errors
 ///
-/// The picture has no pixels, or more than PNG allows.
+/// If the picture has no pixels, or more than PNG allows.
 ///
 /// # Panics
 ///
-/// `rgb` is not `width · height · 3` long.
+/// If `rgb` does not have the length `width · height · 3`.
 #[track_caller]
 pub fn png(picture: &Picture) -> Result<Vec<u8>> {
     picture.check();
     encoded(picture.width, picture.height, png::ColorType::Rgb, &picture.rgb)
 }
 
-/// The bytes of a PNG with transparency, from `width · height · 4` bytes of sRGB and coverage (not premultiplied).
+/// Encodes a PNG with alpha from `width · height · 4` bytes of sRGB and coverage (straight alpha).
 ///
 /// # Errors
 ///

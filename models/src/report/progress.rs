@@ -1,4 +1,4 @@
-//! Progress of a long run: bars on a terminal, a line now and then in a log file.
+//! Progress of a long run: bars on a terminal, periodic lines in a log file.
 
 use std::borrow::Cow;
 use std::sync::{Mutex, MutexGuard};
@@ -8,16 +8,16 @@ use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressFinish, 
 
 use super::terminal::tell;
 
-/// Shortest time between two lines of one stage in a log file.
+/// Minimum time between two log lines of a stage.
 const BETWEEN_LINES: Duration = Duration::from_secs(5);
 
-/// How often a bar moves its clock while the work itself says nothing.
+/// Refresh interval of a bar's clock.
 const TICK: Duration = Duration::from_millis(500);
 
-/// Where the stages of a run show how far they are.
+/// Progress display of a run's stages.
 ///
-/// On a terminal each stage is a bar with the time it will still take. Where stderr is a file or a pipe, each is a
-/// plain line at most every five seconds and one at its end.
+/// On a terminal each stage is a bar with its remaining time. If stderr is a file or a pipe, each stage is a plain
+/// line at most every five seconds and one at its end.
 ///
 /// ```
 /// use gradreel_models::report::progress::Progress;
@@ -39,7 +39,8 @@ enum Kind {
     Lines,
 }
 
-/// One stage of a run. Dropped without [`Stage::finish`], as when an error ends it, it leaves what it last showed.
+/// One stage of a run. If dropped without [`Stage::finish`], for example on an error, its last state remains
+/// visible.
 #[derive(Debug)]
 pub struct Stage(Sink);
 
@@ -51,7 +52,7 @@ enum Sink {
 }
 
 impl Progress {
-    /// Shows progress on stderr, or nowhere if `quiet`.
+    /// Shows progress on stderr, or nothing if `quiet`.
     pub fn new(quiet: bool) -> Self {
         if quiet {
             return Self(Kind::Quiet);
@@ -60,7 +61,7 @@ impl Progress {
         Self(if bars.is_hidden() { Kind::Lines } else { Kind::Bars(bars) })
     }
 
-    /// Begins a stage of `total` steps; 0 if their number is not known.
+    /// Starts a stage of `total` steps; 0 if unknown.
     pub fn stage(&self, title: &str, total: u64) -> Stage {
         Stage(match &self.0 {
             Kind::Quiet => Sink::Quiet,
@@ -71,7 +72,7 @@ impl Progress {
 }
 
 impl Stage {
-    /// Says that `done` steps are done, and anything short worth knowing, such as the loss.
+    /// Reports `done` steps, and a short message such as the loss.
     pub fn set(&self, done: u64, message: &str) {
         match &self.0 {
             Sink::Quiet => {}
@@ -87,7 +88,7 @@ impl Stage {
         }
     }
 
-    /// Ends the stage and says what came out.
+    /// Ends the stage with a result.
     pub fn finish(self, message: &str) {
         match &self.0 {
             Sink::Quiet => {}
@@ -97,7 +98,7 @@ impl Stage {
     }
 }
 
-/// A panic elsewhere cannot leave these few numbers half-changed in a way that matters.
+/// A poisoned lock is harmless: these values cannot be left in a harmful state.
 fn locked(lines: &Mutex<Lines>) -> MutexGuard<'_, Lines> {
     lines.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
 }
@@ -116,7 +117,7 @@ fn bar(title: &str, total: u64) -> ProgressBar {
     bar
 }
 
-/// Which lines one stage writes into a log file.
+/// Log lines of one stage.
 #[derive(Debug)]
 struct Lines {
     title: String,
@@ -130,7 +131,7 @@ impl Lines {
         Self { title: title.into(), total, begun: now, last: now }
     }
 
-    /// The line for `done` steps, if it is time for one.
+    /// The line for `done` steps, if one is due.
     fn set(&mut self, now: Instant, done: u64, message: &str) -> Option<String> {
         if now.duration_since(self.last) < BETWEEN_LINES {
             return None;
@@ -139,7 +140,7 @@ impl Lines {
         let Self { title, total, begun, .. } = self;
         let elapsed = now.duration_since(*begun);
         let left = elapsed.as_secs_f64() * total.saturating_sub(done) as f64 / done as f64;
-        // Nothing done, or an estimate longer than a clock can show: no estimate.
+        // no estimate without progress, or if it exceeds the clock's range
         let left = Duration::try_from_secs_f64(left).map(|left| format!(", about {} left", clock(left)));
         let line = match (u128::from(done.min(*total)) * 100).checked_div(u128::from(*total)) {
             None => format!("{title}: {done} steps, {}", clock(elapsed)),

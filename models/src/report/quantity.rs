@@ -1,4 +1,4 @@
-//! A number with its name, its unit and where it comes from; and the file of all numbers of a run.
+//! A result with its name, unit and source, and the file of all results of a run.
 
 use std::collections::BTreeMap;
 
@@ -6,10 +6,10 @@ use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
-/// What [`Quantity::source`] may be.
+/// Valid values of [`Quantity::source`].
 const SOURCES: [&str; 3] = ["fitted", "assumed", "given"];
 
-/// Units that take a prefix: kPa is read more easily than 10³ Pa, mm/s is not read more easily than m/s.
+/// Units shown with SI prefixes: kPa is easier to read than 10³ Pa, but mm/s no easier than m/s.
 const UNITS_WITH_PREFIX: [&str; 9] = ["Pa", "Pa s", "Pa·s", "N", "J", "W", "Hz", "m", "s"];
 
 /// Prefixes for 10⁻⁹, 10⁻⁶, … 10⁹.
@@ -36,9 +36,9 @@ const PREFIXES: [&str; 7] = ["n", "µ", "m", "", "k", "M", "G"];
 /// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Quantity {
-    /// Name in files and programs, such as `young`.
+    /// Identifier, such as `young`.
     pub name: String,
-    /// Name for people, such as `Young's modulus`.
+    /// Display name, such as `Young's modulus`.
     pub label: String,
     /// Symbol in formulas, such as `E`.
     pub symbol: String,
@@ -46,30 +46,30 @@ pub struct Quantity {
     pub unit: String,
     /// The number, in `unit`.
     pub value: f64,
-    /// Where the fit began, in `unit`.
+    /// Starting value of the fit, in `unit`.
     pub start: Option<f64>,
     /// `fitted`, `assumed` or `given`.
     pub source: String,
-    /// The interval that holds the truth in nine of ten cases, in `unit`, where it is known.
+    /// 90 % interval in `unit`, if known.
     pub interval_90: Option<[f64; 2]>,
-    /// Whether the clip says clearly more about it than what is plausible anyway, where that is known.
+    /// Whether the video constrains the value clearly beyond the prior, if known.
     pub determined: Option<bool>,
 }
 
 impl Quantity {
-    /// The value with three significant digits and its unit, with a prefix where one is usual: `301 kPa`, `0.298`,
-    /// `-0.402 m/s`. The digits are for people; the full value is in `parameters.json`.
+    /// The value rounded to three significant digits with its unit, with a prefix where customary: `301 kPa`,
+    /// `0.298`, `-0.402 m/s`. Full precision is in `parameters.json`.
     pub fn readable(&self) -> String {
         self.readable_value(self.value)
     }
 
-    /// The value as a result: as [`Quantity::readable`], or `–` for one that the clip does not determine, of which only the
-    /// interval tells something.
+    /// The value as shown in results: as [`Quantity::readable`], or `–` if the video does not constrain it, in
+    /// which case only the interval is meaningful.
     pub fn shown(&self) -> String {
         if self.determined == Some(false) { "–".to_owned() } else { self.readable() }
     }
 
-    /// The interval in the same form, `295 kPa to 308 kPa`; nothing where none is known.
+    /// The interval in the same form, `295 kPa to 308 kPa`; `None` if unknown.
     pub fn readable_interval(&self) -> Option<String> {
         let [low, high] = self.interval_90?.map(|end| self.readable_value(end));
         Some(format!("{low} to {high}"))
@@ -80,7 +80,7 @@ impl Quantity {
     }
 }
 
-/// A number for messages: all its digits, with an exponent where there would be many zeros.
+/// A number for messages: full precision, in exponent notation where there would be many zeros.
 ///
 /// ```
 /// use gradreel_models::report::quantity::compact;
@@ -94,7 +94,7 @@ pub fn compact(value: f64) -> String {
     }
 }
 
-/// A number with three significant digits and its SI unit (`-` for none), with a prefix where one is usual.
+/// A number with three significant digits and its SI unit (`-` for none), with a prefix where customary.
 ///
 /// ```
 /// use gradreel_models::report::quantity::readable;
@@ -106,7 +106,7 @@ pub fn readable(value: f64, unit: &str) -> String {
     let unit = if unit == "-" { "" } else { unit };
     let (number, prefix) = if UNITS_WITH_PREFIX.contains(&unit) {
         let (digits, exponent) = three_digits(value);
-        // A quantity of nothing has no size to choose a prefix by.
+        // zero has no magnitude to choose a prefix by
         let thousands = if value == 0.0 { 0 } else { exponent.div_euclid(3).clamp(-3, 3) };
         let scaled = digits * 10f64.powi(exponent - 3 * thousands);
         (plain(scaled), PREFIXES[(thousands + 3) as usize])
@@ -116,14 +116,14 @@ pub fn readable(value: f64, unit: &str) -> String {
     format!("{number} {prefix}{unit}").trim_end().to_string()
 }
 
-/// `value = digits · 10^exponent` with `1 ≤ |digits| < 10`, rounded to three digits; zero, NaN and ∞ as they are.
+/// `value = digits · 10^exponent` with `1 ≤ |digits| < 10`, rounded to three digits; zero, NaN and ∞ are unchanged.
 fn three_digits(value: f64) -> (f64, i32) {
     let text = format!("{value:.2e}");
     let split = text.split_once('e').and_then(|(digits, e)| Some((digits.parse().ok()?, e.parse().ok()?)));
     split.unwrap_or((value, 0))
 }
 
-/// Three significant digits, without an exponent where that is short.
+/// Three significant digits, in plain notation where that is short.
 fn plain(value: f64) -> String {
     let (digits, exponent) = three_digits(value);
     match exponent {
@@ -134,7 +134,7 @@ fn plain(value: f64) -> String {
     }
 }
 
-/// The bytes of `parameters.json`: the numbers of a run, in the order given, with their units.
+/// Contents of `parameters.json`: the results of a run in the given order, with their units.
 ///
 /// ```text
 /// {"material": "neo_hookean",
@@ -144,12 +144,14 @@ fn plain(value: f64) -> String {
 ///  "quality": {"psnr": 31.2, …}}
 /// ```
 ///
-/// `readable` is `–` for what the clip does not determine (`determined` is `false`); `value` is then no estimate, but where the search ended.
-/// `start` is `null` where nothing was fitted; `interval_90` and `determined` are where no interval is known. Values are written such that they read back to the same `f64`.
+/// `readable` is `–` if the video does not constrain the parameter (`determined` is `false`); `value` is then only
+/// the final iterate of the search. `start` is `null` if nothing was fitted; `interval_90` and `determined` are
+/// `null` if no interval is known. Values round-trip to the same `f64`.
 ///
 /// # Errors
 ///
-/// A number is NaN or infinite ([`ErrorKind::NonFinite`], naming it), a name comes twice, or a source is unknown.
+/// [`ErrorKind::NonFinite`] naming a number that is NaN or infinite; an error for a duplicate name or an unknown
+/// source.
 pub fn parameters_json(
     material: &str,
     quantities: &[Quantity],

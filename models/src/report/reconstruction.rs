@@ -1,4 +1,4 @@
-//! Everything a finished (or interrupted) reconstruction leaves in its folder.
+//! Output of a finished (or interrupted) reconstruction.
 
 use std::collections::BTreeMap;
 
@@ -16,15 +16,15 @@ use crate::report::quantity::{Quantity, compact, parameters_json};
 use crate::report::synthesis::PAGE;
 use crate::video::{Camera, Clip};
 
-/// Cameras shown in the animation at most.
+/// Maximum number of cameras shown in the animation.
 const SHOWN_CAMERAS: usize = 2;
 
-/// Writes particles, pictures, plots, `parameters.json` and `index.html`; returns the quality figures.
+/// Writes particles, pictures, plots, `parameters.json` and `index.html`; returns the quality metrics.
 ///
-/// `clip` is the clip at its own resolution.
+/// `clip` is the clip at full resolution.
 ///
 /// # Errors
-/// What simulating, rendering and writing return.
+/// Errors of simulating, rendering and writing.
 pub fn publish(found: &Reconstruction, run: &Run, clip: &Clip, progress: &Progress) -> Result<BTreeMap<String, f64>> {
     let motion = found.motion(run)?;
     let frames = clip.frame_count();
@@ -125,13 +125,13 @@ fn picture_of(found: &Reconstruction, run: &Run, points: &[[f32; 3]], camera: &C
     Ok(pixels.value()?.slice::<f32>().to_vec())
 }
 
-/// Up to `count` of `0..len`, spread evenly.
+/// Up to `count` evenly spaced indices of `0..len`.
 fn spread(len: usize, count: usize) -> Vec<usize> {
     let count = count.min(len);
     (0..count).map(|i| i * len / count).collect()
 }
 
-/// How well rendered pixels agree with filmed ones.
+/// Accumulated differences of rendered and filmed pixels.
 #[derive(Default)]
 struct Agreement {
     squared: f64,
@@ -240,7 +240,7 @@ fn assumed(run: &Run) -> Vec<Quantity> {
     ]
 }
 
-/// The name of a material parameter for people.
+/// Display name of a material parameter.
 fn label(name: &str) -> String {
     match name {
         "young" => "Young's modulus".into(),
@@ -368,7 +368,7 @@ fn plots(found: &Reconstruction, run: &Run) -> Vec<Plot> {
     plots
 }
 
-/// The folder of the views that were imagined, in that of the run.
+/// Subfolder of a run for its synthesized views.
 pub const VIEWS: &str = "views";
 
 fn files(run: &Run) -> Vec<(String, String)> {

@@ -1,7 +1,8 @@
-//! A Markdown file of measured results, of which each command writes its own section and leaves the others alone.
+//! A Markdown file of measured results; each command replaces its own section and leaves the others unchanged.
 //!
-//! A section stands between two markers, `<!-- begin: NAME -->` and `<!-- end: NAME -->`. It begins with where it was measured: the
-//! machine, its instruction set, the commit, the date, the split of the data and the command. Nothing of it is typed by hand.
+//! A section stands between the markers `<!-- begin: NAME -->` and `<!-- end: NAME -->`. It begins with the
+//! conditions of the measurement: machine, instruction set, commit, date, data split and command. Its text is
+//! generated completely.
 
 use std::path::Path;
 use std::process::Command;
@@ -12,22 +13,22 @@ use gradreel::{Error, ErrorKind, Result};
 /// One section.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Section {
-    /// Its name in the markers.
+    /// Name in the markers.
     pub name: String,
-    /// Its heading.
+    /// Heading.
     pub title: String,
-    /// What was measured on: development or report data, and which.
+    /// Data split: development or report data, and which clips.
     pub split: String,
     /// Tables and text in Markdown.
     pub body: String,
 }
 
-/// Where and when something was measured.
+/// Conditions of a measurement.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Measured {
-    /// The processor, and how many of its cores there are to work on.
+    /// Processor, and number of available cores.
     pub machine: String,
-    /// The instruction set of the kernels.
+    /// Instruction set of the kernels.
     pub instruction_set: String,
     /// Version and commit of the program's sources.
     pub commit: String,
@@ -38,7 +39,7 @@ pub struct Measured {
 }
 
 impl Measured {
-    /// Here and now, by this process; `program` stands for its own path in the command line.
+    /// Conditions of this process at this time; `program` replaces the program's own path in the command line.
     pub fn here(program: &str) -> Self {
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let arguments = std::env::args_os().skip(1).map(|word| quoted(&word.to_string_lossy()));
@@ -52,11 +53,11 @@ impl Measured {
     }
 }
 
-/// Replaces a section of a file, or adds it at the end; makes the file if there is none.
+/// Replaces a section of a file, or appends it; creates the file if necessary.
 ///
 /// # Errors
-/// [`ErrorKind::Input`] for a file that cannot be read or written, that is no UTF-8 text, or where the section's markers are not one
-/// pair in order; nothing is written then.
+/// [`ErrorKind::Input`] for a file that cannot be read or written or is not UTF-8, or if the section's markers are
+/// not one pair in order; nothing is written then.
 pub fn replace(file: &Path, section: &Section, measured: &Measured) -> Result<()> {
     let before = match std::fs::read_to_string(file) {
         Ok(text) => text,
@@ -68,10 +69,10 @@ pub fn replace(file: &Path, section: &Section, measured: &Measured) -> Result<()
         .map_err(|e| Error::io(file, "write the file of results", &e).fix("name another file with --markdown"))
 }
 
-/// A text with its section replaced, or added at the end.
+/// The text with its section replaced or appended.
 ///
 /// # Errors
-/// [`ErrorKind::Input`] where the section's markers are not one pair in order.
+/// [`ErrorKind::Input`] if the section's markers are not one pair in order.
 pub fn replaced(text: &str, section: &Section, measured: &Measured) -> Result<String> {
     let Section { name, title, split, body } = section;
     let [begin, end] = ["begin", "end"].map(|which| format!("<!-- {which}: {name} -->"));
@@ -96,12 +97,12 @@ pub fn replaced(text: &str, section: &Section, measured: &Measured) -> Result<St
     }
 }
 
-/// A text that ends no cell of a table.
+/// Escapes text for a table cell.
 fn cell(text: &str) -> String {
     text.replace('|', "\\|").replace('\n', " ")
 }
 
-/// A word as a shell takes it.
+/// Quotes a word for the shell.
 fn quoted(word: &str) -> String {
     let plain = |letter: char| letter.is_alphanumeric() || "-_=./,:+@%".contains(letter);
     if !word.is_empty() && word.chars().all(plain) {
@@ -111,7 +112,7 @@ fn quoted(word: &str) -> String {
     }
 }
 
-/// The processor's name, or its kind where the system does not tell.
+/// Name of the processor, or its architecture if unknown.
 fn processor() -> String {
     let told = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let model =
@@ -119,7 +120,7 @@ fn processor() -> String {
     model.map_or_else(|| std::env::consts::ARCH.to_owned(), str::to_owned)
 }
 
-/// The commit of the sources that the program was built from, as far as they are still there.
+/// Commit of the sources from which the program was built, if they still exist.
 fn commit() -> String {
     let git = |arguments: &[&str]| {
         let output = Command::new("git").args(["-C", env!("CARGO_MANIFEST_DIR")]).args(arguments).output().ok()?;
@@ -135,7 +136,7 @@ fn commit() -> String {
     }
 }
 
-/// The day of so many seconds after 1970 began, in UTC and the Gregorian calendar.
+/// Date for a Unix time in seconds, in UTC and the Gregorian calendar.
 fn date(seconds: u64) -> String {
     let (mut year, mut day) = (1970, seconds / 86_400);
     let leap = |year: u64| u64::from(year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400)));

@@ -1,7 +1,7 @@
-//! The one folder a run writes: made new, never over something else, and never with half a file in it.
+//! The output folder of a run: newly created, never overwritten, and never with partial files.
 //!
-//! Every file is written beside its final name and then renamed onto it. A full disk, a crash or an interrupt therefore
-//! leaves either the old file or the new one.
+//! Every file is written under a temporary name and then renamed. After a full disk, a crash or an interrupt, each
+//! file thus has either its old or its new content.
 
 use std::fs::{self, File, TryLockError};
 use std::io::{self, Write};
@@ -13,13 +13,13 @@ use gradreel::{Error, ErrorKind, Result};
 
 use crate::text;
 
-/// The file that tells other processes that the run is being written.
+/// File that marks the folder as in use by a running process.
 const LOCK: &str = ".lock";
 
-/// Longest folder name [`next_free`] makes, in characters, before the number.
+/// Maximum length of a folder name made by [`next_free`], in characters, before the number.
 const LONGEST_NAME: usize = 60;
 
-/// The folder of one run; names of files in it are relative, with `/` between the parts.
+/// The output folder of one run; file names are relative, with `/` as separator.
 ///
 /// ```
 /// use gradreel_models::report::run_folder::RunFolder;
@@ -37,18 +37,18 @@ const LONGEST_NAME: usize = 60;
 #[derive(Debug, Clone)]
 pub struct RunFolder {
     root: PathBuf,
-    /// Writes until the disk counts as full; without end if nothing is said.
+    /// Number of writes until the simulated disk is full; unlimited if `None`.
     writes_left: Option<Arc<AtomicU64>>,
-    /// Held as long as the run is written: the system lets go of it when the process ends, however it ends.
+    /// Lock held while the run is written; the system releases it when the process ends.
     _lock: Option<Arc<File>>,
 }
 
 impl RunFolder {
-    /// Makes the folder of a new run, with its parents. An empty folder that exists already is taken as it is.
+    /// Creates the folder of a new run, with its parents. An existing empty folder is accepted.
     ///
     /// # Errors
     ///
-    /// As [`RunFolder::can_be_created`] (nothing there is changed), or the folder cannot be made.
+    /// As [`RunFolder::can_be_created`], which changes nothing, or if the folder cannot be created.
     pub fn create(path: &Path) -> Result<Self> {
         Self::can_be_created(path)?;
         fs::create_dir_all(path).map_err(|e| match e.kind() {
@@ -56,13 +56,13 @@ impl RunFolder {
             _ => Error::io(path, "make the folder of the run", &e).fix("name another folder with `--out`"),
         })?;
         let run = Self { root: path.to_path_buf(), writes_left: None, _lock: None }.claimed()?;
-        // now nobody else writes here
+        // no other process writes here from now on
         run.sweep();
         Ok(run)
     }
 
-    /// Whether [`RunFolder::create`] would take this path, as far as that can be told without touching anything: to be asked
-    /// before work whose result goes there.
+    /// Checks without any changes whether [`RunFolder::create`] would accept this path: to be called before a long
+    /// computation whose result goes there.
     ///
     /// ```
     /// use gradreel_models::report::run_folder::RunFolder;
@@ -74,8 +74,8 @@ impl RunFolder {
     ///
     /// # Errors
     ///
-    /// [`ErrorKind::Input`] for a file, here or above, a folder with something in it, one that another run writes to, and a
-    /// name that the system does not take.
+    /// [`ErrorKind::Input`] for a path that is or lies below a file, a folder that is not empty or in use by
+    /// another run, or a name that the system does not accept.
     pub fn can_be_created(path: &Path) -> Result<()> {
         match fs::metadata(path) {
             Ok(found) if !found.is_dir() => return Err(not_a_folder(path)),
@@ -102,12 +102,11 @@ impl RunFolder {
             .fix("continue the run in it with `--resume`, or name another folder with `--out`"))
     }
 
-    /// Makes a folder of its own below `base`, named as [`next_free`] says. Of two runs that begin at once, each gets
-    /// another one.
+    /// Creates a unique folder below `base`, named as by [`next_free`]. Concurrent runs get different folders.
     ///
     /// # Errors
     ///
-    /// `base` is a file, or a folder cannot be made in it.
+    /// If `base` is a file, or no folder can be created in it.
     pub fn create_free(base: &Path, name: &str) -> Result<Self> {
         let failed = |path: &Path, e: &io::Error| Error::io(path, "make the folder of the run", e);
         fs::create_dir_all(base).map_err(|e| match e.kind() {
@@ -128,7 +127,7 @@ impl RunFolder {
     ///
     /// # Errors
     ///
-    /// The path does not exist or is not a folder.
+    /// If the path does not exist or is not a folder.
     pub fn open(path: &Path) -> Result<Self> {
         let found = fs::metadata(path).map_err(|e| {
             Error::io(path, "open the folder of the run", &e).fix("give the folder of an interrupted run to --out")
@@ -139,14 +138,14 @@ impl RunFolder {
         Ok(Self { root: path.to_path_buf(), writes_left: None, _lock: None })
     }
 
-    /// Opens the folder of an earlier run to go on with it: nobody else does at the same time.
+    /// Opens the folder of an earlier run exclusively, to resume it.
     ///
     /// # Errors
     ///
-    /// As [`RunFolder::open`], and [`ErrorKind::Input`] when another process writes to the folder.
+    /// As [`RunFolder::open`], and [`ErrorKind::Input`] if another process writes to the folder.
     pub fn resume(path: &Path) -> Result<Self> {
         let run = Self::open(path)?;
-        // a folder that is no run's is left as it is
+        // folders that do not belong to a run are not locked
         if run.has(LOCK) { run.claimed() } else { Ok(run) }
     }
 
@@ -155,24 +154,24 @@ impl RunFolder {
         let file = File::create(&path).map_err(|e| Error::io(&path, "write to the folder of the run", &e))?;
         match file.try_lock() {
             Err(TryLockError::WouldBlock) => Err(at_work(&self.root)),
-            // file systems without locks leave it to the user
+            // without file locks, exclusive use is up to the user
             Err(TryLockError::Error(_)) => Ok(self),
             Ok(()) => Ok(Self { _lock: Some(Arc::new(file)), ..self }),
         }
     }
 
-    /// The same folder on a disk that is full after so many writes. To what is in the folder that is what being killed there is,
-    /// so that every moment of a run can be tried.
+    /// The same folder on a simulated disk that is full after this many writes. For the folder's contents this
+    /// equals a killed process, so that tests can interrupt a run at any point.
     #[doc(hidden)]
     #[must_use]
     pub fn failing_after(self, writes: u64) -> Self {
         Self { writes_left: Some(Arc::new(AtomicU64::new(writes))), ..self }
     }
 
-    /// Whether there is something to go on with: `missing` says what there is not when this file is not here.
+    /// Checks that a run can be resumed, which requires the file `name`; `missing` is the error's text otherwise.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] when it is not.
+    /// [`ErrorKind::Input`] if the file does not exist.
     pub fn goes_on(&self, name: &str, missing: &str, fix: &str) -> Result<()> {
         if self.has(name) {
             return Ok(());
@@ -180,7 +179,7 @@ impl RunFolder {
         Err(Error::new(ErrorKind::Input, missing).at(self.path(name).display()).found("no such file").fix(fix))
     }
 
-    /// Removes what writes that were cut off have left. Only for a folder that nobody else is writing to.
+    /// Removes leftovers of interrupted writes. Only for a folder that no other process is writing to.
     pub fn sweep(&self) {
         let folders = |path: &Path| fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path());
         for path in folders(&self.root) {
@@ -188,7 +187,7 @@ impl RunFolder {
             for file in below.iter().chain([&path]) {
                 let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
                 if is_partial(&name) {
-                    // what cannot be removed is hidden and never read
+                    // leftovers that cannot be removed are hidden and never read
                     let _ = fs::remove_file(file);
                 }
             }
@@ -200,17 +199,17 @@ impl RunFolder {
         &self.root
     }
 
-    /// Where a file of this run lies or would lie.
+    /// Path of a file of this run, existing or not.
     pub fn path(&self, relative: &str) -> PathBuf {
         self.root.join(relative)
     }
 
-    /// Writes a whole file, making the folders above it. A file of that name is replaced in one step.
+    /// Writes a whole file, creating parent folders. An existing file is replaced atomically.
     ///
     /// # Errors
     ///
-    /// The name leads out of the folder, or the operating system refuses (disk full, no permission, a folder of that
-    /// name). The file that was there before is then untouched.
+    /// If the name leads out of the folder, or the operating system refuses (disk full, no permission, a folder of
+    /// that name). An existing file is unchanged then.
     pub fn write(&self, relative: &str, bytes: &[u8]) -> Result<()> {
         let target = self.inside(relative)?;
         let take = |left: u64| left.checked_sub(1);
@@ -226,7 +225,7 @@ impl RunFolder {
         let partial = partial_name(&target);
         let written = write_through(&partial, bytes).and_then(|()| fs::rename(&partial, &target));
         written.map_err(|e| {
-            // The first fault is the one to report; the leftover is hidden and never read.
+            // report the first error; the leftover is hidden and never read
             let _ = fs::remove_file(&partial);
             Error::io(&target, "write a file of the run", &e)
         })
@@ -236,7 +235,7 @@ impl RunFolder {
     ///
     /// # Errors
     ///
-    /// The name leads out of the folder, or the file is missing or unreadable.
+    /// If the name leads out of the folder, or the file is missing or unreadable.
     pub fn read(&self, relative: &str) -> Result<Vec<u8>> {
         let path = self.inside(relative)?;
         fs::read(&path).map_err(|e| {
@@ -244,7 +243,7 @@ impl RunFolder {
         })
     }
 
-    /// Reads a whole file of text; a byte order mark in front is no part of it.
+    /// Reads a whole text file without its byte order mark.
     ///
     /// # Errors
     ///
@@ -254,7 +253,7 @@ impl RunFolder {
         Ok(text::of(&bytes).map_err(|e| e.within(self.path(relative).display()))?.to_owned())
     }
 
-    /// Whether the run has this file.
+    /// Whether this file exists.
     pub fn has(&self, relative: &str) -> bool {
         self.path(relative).is_file()
     }
@@ -271,10 +270,10 @@ impl RunFolder {
     }
 }
 
-/// A folder below `base` that does not exist yet: `base/name`, else `base/name-2`, `base/name-3`, …
+/// An unused path below `base`: `base/name`, else `base/name-2`, `base/name-3`, …
 ///
-/// Letters, digits, `-`, `_` and inner dots of the name are kept; every run of other characters becomes one `-`.
-/// A name of which nothing is left becomes `run`.
+/// Letters, digits, `-`, `_` and inner dots of the name are kept; every run of other characters becomes one `-`. An
+/// empty result becomes `run`.
 pub fn next_free(base: &Path, name: &str) -> PathBuf {
     let name = plain_name(name);
     let taken = |path: &PathBuf| fs::symlink_metadata(path).is_ok();
@@ -295,7 +294,7 @@ fn plain_name(name: &str) -> String {
     if plain.is_empty() { "run".into() } else { plain.into() }
 }
 
-/// A hidden name beside the target that no other writer of this or another process uses.
+/// A unique hidden name beside the target for a temporary file.
 fn partial_name(target: &Path) -> PathBuf {
     static WRITES: AtomicU64 = AtomicU64::new(0);
     let number = WRITES.fetch_add(1, Ordering::Relaxed);
@@ -309,12 +308,12 @@ fn write_through(path: &Path, bytes: &[u8]) -> io::Result<()> {
     file.sync_all()
 }
 
-/// Whether a name is that of a write which is going on or was cut off; see [`partial_name`].
+/// Whether a name is that of a temporary file; see [`partial_name`].
 fn is_partial(name: &str) -> bool {
     name.starts_with('.') && name.ends_with(".partial")
 }
 
-/// Whether another process, or another run of this one, holds the mark.
+/// Whether another process, or another run of this one, holds the lock.
 fn is_locked(mark: &Path) -> bool {
     File::open(mark).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }

@@ -1,4 +1,4 @@
-//! The folder of a simulation: frames, totals, state to go on from, animation and page.
+//! The output folder of a simulation: frames, totals, restart data, animation and page.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -16,11 +16,11 @@ use super::run_folder::RunFolder;
 use crate::physics::Contact;
 use crate::scenes::{Film, Frame, SceneFile, Setup, Snapshot, Totals, View, positions_of};
 
-/// Time between two saved states.
+/// Minimum time between two saved states.
 const BETWEEN_STATES: Duration = Duration::from_secs(20);
-/// Frames of the animation at most; of more, every second, third, … is shown.
+/// Maximum number of animation frames; longer runs are subsampled.
 const MOST_PICTURES: usize = 240;
-/// Positions in the page's player at most; of more particles, every second, third, … is shown.
+/// Maximum number of positions in the page's player; larger sets of particles are subsampled.
 const MOST_POSITIONS: usize = 600_000;
 
 /// A kind of file that each frame is written to.
@@ -32,7 +32,7 @@ pub enum Format {
     Npy,
 }
 
-/// What a simulation writes.
+/// Writer of a simulation's results.
 #[derive(Debug)]
 pub struct Record<'a> {
     folder: RunFolder,
@@ -42,22 +42,22 @@ pub struct Record<'a> {
     setup: &'a Setup,
     formats: Vec<Format>,
     view: View,
-    /// Every how many frames a picture is taken.
+    /// Stride of the frames that are rendered.
     every: usize,
     pictures: Vec<Picture>,
-    /// Positions of some particles, frame by frame.
+    /// Positions of the subsampled particles, per frame.
     shown: Vec<Vec<[f32; 3]>>,
     totals: Vec<Totals>,
     substeps: usize,
     saved: Instant,
     /// Whether to write an animation.
     pub animated: bool,
-    /// Cameras that make a clip of it.
+    /// Cameras that render a clip, if any.
     pub film: Option<Film>,
 }
 
 impl<'a> Record<'a> {
-    /// Nothing is read or written yet: [`Record::begin`] or [`Record::resume`] comes next.
+    /// Creates the writer without any input or output; call [`Record::begin`] or [`Record::resume`] next.
     pub fn new(
         folder: RunFolder,
         name: &str,
@@ -86,10 +86,10 @@ impl<'a> Record<'a> {
         }
     }
 
-    /// A new run: writes its scene.
+    /// Starts a new run: writes its scene.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// If a file cannot be written.
     pub fn begin(&self) -> Result<()> {
         if let Some(film) = &self.film {
             self.folder.write("clip/all_data.json", film.list().as_bytes())?;
@@ -97,10 +97,10 @@ impl<'a> Record<'a> {
         self.folder.write("scene.toml", self.text.as_bytes())
     }
 
-    /// Takes up the frames that an interrupted run has written; where to go on.
+    /// Reads the frames written by an interrupted run; returns its restart data.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] when nothing was saved, or for another scene; a file that cannot be read.
+    /// [`ErrorKind::Input`] if nothing was saved, or for another scene; an error if a file cannot be read.
     pub fn resume(&mut self) -> Result<Snapshot> {
         let (folder, setup) = (&self.folder, self.setup);
         let place = folder.root().display().to_string();
@@ -139,7 +139,7 @@ impl<'a> Record<'a> {
         Ok(snapshot)
     }
 
-    /// The folder.
+    /// Path of the folder.
     pub fn root(&self) -> &Path {
         self.folder.root()
     }
@@ -147,7 +147,7 @@ impl<'a> Record<'a> {
     /// Writes a frame.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// If a file cannot be written.
     pub fn add(&mut self, frame: &Frame) -> Result<()> {
         for &format in &self.formats {
             let bytes = match format {
@@ -175,7 +175,7 @@ impl<'a> Record<'a> {
         Ok(())
     }
 
-    /// Takes a picture, and keeps positions for the player.
+    /// Renders a picture, and stores positions for the player.
     fn show(&mut self, index: usize, positions: &[[f32; 3]]) {
         if !index.is_multiple_of(self.every) {
             return;
@@ -187,16 +187,16 @@ impl<'a> Record<'a> {
         self.shown.push(positions.iter().copied().step_by(self.thinning()).collect());
     }
 
-    /// Every how many particles one is in the player.
+    /// Stride of the particles in the player.
     fn thinning(&self) -> usize {
         let frames = self.setup.schedule.frames.div_ceil(self.every);
         (frames * self.setup.len()).div_ceil(MOST_POSITIONS).max(1)
     }
 
-    /// Saves a state to go on from.
+    /// Saves restart data.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// If a file cannot be written.
     pub fn save(&mut self, snapshot: &Snapshot) -> Result<()> {
         let state = Tensor::from_vec(snapshot.state.clone(), [snapshot.state.len()]);
         self.folder.write("state.npy", &npy::to_bytes(&state)?)?;
@@ -210,18 +210,18 @@ impl<'a> Record<'a> {
         Ok(())
     }
 
-    /// Saves a state every twenty seconds.
+    /// Saves restart data, at most every twenty seconds.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// If a file cannot be written.
     pub fn save_now_and_then(&mut self, snapshot: impl FnOnce() -> Snapshot) -> Result<()> {
         if self.saved.elapsed() < BETWEEN_STATES { Ok(()) } else { self.save(&snapshot()) }
     }
 
-    /// Removes the saved state of a run that is finished.
+    /// Removes the restart data of a finished run.
     ///
     /// # Errors
-    /// A file that cannot be removed.
+    /// If a file cannot be removed.
     pub fn forget_state(&self) -> Result<()> {
         for name in ["state.npy", "state.json"].map(|name| self.folder.path(name)) {
             if name.is_file() {
@@ -234,7 +234,7 @@ impl<'a> Record<'a> {
     /// Writes totals, animation and page for the frames so far.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// If a file cannot be written.
     pub fn publish(&self, seconds: f64) -> Result<()> {
         let schedule = self.setup.schedule;
         let totals = json!({

@@ -1,4 +1,4 @@
-//! What synthesized views leave in the folder of their run: a clip of one frame, pictures of all views, a page.
+//! Output of view synthesis: a clip of one frame, pictures of all views, and a page.
 
 use gradreel::io::TensorFile;
 use gradreel::{Result, Tensor};
@@ -10,38 +10,39 @@ use super::png_file::png;
 use super::run_folder::RunFolder;
 use crate::views::Ring;
 
-/// The page, which is written last.
+/// The page; it is written last.
 pub const PAGE: &str = "index.html";
 
-/// Seconds that the animation takes around the object.
+/// Duration of the animation around the object \[s\].
 const AROUND: f64 = 2.5;
 
-/// Views of one picture.
+/// Synthesized views of one picture.
 pub struct Synthesis<'a> {
     /// Name of the picture.
     pub title: &'a str,
     /// The cameras of the views.
     pub ring: &'a Ring,
-    /// The picture as the model saw it.
+    /// The picture as given to the model.
     pub input: &'a Picture,
-    /// One picture for each camera, all of one size, square.
+    /// One square picture per camera, all of the same size.
     pub views: &'a [Picture],
-    /// What was decoded, `[1, views, latent, w, w]`.
+    /// The decoded latents, `[1, views, latent, w, w]`.
     pub latents: &'a Tensor,
-    /// What the page tells beside what follows from the ring: name and text.
+    /// Further notes on the page: name and text.
     pub notes: Vec<(String, String)>,
     /// The settings of the run as TOML.
     pub settings: &'a str,
 }
 
-/// Writes everything. The folder is then a clip that [`crate::video::inspect()`] and [`crate::video::Clip::open`] read:
-/// `data/r_{view}_0.png` with masks beside them, and the cameras in `all_data.json`, a unit of the model being a metre.
+/// Writes all files. The folder is a clip that can be read by [`crate::video::inspect()`] and
+/// [`crate::video::Clip::open`]: `data/r_{view}_0.png` with masks, and the cameras in `all_data.json`, with a unit
+/// of the model as a metre.
 ///
 /// # Errors
-/// What encoding and writing return.
+/// Errors of encoding and writing.
 ///
 /// # Panics
-/// When there is not one square picture for each camera.
+/// If the number of pictures is not that of the cameras, or a picture is not square.
 #[track_caller]
 pub fn publish(folder: &RunFolder, found: &Synthesis<'_>) -> Result<()> {
     let Synthesis { ring, views, .. } = found;
@@ -51,7 +52,7 @@ pub fn publish(folder: &RunFolder, found: &Synthesis<'_>) -> Result<()> {
         assert_eq!(view.width, view.height, "views are square");
         let bytes = png(view)?;
         folder.write(&format!("data/r_{number}_0.png"), &bytes)?;
-        // the mask of an object on white is its picture
+        // an object on white is its own mask
         folder.write(&format!("data/m_{number}_0.png"), &bytes)?;
         let camera = ring.camera(number, view.width);
         list.push(json!({
@@ -120,7 +121,7 @@ fn page(found: &Synthesis<'_>, animation: &[u8]) -> String {
     .html()
 }
 
-/// Pictures on one sheet as PNG, about as many rows as columns, each pixel repeated so many times each way.
+/// Pictures arranged on a nearly square sheet as PNG, each pixel enlarged to `enlarged²` pixels.
 ///
 /// # Errors
 /// As [`png()`].
@@ -134,13 +135,13 @@ pub fn sheet(pictures: &[Picture], enlarged: usize) -> Result<Vec<u8>> {
     png(&Picture { width, height, rgb })
 }
 
-/// A picture of planes in −1..1, `[3, h, w]` or `[1, 3, h, w]`.
+/// Converts colour planes in −1..1, `[3, h, w]` or `[1, 3, h, w]`, to a picture.
 ///
 /// # Errors
-/// When a value is not finite.
+/// If a value is not finite.
 ///
 /// # Panics
-/// When the shape is another.
+/// If the shape is different.
 #[track_caller]
 pub fn picture_of(planes: &Tensor) -> Result<Picture> {
     let ([3, height, width] | [1, 3, height, width]) = planes.dims()[..] else {

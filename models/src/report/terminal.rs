@@ -1,11 +1,11 @@
-//! Lines on stderr, which nobody has to read.
+//! Status lines on stderr.
 
 use std::fmt;
 use std::io::{Write, stderr};
 
 /// Writes a line to stderr.
 ///
-/// A reader that has gone and a full disk are no reason to end a run of an hour: what cannot be written is dropped.
+/// Write errors are ignored: a closed pipe or a full disk must not end a long run.
 ///
 /// ```
 /// use gradreel_models::report::terminal::tell;
@@ -13,6 +13,6 @@ use std::io::{Write, stderr};
 /// tell(format_args!("frame {}", 3));
 /// ```
 pub fn tell(line: fmt::Arguments<'_>) {
-    // one write, so that the lines of two threads do not mix
+    // a single write, so that lines of different threads do not mix
     let _ = stderr().lock().write_all(format!("{line}\n").as_bytes());
 }

@@ -1,4 +1,4 @@
-//! The scene file: what can be said in it, and what is wrong with it, by name.
+//! The scene file: its keys, and errors that name the offending key.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -10,8 +10,8 @@ use super::film::FilmSettings;
 use crate::nearest::suggestion;
 use crate::text;
 
-/// A scene as a file says it. Every key that carries a unit has it in its name; parameters of materials are in the SI unit
-/// of the material's own table (Pa, Pa s, degrees for angles of friction).
+/// The contents of a scene file. Keys with a unit carry it in their name; material parameters are in the SI units
+/// of the law's own table (Pa, Pa s; degrees for angles of friction).
 ///
 /// ```
 /// use gradreel_models::scenes::SceneFile;
@@ -41,7 +41,7 @@ use crate::text;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {
-    /// One line about the scene.
+    /// One-line description.
     #[serde(default)]
     pub title: String,
     /// Duration, frames and substeps.
@@ -57,16 +57,16 @@ pub struct SceneFile {
     /// Other obstacles.
     #[serde(default)]
     pub colliders: Vec<Obstacle>,
-    /// Materials by the names that objects use.
+    /// Materials by the names used in `objects`.
     #[serde(default)]
     pub materials: BTreeMap<String, Substance>,
-    /// What moves.
+    /// The simulated bodies.
     #[serde(default)]
     pub objects: Vec<Object>,
-    /// Where the picture is taken from.
+    /// Viewpoint of the rendered picture.
     #[serde(default)]
     pub camera: Camera,
-    /// A ring of cameras that make a clip of it, if there is one.
+    /// A ring of cameras that render a clip, if any.
     #[serde(default)]
     pub film: Option<FilmSettings>,
 }
@@ -75,15 +75,15 @@ pub struct SceneFile {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Time {
-    /// How long to simulate \[s\].
+    /// Simulated time \[s\].
     pub duration_s: f64,
     /// Frames written per second.
     #[serde(default = "defaults::frames_per_s")]
     pub frames_per_s: f64,
-    /// Substeps between two frames; found from the speed of sound and of the particles if left out.
+    /// Substeps between two frames; derived from the speeds of sound and of the particles if omitted.
     #[serde(default)]
     pub substeps_per_frame: Option<usize>,
-    /// The share of a cell that sound and particles may cross in a substep that is found.
+    /// CFL number of derived substeps: the share of a cell that sound and particles may cross per substep.
     #[serde(default = "defaults::cfl")]
     pub cfl: f64,
 }
@@ -97,21 +97,21 @@ pub struct Grid {
     /// Particles per cell: 1, 8, 27 or 64.
     #[serde(default = "defaults::particles_per_cell")]
     pub particles_per_cell: usize,
-    /// 0 for APIC (calm), 1 for FLIP (lively).
+    /// FLIP blending: 0 for APIC (more dissipative), 1 for FLIP (less dissipative).
     #[serde(default)]
     pub flip: f64,
     /// `f32` or `f64`.
     #[serde(default)]
     pub precision: Precision,
-    /// Seed of the particles' irregularity.
+    /// Seed of the particles' jitter.
     #[serde(default)]
     pub seed: u64,
-    /// The largest number of nodes in the box around the particles.
+    /// Maximum number of nodes in the box around the particles.
     #[serde(default = "defaults::node_limit")]
     pub node_limit: usize,
 }
 
-/// The numbers to compute with.
+/// Floating-point type of the simulation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Precision {
@@ -129,7 +129,7 @@ pub struct Surroundings {
     /// Gravity \[m/s²\]; y points up.
     #[serde(default = "defaults::gravity")]
     pub gravity_m_s2: [f64; 3],
-    /// Lowest and highest corner of where particles may be \[m\]; one outside stops the run.
+    /// Lower and upper corner of the admissible region \[m\]; a particle outside stops the run.
     #[serde(default)]
     pub bounds_m: Option<[[f64; 3]; 2]>,
 }
@@ -147,26 +147,26 @@ pub struct Ground {
     /// Its height \[m\].
     #[serde(default)]
     pub height_m: f64,
-    /// How it acts.
+    /// Contact condition.
     #[serde(default)]
     pub contact: Touch,
-    /// Coefficient of friction of `contact = "friction"`.
+    /// Friction coefficient for `contact = "friction"`.
     #[serde(default)]
     pub friction: Option<f64>,
 }
 
-/// How an obstacle acts.
+/// Contact condition of an obstacle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Touch {
-    /// Holds what touches it.
+    /// No slip, no separation.
     #[default]
     Sticky,
-    /// Frictionless; nothing lifts off.
+    /// Frictionless, no separation.
     Slip,
-    /// Frictionless; lifts off freely.
+    /// Frictionless, separates freely.
     Separate,
-    /// Coulomb friction; lifts off freely.
+    /// Coulomb friction, separates freely.
     Friction,
 }
 
@@ -176,16 +176,16 @@ pub enum Touch {
 pub struct Obstacle {
     /// Its region.
     pub shape: Barrier,
-    /// How it acts.
+    /// Contact condition.
     #[serde(default)]
     pub contact: Touch,
-    /// Coefficient of friction of `contact = "friction"`.
+    /// Friction coefficient for `contact = "friction"`.
     #[serde(default)]
     pub friction: Option<f64>,
     /// Whether particles live inside it.
     #[serde(default)]
     pub container: bool,
-    /// Its rotation at the start about its centre: axis times angle \[°\].
+    /// Initial rotation about its centre: axis times angle \[°\].
     #[serde(default)]
     pub turn_deg: [f64; 3],
     /// Velocity \[m/s\].
@@ -194,7 +194,7 @@ pub struct Obstacle {
     /// Angular velocity about its pivot: axis times rate \[rad/s\].
     #[serde(default)]
     pub spin_rad_s: [f64; 3],
-    /// The point about which it spins \[m\]; its centre, unless said otherwise.
+    /// Pivot of the rotation \[m\]; defaults to its centre.
     #[serde(default)]
     pub pivot_m: Option<[f64; 3]>,
 }
@@ -203,11 +203,11 @@ pub struct Obstacle {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Barrier {
-    /// Everything below a plane.
+    /// The half-space below a plane.
     Plane {
-        /// A point of it \[m\].
+        /// A point on the plane \[m\].
         point_m: [f64; 3],
-        /// Towards the free side; any length.
+        /// Normal towards the free side, of any length.
         normal: [f64; 3],
     },
     /// A box along the axes.
@@ -255,7 +255,7 @@ pub struct Object {
     pub material: String,
     /// Its shape.
     pub shape: Shape,
-    /// Its rotation at the start about its centre: axis times angle \[°\].
+    /// Initial rotation about its centre: axis times angle \[°\].
     #[serde(default)]
     pub turn_deg: [f64; 3],
     /// Velocity \[m/s\].
@@ -296,56 +296,56 @@ pub enum Shape {
         /// Height \[m\].
         height_m: f64,
     },
-    /// An upright cone with its tip above.
+    /// An upright cone with its tip at the top.
     Cone {
-        /// Middle between its foot and its tip \[m\].
+        /// Midpoint between base and tip \[m\].
         centre_m: [f64; 3],
-        /// Radius of its foot \[m\].
+        /// Radius of the base \[m\].
         radius_m: f64,
         /// Height \[m\].
         height_m: f64,
     },
-    /// A ring that lies flat.
+    /// A torus with a vertical axis.
     Torus {
         /// Centre \[m\].
         centre_m: [f64; 3],
-        /// Distance of the tube's centre from the ring's \[m\].
+        /// Distance between the centre of the tube and that of the torus \[m\].
         ring_radius_m: f64,
         /// Radius of the tube \[m\].
         tube_radius_m: f64,
     },
     /// A closed surface from a file: OBJ, PLY or STL.
     Mesh {
-        /// The file; relative to the scene file.
+        /// Path relative to the scene file.
         file: PathBuf,
         /// Factor from the file's unit to metres.
         #[serde(default = "defaults::one")]
         scale: f64,
-        /// Added after scaling \[m\].
+        /// Translation after scaling \[m\].
         #[serde(default)]
         translate_m: [f64; 3],
     },
     /// Particles from a file: PLY, or npy of shape `[n, 3]`.
     Particles {
-        /// The file; relative to the scene file.
+        /// Path relative to the scene file.
         file: PathBuf,
         /// Factor from the file's unit to metres.
         #[serde(default = "defaults::one")]
         scale: f64,
-        /// Added after scaling \[m\].
+        /// Translation after scaling \[m\].
         #[serde(default)]
         translate_m: [f64; 3],
     },
 }
 
-/// Where the picture is taken from. What is left out is chosen to show everything.
+/// Viewpoint of the picture. Omitted values are chosen such that the whole scene is visible.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Camera {
-    /// Where it stands \[m\].
+    /// Position \[m\].
     #[serde(default)]
     pub eye_m: Option<[f64; 3]>,
-    /// What it looks at \[m\].
+    /// Target point \[m\].
     #[serde(default)]
     pub target_m: Option<[f64; 3]>,
     /// Vertical field of view \[°\].
@@ -356,7 +356,7 @@ pub struct Camera {
     pub pixels: Option<[usize; 2]>,
 }
 
-/// What is assumed of what a file leaves out.
+/// Default values of omitted keys.
 mod defaults {
     pub fn frames_per_s() -> f64 {
         24.0
@@ -382,8 +382,8 @@ impl SceneFile {
     /// Reads a scene.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] for text that is not TOML, or that names a key, shape or contact that there is none of; the error
-    /// names the line and the nearest name that there is.
+    /// [`ErrorKind::Input`] for invalid TOML or an unknown key, shape or contact; the message gives the line and
+    /// the nearest valid name.
     pub fn parse(text: &str) -> Result<Self> {
         toml::from_str(text).map_err(|e| {
             let message = e.to_string();
@@ -398,7 +398,7 @@ impl SceneFile {
     /// Reads a scene file.
     ///
     /// # Errors
-    /// As [`SceneFile::parse`]; a file that cannot be read.
+    /// As [`SceneFile::parse`], and if the file cannot be read.
     pub fn read(path: &Path) -> Result<Self> {
         let fix = "give the path of a TOML file, such as examples/scenes/rubber.toml";
         let text = text::read(path, "the scene", fix, text::SETTINGS)?;

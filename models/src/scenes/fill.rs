@@ -1,4 +1,4 @@
-//! Particles that fill a shape: one in each cell of a grid, a little off its centre.
+//! Seeding: particles that fill a shape, one per cell of a grid with jitter.
 
 use std::collections::HashSet;
 use std::f64::consts::PI;
@@ -12,31 +12,32 @@ use super::mesh::{BESIDE, Mesh, ply};
 use crate::mesh_files;
 use crate::text::unmarked;
 
-/// Most grid cells that are looked at for one shape.
+/// Maximum number of grid cells scanned per shape.
 const MOST_CELLS: f64 = 2e8;
-/// How far particles lie off the centres of their cells, at most, in cells; keeps neighbours apart.
+/// Maximum offset of a particle from its cell's centre, in cells; bounded to keep neighbours apart.
 const JITTER: f64 = 0.25;
 
-/// Cells of a finer grid that are looked at for one shape; see [`sample`].
+/// Maximum number of cells scanned per shape on a refined grid; see [`sample`].
 const MOST_FINE_CELLS: usize = 20_000_000;
-/// Times that the grid is made twice as fine where it misses the volume of a shape by more than [`MISSED`] of it.
+/// Maximum number of grid refinements by two. The grid is refined while its volume deviates from the shape's by
+/// more than a share of [`MISSED`].
 const MOST_HALVINGS: usize = 3;
 const MISSED: f64 = 0.25;
-/// Cells along each axis at least, where a volume is counted because there is no formula.
+/// Minimum number of cells along each axis for counting a volume without a closed formula.
 const COUNTED: usize = 48;
 
 /// A shape made of particles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Body {
-    /// Where the particles are \[m\].
+    /// Particle positions \[m\].
     pub positions: Vec<[f64; 3]>,
-    /// The volume of each \[m³\]: all of them together have that of the shape.
+    /// Volume of each particle \[m³\]; the sum equals the volume of the shape.
     pub volume: f64,
-    /// Into how many parts the spacing was divided along each axis, so that a small or thin shape has particles enough.
+    /// Refinement factor of the spacing along each axis, which gives small or thin shapes enough particles.
     pub finer: usize,
 }
 
-/// The particles of a shape \[m\], `spacing` \[m\] apart; files are looked for beside the scene, in `folder`.
+/// The particles of a shape \[m\] with a given `spacing` \[m\]; files are relative to `folder`, that of the scene.
 ///
 /// ```
 /// use gradreel_models::scenes::{Shape, fill};
@@ -54,10 +55,11 @@ pub fn fill(shape: &Shape, spacing: f64, seed: u64, folder: &Path) -> Result<Vec
     body(shape, spacing, seed, folder).map(|body| body.positions)
 }
 
-/// The particles of a shape as [`fill`] makes them, with their volume: that of the shape, shared alike, however coarse the
-/// grid. Where a grid of this spacing would miss the shape, a finer one is taken.
+/// The particles of a shape as made by [`fill`], with their volume: an equal share of the shape's volume at any
+/// grid spacing. If the grid is too coarse for the shape, a finer one is used.
 ///
-/// The particles of a file count as `spacing³` each; where several share a cube of that size, they share its volume.
+/// Particles from a file have the volume `spacing³` each; where several occupy a cube of that size, they share its
+/// volume.
 ///
 /// ```
 /// use gradreel_models::scenes::{Shape, body};
@@ -71,8 +73,8 @@ pub fn fill(shape: &Shape, spacing: f64, seed: u64, folder: &Path) -> Result<Vec
 /// ```
 ///
 /// # Errors
-/// [`ErrorKind::Input`] for a shape without size, one too small to hold a particle or too large for the grid, and for
-/// files that cannot be used.
+/// [`ErrorKind::Input`] for a shape without volume, too small to hold a particle or too large for the grid, and for
+/// unusable files.
 pub fn body(shape: &Shape, spacing: f64, seed: u64, folder: &Path) -> Result<Body> {
     let body = match shape {
         Shape::Particles { file, scale, translate_m } => {
@@ -91,7 +93,7 @@ pub fn body(shape: &Shape, spacing: f64, seed: u64, folder: &Path) -> Result<Bod
                 simple.set(simple.get() && plain);
                 particles
             };
-            // parts that overlap would count twice
+            // overlapping parts would count twice
             let whole = || simple.get().then(|| mesh.volume().abs());
             sample(cells, &whole, &inside)?
         }
@@ -111,15 +113,15 @@ pub fn body(shape: &Shape, spacing: f64, seed: u64, folder: &Path) -> Result<Bod
     Ok(body)
 }
 
-/// The share of its own cube that a particle of a file has: less than one where cubes hold more than two on average.
+/// Volume factor of particles from a file: below one where cubes hold more than two particles on average.
 fn crowded(positions: &[[f64; 3]], spacing: f64) -> f64 {
     let cubes: HashSet<[i64; 3]> = positions.iter().map(|x| x.map(|x| (x / spacing).floor() as i64)).collect();
     let share = cubes.len() as f64 / positions.len().max(1) as f64;
     if share < 0.5 { share } else { 1.0 }
 }
 
-/// Particles inside a shape of this volume, which is counted if it is not known: one in each cell of a grid, finer where
-/// that is too coarse for the shape.
+/// Particles inside a shape of this volume, which is counted on a fine grid if unknown: one per cell, on a refined
+/// grid where the given one is too coarse for the shape.
 fn sample(
     mut cells: Cells,
     volume: &dyn Fn() -> Option<f64>,
@@ -160,7 +162,7 @@ struct Cells {
 }
 
 impl Cells {
-    /// The cells that cover `bounds`, as many as fit best: each axis is divided into equal parts.
+    /// Cells that cover `bounds`: each axis is divided into equal parts of about `spacing`.
     fn covering(bounds: [[f64; 3]; 2], spacing: f64) -> Result<Self> {
         let [low, high] = bounds;
         let counts: [f64; 3] = std::array::from_fn(|axis| ((high[axis] - low[axis]) / spacing).round().max(1.0));
@@ -194,7 +196,7 @@ impl Cells {
     }
 }
 
-/// One triple of offsets per cell.
+/// One jitter vector per cell.
 fn offsets(seed: u64, cells: usize) -> impl Iterator<Item = [f64; 3]> {
     let mut numbers = Key::new(seed).uniform(3 * cells).map(|u| 2.0 * JITTER * (u - 0.5));
     std::iter::from_fn(move || Some([numbers.next()?, numbers.next()?, numbers.next()?]))
@@ -209,7 +211,7 @@ fn fill_primitive(shape: &Shape, centre: [f64; 3], cells: &Cells, seed: u64) -> 
     places.filter(|&x: &[f64; 3]| holds(shape, std::array::from_fn(|axis| x[axis] - centre[axis]))).collect()
 }
 
-/// The volume of a primitive \[m³\]; none for a torus that passes through itself.
+/// The volume of a primitive \[m³\]; `None` for a self-intersecting torus.
 fn volume(shape: &Shape) -> Option<f64> {
     match *shape {
         Shape::Box { size_m: [x, y, z], .. } => Some(x * y * z),
@@ -223,7 +225,7 @@ fn volume(shape: &Shape) -> Option<f64> {
     }
 }
 
-/// Centre and half of the edge lengths of the box around a primitive.
+/// Centre and half edge lengths of the bounding box of a primitive.
 fn extent(shape: &Shape) -> Result<([f64; 3], [f64; 3])> {
     Ok(match *shape {
         Shape::Box { centre_m, size_m } => {
@@ -247,7 +249,7 @@ fn extent(shape: &Shape) -> Result<([f64; 3], [f64; 3])> {
     })
 }
 
-/// Whether a primitive holds a point, counted from its centre.
+/// Whether a primitive contains a point, given relative to its centre.
 fn holds(shape: &Shape, x: [f64; 3]) -> bool {
     let from_axis = x[0].hypot(x[2]);
     match *shape {
@@ -263,8 +265,8 @@ fn holds(shape: &Shape, x: [f64; 3]) -> bool {
     }
 }
 
-/// Cells whose centres have a winding number other than 0, counted along upright lines; and whether no line was inside more than
-/// once or the other way round.
+/// Cells whose centres have a nonzero winding number, counted along vertical lines, and whether the winding number
+/// took no more than two adjacent values, which excludes overlapping parts.
 fn fill_mesh(mesh: &Mesh, cells: &Cells, seed: u64) -> (Vec<[f64; 3]>, bool) {
     let [nx, ny, nz] = cells.counts;
     let first = [cells.at(0, 0, 0.0), cells.at(2, 0, 0.0)];

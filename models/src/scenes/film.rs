@@ -1,7 +1,7 @@
-//! A simulation filmed by a ring of cameras, as a clip that `reconstruct` reads.
+//! A simulation rendered by a ring of cameras, as a clip for `reconstruct`.
 //!
-//! The pictures are made another way than those that a reconstruction renders: a closed surface, hit by single rays, in the
-//! light of a lamp. What is estimated from such a clip has not merely undone its own rendering.
+//! The renderer differs from that of the reconstruction: it casts single rays against a closed surface lit by a
+//! lamp. An estimate from such a clip thus does not merely invert its own rendering.
 
 use std::f64::consts::TAU;
 
@@ -17,28 +17,28 @@ use crate::video::Camera;
 
 /// Rays per pixel along each side.
 const RAYS: usize = 3;
-/// Towards the lamp.
+/// Direction towards the lamp.
 const LAMP: [f64; 3] = [0.35, 0.83, 0.43];
-/// Share of light that comes from everywhere.
+/// Share of ambient light.
 const AMBIENT: f64 = 0.7;
 
-/// How a simulation is filmed; what is left out is chosen such that the start and the floor below it are seen.
+/// Camera settings; omitted values are chosen such that the start and the floor below it are visible.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FilmSettings {
-    /// Cameras on a ring around the target.
+    /// Number of cameras on a ring around the target.
     pub cameras: usize,
     /// Width and height of each image \[pixels\].
     pub pixels: [usize; 2],
     /// Vertical field of view \[°\].
     pub field_of_view_deg: f64,
-    /// How far above the target cameras stand, in turn \[°\].
+    /// Elevations of the cameras above the target, used cyclically \[°\].
     pub elevation_deg: Vec<f64>,
-    /// What they look at \[m\].
+    /// Target point \[m\].
     pub target_m: Option<[f64; 3]>,
-    /// How far away they stand \[m\].
+    /// Distance of the cameras from the target \[m\].
     pub distance_m: Option<f64>,
-    /// How strongly colours vary over an object, 0 to 1.
+    /// Strength of the colour variation over an object, 0 to 1.
     pub pattern: f64,
 }
 
@@ -56,25 +56,25 @@ impl Default for FilmSettings {
     }
 }
 
-/// An image with transparency, 8-bit sRGB.
+/// An 8-bit sRGB image with alpha.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Shot {
     /// Pixels in a row.
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// `height · width · 4` bytes: red, green, blue (not premultiplied) and coverage.
+    /// `height · width · 4` bytes: red, green, blue (straight alpha) and coverage.
     pub rgba: Vec<u8>,
 }
 
 /// Cameras around a scene, and the colours of its particles.
 ///
-/// Files of the clip: `all_data.json`, and `data/r_{camera}_{frame}.png` with the object's coverage as transparency.
+/// Files of the clip: `all_data.json`, and `data/r_{camera}_{frame}.png` with the object's coverage as alpha.
 #[derive(Debug, Clone)]
 pub struct Film {
     cameras: Vec<Camera>,
     colours: Vec<[f32; 3]>,
-    /// Of each particle, from its neighbours at rest \[m\].
+    /// Spacing of each particle, from its neighbours at rest \[m\].
     spacings: Vec<f64>,
     frames: usize,
     frame_dt: f64,
@@ -161,22 +161,22 @@ impl Film {
         serde_json::Value::from_iter(entries).to_string()
     }
 
-    /// The file of an image in the clip's folder.
+    /// File name of an image, relative to the clip's folder.
     pub fn name(camera: i64, frame: usize) -> String {
         format!("data/r_{camera}_{frame}.png")
     }
 
-    /// What every camera sees of particles at these positions \[m\].
+    /// Renders particles at these positions \[m\] in every camera.
     ///
     /// # Errors
-    /// [`ErrorKind::Physics`] when they are spread too far.
+    /// [`ErrorKind::Physics`] if they are spread too far.
     pub fn shots(&self, positions: &[[f32; 3]]) -> Result<Vec<Shot>> {
         let surface = Surface::of(positions, &self.colours, &self.spacings)?;
         Ok(self.cameras.iter().map(|camera| shot(&surface, camera)).collect())
     }
 }
 
-/// Objects' colours, varied smoothly over each.
+/// The objects' colours, varied smoothly over each object.
 fn colours(setup: &Setup, pattern: f64) -> Vec<[f32; 3]> {
     let [low, high] = bounds(setup.positions.iter().copied());
     let size = minus(high, low).into_iter().fold(1e-9, f64::max);

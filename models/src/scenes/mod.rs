@@ -1,8 +1,8 @@
-//! Scenes: files that say what falls onto what, and running them without a video.
+//! Scenes: files that describe a simulation, and running them without a video.
 //!
-//! A [`SceneFile`] is read from TOML; [`fill`](fill()) turns each shape, [`Mesh`] or particle file into particles; [`Setup`] checks
-//! everything and plans the substeps; a [`Runner`] steps frame by frame,
-//! [`View`] takes pictures and [`Film`] makes a clip of many views.
+//! A [`SceneFile`] is read from TOML; [`fill`](fill()) turns each shape, [`Mesh`] or particle file into particles;
+//! [`Setup`] validates the scene and plans the substeps; a [`Runner`] steps frame by frame; [`View`] renders
+//! pictures and [`Film`] a multi-view clip.
 
 mod file;
 mod fill;

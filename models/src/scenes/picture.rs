@@ -1,4 +1,4 @@
-//! A picture of particles: little balls under one light, a floor with a grid, obstacles in grey.
+//! A simple rendering: particles as shaded balls, a floor with a grid, obstacles in grey.
 
 use super::file::Camera;
 use super::setup::Setup;
@@ -12,10 +12,10 @@ const LINES: [f64; 3] = [200.0, 206.0, 215.0];
 const OBSTACLE: [f64; 3] = [150.0, 156.0, 166.0];
 /// Towards the light, in the camera's axes: right, up, towards the camera.
 const LIGHT: [f64; 3] = [-0.42, 0.68, 0.60];
-/// Points that show one obstacle, at most, along each direction of its surface.
+/// Maximum number of points that represent an obstacle along each direction of its surface.
 const POINTS: f64 = 120.0;
 
-/// Where a picture is taken from, and how large it is.
+/// Viewpoint and size of a picture.
 #[derive(Debug, Clone)]
 pub struct View {
     position: [f64; 3],
@@ -31,10 +31,11 @@ pub struct View {
 }
 
 impl View {
-    /// The view that the file asks for; what it leaves out is chosen such that the start and the floor below it are seen.
+    /// The view requested by the file; omitted values are chosen such that the start and the floor below it are
+    /// visible.
     pub fn of(setup: &Setup, camera: &Camera) -> Self {
         let [mut low, mut high] = bounds(setup.positions.iter().copied());
-        // Obstacles count where they are about as large as what moves.
+        // Only obstacles about as large as the bodies are framed.
         let size: f64 = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
         for [from, to] in setup.world.colliders.iter().filter_map(box_of) {
             if (0..3).all(|axis| to[axis] - from[axis] < 4.0 * size) {
@@ -56,14 +57,14 @@ impl View {
         });
         let back = unit(minus(position, target));
         let aside = cross([0.0, 1.0, 0.0], back);
-        // Looking straight up or down, any direction is to the right.
+        // When looking straight up or down, any horizontal axis will do.
         let right = if dot(aside, aside) > 1e-12 { unit(aside) } else { [1.0, 0.0, 0.0] };
         let axes = [right, cross(back, right), back];
         let size = camera.pixels.unwrap_or([480, 360]);
         Self { position, axes, focal: size[1] as f64 / 2.0 / half.tan(), size, floor, centre: target, reach }
     }
 
-    /// Particles of this radius \[m\], each in the colour of its object, and obstacles where they are at time `t` \[s\].
+    /// Renders particles in the colours of their objects, and obstacles at time `t` \[s\].
     pub fn picture(&self, setup: &Setup, positions: &[[f32; 3]], t: f64) -> Picture {
         let mut canvas = Canvas::new(self);
         for collider in setup.world.colliders.iter().filter(|collider| !collider.container) {
@@ -90,7 +91,7 @@ impl View {
         })
     }
 
-    /// The colour and depth of the floor or the background in a pixel.
+    /// Colour and depth of the floor or background in a pixel.
     fn behind(&self, column: usize, row: usize) -> ([f64; 3], f64) {
         let across = (column as f64 + 0.5 - self.size[0] as f64 / 2.0) / self.focal;
         let up = (self.size[1] as f64 / 2.0 - row as f64 - 0.5) / self.focal;
@@ -102,7 +103,7 @@ impl View {
         }
         let at = [self.position[0] + depth * ray[0], self.position[2] + depth * ray[2]];
         let away = ((at[0] - self.centre[0]).hypot(at[1] - self.centre[2]) / (2.5 * self.reach)).min(1.0);
-        // One line every decimetre, metre, … : about ten across the scene.
+        // A line every power of ten metres: about ten across the scene.
         let step = 10_f64.powf((self.reach / 4.0).log10().floor());
         let width = 0.75 * depth / self.focal;
         let near_line = at.iter().any(|x| (x / step - (x / step).round()).abs() * step < width);
@@ -125,7 +126,7 @@ impl Canvas {
         Self { size: view.size, colour, depth }
     }
 
-    /// Draws a ball where it is nearest.
+    /// Draws a ball with depth test.
     fn ball(&mut self, view: &View, x: [f64; 3], radius: f64, colour: [f64; 3]) {
         let Some([column, row, depth]) = view.project(x) else { return };
         let r = (radius * view.focal / depth).max(0.7);
@@ -157,7 +158,7 @@ impl Canvas {
     }
 }
 
-/// Lowest and highest coordinates of an obstacle that ends somewhere, as if it had not been turned.
+/// Lower and upper corner of a bounded obstacle, ignoring its rotation.
 fn box_of(collider: &Collider) -> Option<[[f64; 3]; 2]> {
     let around = |centre: [f64; 3], half: [f64; 3]| {
         let corner = |side: f64| std::array::from_fn(|axis| centre[axis] + side * half[axis]);

@@ -1,4 +1,4 @@
-//! A scene in motion: frame after frame, with substeps halved where one frame breaks down.
+//! Running a scene frame by frame; the substeps are halved where a frame becomes unstable.
 
 use gradreel::{ErrorKind, Result};
 
@@ -6,15 +6,15 @@ use super::setup::Setup;
 use super::totals::Totals;
 use crate::physics::{Guard, Number, Portion, Simulation, State, Values, World, neighbours};
 
-/// Most times the substeps of a scene are halved.
+/// Maximum number of halvings of the substeps per scene.
 const MOST_HALVINGS: usize = 4;
 
-/// What is known at the time of a frame.
+/// The results at one frame.
 #[derive(Debug, Clone)]
 pub struct Frame {
-    /// Its number; 0 is the start.
+    /// Frame number; 0 is the start.
     pub index: usize,
-    /// Positions \[m\] in the order of the setup.
+    /// Positions \[m\] in the order of [`Setup`].
     pub positions: Vec<[f32; 3]>,
     /// Sums over all particles.
     pub totals: Totals,
@@ -22,14 +22,14 @@ pub struct Frame {
     pub substeps: usize,
 }
 
-/// What a run can go on from: the last whole frame and the state there.
+/// Restart data: the last complete frame and its state.
 #[derive(Debug, Clone)]
 pub struct Snapshot {
     /// The frame.
     pub frame: usize,
     /// Substeps per frame.
     pub substeps: usize,
-    /// The numbers of the state, particles in grid order.
+    /// The numbers of the state; particles in grid order.
     pub state: Vec<f64>,
 }
 
@@ -37,15 +37,15 @@ pub struct Snapshot {
 #[derive(Debug)]
 pub struct Runner<'a, T> {
     setup: &'a Setup,
-    /// The surroundings, without the obstacles that only `guard` knows.
+    /// The surroundings, without those obstacles that only `guard` handles.
     world: World,
     guard: Guard,
-    /// Material and volume of particles that are alike, and which of them each particle is in the order of the setup.
+    /// Material and volume of each kind of particle. `kind_of` maps particles, in the order of the setup, to kinds.
     kinds: Vec<(u32, f64)>,
     kind_of: Vec<u32>,
-    /// The setup's number of each particle in grid order.
+    /// Index in the setup of each particle in grid order.
     order: Vec<u32>,
-    /// In grid order \[kg/m³\].
+    /// Densities in grid order \[kg/m³\].
     densities: Values<T>,
     now: State<T>,
     frame: usize,
@@ -54,7 +54,7 @@ pub struct Runner<'a, T> {
 }
 
 impl<'a, T: Number> Runner<'a, T> {
-    /// At the start.
+    /// The scene at its start.
     ///
     /// # Errors
     /// As [`Simulation::of_portions`].
@@ -94,14 +94,14 @@ impl<'a, T: Number> Runner<'a, T> {
         };
         runner.now = runner.simulation()?.at_rest(&x, &v)?;
         for (p, &label) in runner.order.iter().enumerate() {
-            // The velocity gradient of a rigid rotation.
+            // velocity gradient of a rigid rotation
             let [x, y, z] = setup.spins[label as usize].map(T::from_f64);
             runner.now.set_affine_velocity(p, [[T::ZERO, -z, y], [z, T::ZERO, -x], [-y, x, T::ZERO]]);
         }
         Ok(runner)
     }
 
-    /// At a frame of an earlier run of the same setup.
+    /// Resumes an earlier run of the same setup.
     ///
     /// # Errors
     /// [`ErrorKind::Input`] for a snapshot of another scene.
@@ -112,12 +112,12 @@ impl<'a, T: Number> Runner<'a, T> {
         Ok(runner)
     }
 
-    /// What the run could go on from.
+    /// Restart data of the current frame.
     pub fn snapshot(&self) -> Snapshot {
         Snapshot { frame: self.frame, substeps: self.substeps, state: self.now.numbers() }
     }
 
-    /// The frame that it stands at.
+    /// The current frame.
     pub fn frame(&self) -> Frame {
         let mut positions = vec![[0.0; 3]; self.order.len()];
         for (x, &label) in self.now.positions().iter().zip(&self.order) {
@@ -131,13 +131,14 @@ impl<'a, T: Number> Runner<'a, T> {
         Frame { index: self.frame, positions, totals, substeps: self.substeps }
     }
 
-    /// Advances to the next frame; `go_on` is asked before every substep. False, and nothing changed, if it said no.
+    /// Advances to the next frame. `go_on` is called before every substep; if it returns false, the method returns
+    /// false and changes nothing.
     ///
-    /// Where the substeps were found automatically, a frame that breaks down is simulated again with twice as many, which
-    /// then stay; at most four times in a run.
+    /// With automatic substeps, a frame that becomes unstable is simulated again with twice as many, which are kept
+    /// for the rest of the run; at most four times per run.
     ///
     /// # Errors
-    /// [`ErrorKind::Physics`] where it breaks down, naming the particle.
+    /// [`ErrorKind::Physics`] naming the particle, if the simulation becomes unstable.
     pub fn advance(&mut self, mut go_on: impl FnMut() -> bool) -> Result<bool> {
         loop {
             match self.try_frame(&mut go_on) {

@@ -1,4 +1,4 @@
-//! From a scene file to what the simulator takes, with everything that can be wrong named by its key.
+//! From a scene file to the simulator's input; every error names the offending key.
 
 use std::path::Path;
 
@@ -10,16 +10,16 @@ use crate::nearest::{listed, nearest};
 use crate::physics::{Collider, Contact, Law, Map, NodeGrid, Region, Schedule, Values, World, is_thin, materials};
 use crate::vector::{bounds, cross, minus, norm, plus, rotation, times, unit};
 
-/// The heaviest particle \[kg\]: sums of more in `f32` would not be finite.
+/// Maximum mass of a particle \[kg\]; larger sums overflow `f32`.
 const HEAVIEST: f64 = 1e20;
-/// The rounding of places, in cells, from which on it is said.
+/// Rounding of positions, in cells, above which a note is given.
 const ROUNDING: f64 = 1e-3;
 
-/// Colours of objects that name none.
+/// Default colours of objects.
 const COLOURS: [[u8; 3]; 6] =
     [[214, 96, 62], [66, 133, 201], [70, 160, 108], [226, 173, 62], [150, 104, 184], [120, 130, 140]];
 
-/// A material as the simulator takes it.
+/// A material for the simulator.
 #[derive(Debug, Clone)]
 pub struct Stuff {
     /// Its name in the file.
@@ -32,7 +32,7 @@ pub struct Stuff {
     pub density: f64,
 }
 
-/// All particles in the order of the objects, and what surrounds them.
+/// All particles in the order of the objects, and their surroundings.
 #[derive(Debug, Clone)]
 pub struct Setup {
     /// Surroundings.
@@ -51,17 +51,17 @@ pub struct Setup {
     pub object_of: Vec<u32>,
     /// Rest volume of each particle of an object \[m³\].
     pub volumes: Vec<f64>,
-    /// What the grid is too coarse for, and what follows from that; a line each.
+    /// Notes on shapes that the grid does not resolve, one line each.
     pub notes: Vec<String>,
     /// Colour of each object.
     pub colours: Vec<[u8; 3]>,
     /// Frames and substeps.
     pub schedule: Schedule,
-    /// Whether the substeps were found, and may be halved.
+    /// Whether the substeps were derived and may be halved.
     pub automatic: bool,
-    /// The fastest sound \[m/s\], and the speed \[m/s\] expected of particles.
+    /// Maximum speed of sound and expected maximum particle speed \[m/s\].
     pub speeds: [f64; 2],
-    /// Numbers to compute with.
+    /// Floating-point type.
     pub precision: Precision,
 }
 
@@ -74,10 +74,10 @@ impl Setup {
         })
     }
 
-    /// Fills the shapes and checks everything; files are looked for in `folder`.
+    /// Fills the shapes and validates the scene; files are relative to `folder`.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] naming the key that is wrong, or for substeps that are too long or too many.
+    /// [`ErrorKind::Input`] naming the offending key, or for substeps that are too long or too many.
     pub fn of(file: &SceneFile, folder: &Path) -> Result<Self> {
         check_numbers(file)?;
         check_ranges(file)?;
@@ -157,22 +157,22 @@ impl Setup {
         Ok(setup)
     }
 
-    /// How many particles.
+    /// Number of particles.
     pub fn len(&self) -> usize {
         self.positions.len()
     }
 
-    /// Whether there is none.
+    /// Whether there are no particles.
     pub fn is_empty(&self) -> bool {
         self.positions.is_empty()
     }
 
-    /// Bytes of the particles while they move, and of the grid's box at the start, about.
+    /// Memory estimate \[bytes\]: particles during the run, and the grid's box at the start.
     pub fn memory(&self) -> [usize; 2] {
         let width = if self.precision == Precision::F64 { 8 } else { 4 };
         let history = self.materials.iter().map(|stuff| stuff.law.history().len()).max().unwrap_or(0);
         let flip = if self.world.flip > 0.0 { 16 } else { 0 };
-        // Three states (one to go back to), what is scattered, and lists of indices.
+        // three states (one for rollback), scatter buffers, and index lists
         let particle = width * (3 * (24 + history) + 16 + flip) + 12;
         let [low, high] = bounds(self.positions.iter().copied());
         let nodes: f64 = (0..3).map(|axis| ((high[axis] - low[axis]) / self.world.dx).ceil() + 4.0).product();
@@ -195,7 +195,7 @@ impl Setup {
         let start = self.velocities.iter().copied().map(norm).fold(0.0, f64::max);
         let [low, high] = bounds(self.positions.iter().copied());
         let floor = file.ground.as_ref().map_or(low[1], |ground| ground.height_m.min(low[1]));
-        // Not further than the duration allows.
+        // not further than within the simulated time
         let g = norm(self.world.gravity);
         let fallen = (2.0 * g * (high[1] - floor)).sqrt().min(g * time.duration_s);
         let pushed = self.world.colliders.iter().map(|c| norm(c.motion.velocity)).fold(0.0, f64::max);
@@ -222,7 +222,7 @@ impl Setup {
         Ok(())
     }
 
-    /// Refuses particles so light that the nodes around them would count as empty.
+    /// Rejects particles whose mass is too small relative to the empty-node threshold, or too large.
     fn check_volume(&self, volume: f64, material: usize) -> Result<()> {
         let (mass, least) = (volume * self.materials[material].density, 1e5 * self.world.least_mass());
         if mass >= least && mass <= HEAVIEST {
@@ -234,7 +234,7 @@ impl Setup {
             .fix("correct the object's size or its density, or make grid.spacing_m smaller"))
     }
 
-    /// Refuses a box around the particles that has more nodes than the grid may have.
+    /// Rejects a box around the particles that exceeds the node limit.
     fn check_box(&self) -> Result<()> {
         let corners = bounds(self.positions.iter().copied());
         let (dx, limit) = (self.world.dx, self.world.node_limit);
@@ -250,7 +250,7 @@ impl Setup {
         })
     }
 
-    /// Says where `f32` rounds places coarsely.
+    /// Notes where `f32` rounds positions coarsely.
     fn note_rounding(&mut self) {
         let far = self.positions.as_flattened().iter().fold(0.0, |most: f64, x| most.max(x.abs()));
         if self.precision == Precision::F32 && far * f64::from(f32::EPSILON) > ROUNDING * self.world.dx {
@@ -273,7 +273,7 @@ impl Setup {
         }
     }
 
-    /// Refuses particles that start out of bounds or inside an obstacle.
+    /// Rejects particles that start out of bounds or inside an obstacle.
     fn check_places(&self, particles: &[[f64; 3]], colliders: &[(String, Collider)]) -> Result<()> {
         if let Some([low, high]) = self.world.bounds {
             let outside = |x: &&[f64; 3]| (0..3).any(|axis| x[axis] < low[axis] || x[axis] > high[axis]);
@@ -299,7 +299,7 @@ impl Setup {
     }
 }
 
-/// An error about a name, with the names that there are and the one that was probably meant.
+/// An error about an unknown name, with the valid names and the closest match.
 fn unknown(what: &str, found: &str, known: &[&str], whence: &str) -> Error {
     let error = Error::new(ErrorKind::Input, what).found(format!("`{found}`"));
     let error = error.wanted(if known.is_empty() {
@@ -340,7 +340,7 @@ fn stuff(name: &str, given: &Substance) -> Result<Stuff> {
             Some(&value) if p.map == Map::Log10 && value < 0.0 => {
                 fault("a parameter must not be negative".into(), format!("{value} {}", p.unit), plausible)
             }
-            // further from its range than a law may be tried, it is a slip of the pen
+            // so far outside the range that it is probably a typing error
             Some(&value) if matches!(p.map, Map::Bounded { low, high } if (value - low).max(high - value) > 2.0 * (high - low)) => {
                 fault("a parameter is far outside its range".into(), format!("{value} {}", p.unit), plausible)
             }
@@ -358,7 +358,7 @@ fn stuff(name: &str, given: &Substance) -> Result<Stuff> {
     Ok(Stuff { name: name.into(), law: law.clone(), parameters, density: given.density_kg_m3 })
 }
 
-/// Ground and colliders, with the names by which errors speak of them.
+/// Ground and colliders, with their names for error messages.
 fn obstacles(file: &SceneFile) -> Result<Vec<(String, Collider)>> {
     let mut all = Vec::new();
     if let Some(Ground { height_m, contact, friction }) = &file.ground {
@@ -399,7 +399,8 @@ fn obstacle(given: &Obstacle) -> Result<Collider> {
     let mut collider = Collider::new(region, contact).moving(given.velocity_m_s).spinning(given.spin_rad_s, pivot);
     if given.turn_deg != [0.0; 3] {
         if given.pivot_m.is_some_and(|pivot| pivot != centre) {
-            // Turned about its own centre, then spun about another point: the region moves with the turn.
+            // An initial rotation about its own centre and a spin about another pivot: the rotation moves the
+            // region.
             return fault("an obstacle has both turn_deg and a pivot_m that is not its centre");
         }
         collider = collider.turned(given.turn_deg.map(f64::to_radians), pivot);
@@ -426,7 +427,7 @@ fn touch(contact: Touch, friction: Option<f64>) -> Result<Contact> {
     })
 }
 
-/// Refuses numbers that are not finite, by their key.
+/// Rejects non-finite numbers, naming their key.
 fn check_numbers(file: &SceneFile) -> Result<()> {
     fn walk(value: &toml::Value, path: &str) -> Option<(String, f64)> {
         match value {
@@ -488,7 +489,7 @@ fn colour(text: &str) -> Result<[u8; 3]> {
     }
 }
 
-/// Turns particles about their centre.
+/// Rotates particles about their centre.
 fn turn(particles: &mut [[f64; 3]], turn_deg: [f64; 3]) {
     if turn_deg == [0.0; 3] {
         return;

@@ -1,48 +1,48 @@
-//! The surface of a body made of particles, where rays meet it.
+//! Ray intersection with the surface of a body made of particles.
 //!
-//! Every particle spreads `(1 − r²/R²)³` over a ball of radius `R` of twice the particles' spacing. Inside a filled body the
-//! sum is constant; the surface is where it has fallen to half of that.
+//! Every particle contributes `(1 − r²/R²)³` within a radius `R` of twice the particle spacing. The sum is constant
+//! inside a filled body; the surface is the level set at half of that value.
 
 use gradreel::{Error, ErrorKind, Result};
 
 use crate::vector::{bounds, dot};
 
-/// Radius of a particle's ball, in spacings.
+/// Kernel radius of a particle, in spacings.
 const RADIUS: f64 = 2.0;
-/// Distance between nodes, in spacings of the densest particles.
+/// Grid spacing, in spacings of the densest particles.
 const NODES: f64 = 0.8;
-/// Share of the sum inside at which the surface lies.
+/// Level of the surface as a share of the interior sum.
 const LEVEL: f32 = 0.5;
 /// The sum inside a filled body: `∫ (1 − r²/R²)³ = 64/315 π R³` over the volume of one particle.
 const INSIDE: f64 = 64.0 / 315.0 * std::f64::consts::PI * RADIUS * RADIUS * RADIUS;
 
-/// Where a ray meets the surface.
+/// Intersection of a ray with the surface.
 pub(crate) struct Hit {
     pub colour: [f64; 3],
-    /// Unit normal, outwards.
+    /// Outward unit normal.
     pub normal: [f64; 3],
 }
 
-/// A field of which the surface is a level, and the particles' colours weighted by it.
+/// The scalar field whose level set is the surface, with the particles' weighted colours.
 pub(crate) struct Surface {
     origin: [f64; 3],
     spacing: f64,
     dims: [usize; 3],
-    /// Share of the sum inside, and the colours premultiplied by it.
+    /// Share of the interior sum, and colours premultiplied by it.
     nodes: Vec<[f32; 4]>,
     /// The share at which the surface lies.
     level: f32,
 }
 
 impl Surface {
-    /// Spreads particles that are so far apart at rest \[m\].
+    /// Builds the field from particles with these rest spacings \[m\].
     ///
     /// # Errors
-    /// [`ErrorKind::Physics`] when they are spread over more than 2²⁶ nodes.
+    /// [`ErrorKind::Physics`] if they extend over more than 2²⁶ nodes.
     pub fn of(positions: &[[f32; 3]], colours: &[[f32; 3]], spacings: &[f64]) -> Result<Self> {
         let [low, high] = bounds(positions.iter().map(|x| x.map(f64::from)));
         let [dense, sparse] = spacings.iter().fold([f64::INFINITY, 0.0], |[a, b], &s| [a.min(s), f64::max(b, s)]);
-        // much denser ones are spread over a node at least
+        // kernels of much denser particles still cover at least one node
         let step = NODES * dense.max(0.25 * sparse);
         let radius = RADIUS * sparse;
         let origin = low.map(|x| x - radius - step);
@@ -97,7 +97,7 @@ impl Surface {
         self
     }
 
-    /// The first point of a ray inside the level.
+    /// The first point of a ray inside the surface.
     pub fn hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<Hit> {
         // in units of nodes
         let start: [f64; 3] = std::array::from_fn(|axis| (origin[axis] - self.origin[axis]) / self.spacing);
@@ -150,7 +150,7 @@ impl Surface {
         self.sample(x)[0]
     }
 
-    /// Trilinear; what lies outside is as on the rim, which is empty.
+    /// Trilinear interpolation; outside, the value of the border, which is empty.
     fn sample(&self, x: [f64; 3]) -> [f32; 4] {
         let mut corner = [0; 3];
         let mut share = [0.0f32; 3];
@@ -180,7 +180,7 @@ const STEP: f64 = 0.5;
 mod tests {
     use super::*;
 
-    /// A ball of particles has its surface where the ball's is, and its normals point from the centre.
+    /// A ball of particles has its surface at the ball's radius, and its normals point away from the centre.
     #[test]
     fn a_ball_is_hit_at_its_radius() {
         let (spacing, radius) = (0.01, 0.1);
@@ -205,7 +205,7 @@ mod tests {
             let hit = surface.hit(outwards, outwards.map(|x| -x)).expect("a ray through the centre");
             assert!(dot(hit.normal, outwards) > 0.95, "{:?} at {outwards:?}", hit.normal);
             assert!((hit.colour[1] - 0.4).abs() < 1e-4);
-            // the level along this ray, once more with small steps
+            // the level set along this ray, located again with small steps
             let reached = (0..2000).map(|k| 0.2 - 1e-4 * f64::from(k)).find(|r| {
                 let x: [f64; 3] =
                     std::array::from_fn(|axis| (r * outwards[axis] - surface.origin[axis]) / surface.spacing);

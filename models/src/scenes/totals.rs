@@ -1,4 +1,4 @@
-//! Mass, momentum and energy of all particles at one moment.
+//! Mass, momentum and energy of all particles at one time.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,7 +7,7 @@ use crate::physics::{Number, State};
 /// Sums over all particles.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Totals {
-    /// Since the start \[s\].
+    /// Time since the start \[s\].
     pub time_s: f64,
     /// Mass \[kg\].
     pub mass_kg: f64,
@@ -15,20 +15,20 @@ pub struct Totals {
     pub centre_m: [f64; 3],
     /// Momentum \[kg m/s\].
     pub momentum_kg_m_s: [f64; 3],
-    /// Angular momentum about the origin \[kg m²/s\], with that of the affine velocities.
+    /// Angular momentum about the origin \[kg m²/s\], including that of the affine velocities.
     pub angular_momentum_kg_m2_s: [f64; 3],
     /// Kinetic energy `½ Σ m v²` \[J\].
     pub kinetic_j: f64,
-    /// Energy in the field of gravity, `−Σ m g·x` \[J\]. Elastic energy is not among the totals.
+    /// Gravitational potential energy, `−Σ m g·x` \[J\]. Elastic energy is not included.
     pub potential_j: f64,
     /// Speed of the fastest particle \[m/s\].
     pub fastest_m_s: f64,
-    /// Smallest and largest volume ratio of a particle, `det F`.
+    /// Minimum and maximum volume ratio of a particle, `det F`.
     pub volume_ratio: [f64; 2],
 }
 
 impl Totals {
-    /// The totals of a state; `mass(p)` is that of a particle \[kg\], `dx` the grid spacing \[m\].
+    /// The totals of a state; `mass(p)` is the mass of particle `p` \[kg\], `dx` the grid spacing \[m\].
     pub fn of<T: Number>(
         state: &State<T>,
         mass: impl Fn(usize) -> f64,

@@ -1,4 +1,4 @@
-//! A clip in memory: opening, time and frame access.
+//! A clip in memory: opening it, and access to its times and frames.
 
 use std::path::{Path, PathBuf};
 
@@ -13,11 +13,11 @@ use super::layout::{Kind, Layout};
 use super::plausible;
 use super::select::{Selection, select};
 
-/// Most memory of a clip \[bytes\], and what a pixel needs: the image as read, colour, coverage and weight.
+/// Maximum memory of a clip, and memory per pixel: the decoded image, colour, coverage and weight \[bytes\].
 const MOST_BYTES: u64 = 8 << 30;
 const BYTES_PER_PIXEL: u64 = 4 + 4 * (3 + 1 + 1);
 
-/// One image of one camera, the object alone on white.
+/// One image of one camera: the object alone on white.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
     /// Colour `[H, W, 3]`, sRGB 0…1, composited on white with `alpha`.
@@ -28,7 +28,7 @@ pub struct Frame {
     pub weight: Array2<f32>,
 }
 
-/// The images of several synchronous, motionless cameras.
+/// The images of several synchronous, static cameras.
 ///
 /// ```no_run
 /// use gradreel_models::video::{Clip, OpenOptions};
@@ -44,77 +44,78 @@ pub struct Clip {
     pub name: String,
     /// The clip's folder.
     pub root: PathBuf,
-    /// The cameras, in the order asked for (by default ascending by number).
+    /// The cameras, in the requested order (ascending by number by default).
     pub cameras: Vec<Camera>,
     /// Time of each frame \[s\].
     pub times: Vec<f64>,
-    /// Number of each frame in the file names.
+    /// Frame numbers as in the file names.
     pub frame_numbers: Vec<i64>,
     /// `frames[camera][frame]`.
     pub frames: Vec<Vec<Frame>>,
-    /// How each camera got its alpha.
+    /// Foreground source of each camera.
     pub foreground: Vec<Foreground>,
-    /// Whether each camera is one that nobody filmed with: its images were imagined from those of others.
+    /// For each camera, whether it is imagined: its images were synthesized from those of real cameras.
     pub imagined: Vec<bool>,
-    /// What had to be assumed about axes, unit and times. Lines that begin with `warning: ` say what is hardly so.
+    /// Assumptions made about axes, unit and times. Lines that begin with `warning: ` mark implausible values.
     pub assumptions: Vec<String>,
-    /// Where the object is and how it flies, where a single camera saw it fall (see [`crate::monocular`]).
+    /// Position and ballistic motion of the object, for single-camera drops (see [`crate::monocular`]).
     pub flight: Option<Flight>,
-    /// Views of the first frame that nobody filmed, of what a single camera saw.
+    /// Synthesized views of the first frame, for single-camera drops.
     pub around: Option<Around>,
 }
 
-/// What the first frame would have looked like from other places.
+/// Synthesized views of the first frame from other viewpoints.
 #[derive(Debug, Clone)]
 pub struct Around {
-    /// The imagined views, in the world of the clip.
+    /// The synthesized views, in the clip's world coordinates.
     pub views: Vec<(Camera, Frame)>,
-    /// How many of them may be wrong about a point of the object.
+    /// Number of views that may disagree on any point of the object.
     pub dissent: usize,
 }
 
-/// The free flight that the object begins with.
+/// The ballistic phase at the start of the clip.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Flight {
-    /// The middle of the object in the first frame \[m\].
+    /// Centre of the object in the first frame \[m\].
     pub centre: [f64; 3],
-    /// Its velocity there \[m/s\].
+    /// Velocity in the first frame \[m/s\].
     pub velocity: [f64; 3],
-    /// Covariance of the velocity \[m²/s²\]: along the line of sight it is known least.
+    /// Covariance of the velocity \[m²/s²\]; the variance is largest along the line of sight.
     pub velocity_covariance: [[f64; 3]; 3],
-    /// Covariance of the velocity with the distance as a share of it \[m/s\]: if the object is further away, it is faster.
+    /// Covariance of the velocity with the relative distance \[m/s\]: a more distant object is faster.
     pub velocity_with_distance: [f64; 3],
     /// Gravity \[m/s²\].
     pub gravity: [f64; 3],
-    /// The frames that show it, from the first on.
+    /// Number of ballistic frames, counted from the first.
     pub frames: usize,
-    /// How far away the middle of the object is in the first frame, along the camera's axis \[m\].
+    /// Depth of the object's centre in the first frame, along the camera axis \[m\].
     pub distance: f64,
-    /// How large the object is there, across the line of sight, along the longer side of what is seen of it \[m\].
+    /// Size of the object in the first frame, perpendicular to the line of sight, along the longer side of its
+    /// silhouette \[m\].
     pub diameter: f64,
-    /// Standard deviation of the object's distance as a share of it: that of every length.
+    /// Relative standard deviation of the object's distance, and hence of every length.
     pub deviation: f64,
-    /// Whether the world's metres, those of the ground among them, follow from this fall; otherwise the camera is calibrated, and only the
-    /// object may be nearer or further.
+    /// Whether the metric scale of the whole world, ground included, follows from this drop. Otherwise the camera
+    /// is calibrated and only the object's depth is uncertain.
     pub scales_world: bool,
 }
 
-/// How a line among [`Clip::assumptions`] begins that warns of what is hardly so.
+/// Prefix of those lines of [`Clip::assumptions`] that warn of implausible values.
 pub(crate) const WARNING: &str = "warning: ";
 
-/// What to open of a clip; the default is everything.
+/// Selection of what to open of a clip; the default is everything.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct OpenOptions {
     /// Numbers of the cameras to use; `None` for all.
     pub cameras: Option<Vec<i64>>,
-    /// Number of the first frame to use; `None` for the first there is.
+    /// Number of the first frame to use; `None` for the first one listed.
     pub first_frame: Option<i64>,
     /// Largest number of frames to use; `None` for all.
     pub max_frames: Option<usize>,
 }
 
 impl Flight {
-    /// The frames that show a free fall, at least.
+    /// Minimum number of ballistic frames.
     pub const LEAST_FRAMES: usize = 3;
 
     /// Standard deviations of the velocity \[m/s\].
@@ -122,13 +123,13 @@ impl Flight {
         [0, 1, 2].map(|axis| self.velocity_covariance[axis][axis].max(0.0).sqrt())
     }
 
-    /// Where the middle of the object is after a time \[s\].
+    /// Position of the object's centre after `t` seconds of free flight \[m\].
     pub fn at(&self, t: f64) -> [f64; 3] {
         [0, 1, 2].map(|axis| self.centre[axis] + self.velocity[axis] * t + 0.5 * self.gravity[axis] * t * t)
     }
 }
 
-/// A rectangle of pixels, half open: columns `left..right`, rows `top..bottom`.
+/// A half-open rectangle of pixels: columns `left..right`, rows `top..bottom`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PixelRect {
     /// First column.
@@ -153,7 +154,7 @@ impl PixelRect {
     }
 }
 
-/// Refuses images that together need too much memory, by their headers.
+/// Rejects, from the image headers, a set of images that would need too much memory.
 fn check_bytes(layout: &Layout, jobs: &[(i64, i64)]) -> Result<()> {
     let pixels = |&(c, f): &(i64, i64)| {
         let (width, height) = Image::frame_size(&layout.file(Kind::Image, c, f))?;
@@ -171,7 +172,7 @@ fn check_bytes(layout: &Layout, jobs: &[(i64, i64)]) -> Result<()> {
 }
 
 impl Clip {
-    /// What one camera saw of it.
+    /// The clip reduced to one camera.
     ///
     /// # Panics
     /// When there is no camera at this position.
@@ -186,7 +187,8 @@ impl Clip {
         }
     }
 
-    /// What is said of the clip, line by line: `warning: …` for what is hardly so, `assumed: …` for all else.
+    /// The assumptions line by line, prefixed with `warning: ` for implausible values and with `assumed: `
+    /// otherwise.
     pub fn said(&self) -> impl Iterator<Item = String> + '_ {
         self.assumptions.iter().map(|line| match line.starts_with(WARNING) {
             true => line.clone(),
@@ -194,7 +196,7 @@ impl Clip {
         })
     }
 
-    /// The first frame with the views around it, the real ones first; `None` if there are none.
+    /// The first frame with the synthesized views around it, real views first; `None` without synthesized views.
     pub fn all_around(&self) -> Option<Self> {
         let first = |frames: &Vec<Frame>| vec![frames[0].clone()];
         let around = self.around.as_ref()?;
@@ -213,22 +215,22 @@ impl Clip {
         })
     }
 
-    /// Reads a clip: the list, every selected image (in parallel), and the object's alpha in each.
+    /// Reads a clip: the list, every selected image (in parallel), and the object's alpha in each image.
     ///
-    /// `path` is the clip's folder, in any of the layouts of [`Format`](super::Format); for a real capture of Spring-Gaus,
-    /// the file of the sequence.
+    /// `path` is the clip's folder, in any of the layouts of [`Format`](super::Format); for a real capture of
+    /// Spring-Gaus, it is the file of the sequence.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] with the file concerned and a way out, if the folder or list is missing or malformed, a
-    /// matrix is unusable, an image is missing, corrupt, too large or of another size than its camera's others, all images
-    /// together need too much memory, frames are missing or unevenly spaced in time, times, lenses or places are not those of a
-    /// film, a camera has nothing that tells the object from the background, no camera sees an object in some frame, or some
-    /// camera never sees one.
+    /// [`ErrorKind::Input`] naming the file and a remedy, if the folder or list is missing or malformed; a matrix
+    /// is unusable; an image is missing, corrupt, too large or of a different size than the other images of its
+    /// camera; all images together need too much memory; frames are missing or unevenly spaced in time; times,
+    /// lenses or positions are implausible; a camera has no foreground source; some frame shows the object in no
+    /// camera; or some camera never shows it.
     pub fn open(path: &Path, options: &OpenOptions) -> Result<Clip> {
         Self::of_layout(&Layout::read(path)?, options)
     }
 
-    /// The same of a folder whose lists were read.
+    /// Like [`Clip::open`], for a folder whose lists were already read.
     pub(super) fn of_layout(layout: &Layout, options: &OpenOptions) -> Result<Clip> {
         let Selection { cameras: ids, frames: numbers, times, said } = select(layout, options)?;
         let mut assumptions = [layout.assumptions.clone(), said].concat();
@@ -284,11 +286,10 @@ impl Clip {
         Ok(clip)
     }
 
-    /// Calls the cameras of these numbers imagined and all others real.
+    /// Marks the cameras with these numbers as imagined and all others as real.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] for a number that no camera of the clip has, and when no real camera is left; nothing is changed
-    /// then.
+    /// [`ErrorKind::Input`] for an unknown camera number, or if no real camera remains; the clip is unchanged then.
     pub fn imagine(&mut self, ids: &[i64]) -> Result<()> {
         let known = || self.cameras.iter().map(|camera| camera.id.to_string()).collect::<Vec<_>>().join(", ");
         if let Some(unknown) = ids.iter().find(|id| self.cameras.iter().all(|camera| camera.id != **id)) {
@@ -347,9 +348,9 @@ impl Clip {
         }
     }
 
-    /// Bounding rectangle of the pixels with alpha above one half, grown by `margin` pixels within the image.
+    /// Bounding rectangle of the pixels with alpha above one half, expanded by `margin` pixels within the image.
     ///
-    /// `None` where the camera does not see the object. `camera` and `frame` are positions in [`Clip::frames`].
+    /// `None` if the camera does not see the object. `camera` and `frame` are positions in [`Clip::frames`].
     ///
     /// # Panics
     /// If there is no such camera or frame.
@@ -375,7 +376,7 @@ impl Clip {
         })
     }
 
-    /// An object must be seen by every camera at some time and by some camera at every time.
+    /// Checks that every camera sees the object at some time and that some camera sees it at every time.
     fn check_visible(&self) -> Result<()> {
         let sees = |frame: &Frame| frame.alpha.iter().any(|&a| a > 0.5);
         let seen: Vec<Vec<bool>> = self.frames.par_iter().map(|row| row.iter().map(sees).collect()).collect();

@@ -1,4 +1,4 @@
-//! Where a camera's alpha comes from, and the making of a frame from its images.
+//! The foreground source of a camera, and assembling a frame from its images.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -13,25 +13,25 @@ use super::mask::Mask;
 use super::matte::{self, Light};
 use super::select::ranges;
 
-/// How a camera tells the object from the rest of its images.
+/// How a camera's images are separated into object and background.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Foreground {
-    /// Given masks `a_{camera}_{frame}.png`: the object with its alpha.
+    /// Given masks `a_{camera}_{frame}.png`: the object with its alpha channel.
     MaskAlpha,
     /// Given masks `m_{camera}_{frame}.png`: the object on white.
     MaskOnWhite,
-    /// Given masks in `masks/`, white where the object is.
+    /// Given masks in `masks/`, white on the object.
     Mask,
     /// The transparent pixels of the images themselves.
     ImageAlpha,
-    /// Difference against a picture of the background without the object (`r_{camera}_-1.png` in PAC-NeRF's layout).
+    /// Difference against a background plate (`r_{camera}_-1.png` in PAC-NeRF's layout).
     Plate,
     /// A white background.
     White,
     /// A background of one colour.
     Plain,
-    /// Difference against what each pixel shows while the object is elsewhere.
+    /// Difference against a background estimated from the frames in which the object is elsewhere.
     Still,
     /// A given matting network.
     Network,
@@ -53,18 +53,18 @@ impl fmt::Display for Foreground {
     }
 }
 
-/// The source of one camera, with whatever images it needs besides those of the frame.
+/// The foreground source of one camera, with the images it needs besides the frame itself.
 pub(super) struct Source {
     pub foreground: Foreground,
     plate: Option<Image>,
-    /// The light of the images, where they are compared with a plate.
+    /// Illumination of the images, if they are compared with a plate.
     light: Light,
-    /// 0 for the pixels to leave out, else 1.
+    /// 0 for excluded pixels, 1 elsewhere.
     weight: Vec<f32>,
 }
 
 impl Source {
-    /// Chooses the source of a camera with these images.
+    /// Chooses the foreground source of a camera with these images.
     pub fn choose(layout: &Layout, camera: i64, frames: &[i64], images: &[Image]) -> Result<Source> {
         let size = [images[0].width, images[0].height];
         let foreground = choose(layout, camera, frames, images.iter().any(Image::is_transparent_somewhere))?;
@@ -93,7 +93,7 @@ impl Source {
         Ok(Source { foreground, plate, light, weight })
     }
 
-    /// Makes the frame of the image just read from `layout`.
+    /// Makes a frame from an image just read from `layout`.
     pub fn frame(&self, layout: &Layout, camera: i64, frame: i64, image: &Image) -> Result<Frame> {
         let (w, h) = (image.width, image.height);
         let mask = |kind: Kind| -> Result<Image> {
@@ -129,7 +129,7 @@ impl Source {
     }
 }
 
-/// Which source a camera has, by the files that exist.
+/// Chooses a camera's foreground source by the files that exist.
 pub(super) fn choose(layout: &Layout, camera: i64, frames: &[i64], transparent: bool) -> Result<Foreground> {
     let listed = |f: &i64| layout.path(Kind::Mask, camera, *f).filter(|path| !path.is_file());
     if let Some(lost) = frames.iter().find_map(listed) {
@@ -184,12 +184,12 @@ pub(super) fn choose(layout: &Layout, camera: i64, frames: &[i64], transparent: 
         .fix(fix))
 }
 
-/// The folder that messages about masks name.
+/// The folder named in messages about masks.
 fn place(layout: &Layout) -> PathBuf {
     if layout.format == Format::PacNerf { layout.root.join("data") } else { layout.root.clone() }
 }
 
-/// Refuses an image whose size differs from that of its camera.
+/// Rejects an image whose size differs from that of its camera.
 pub(super) fn same_size(path: &Path, found: (usize, usize), camera: i64, [width, height]: [usize; 2]) -> Result<()> {
     if found == (width, height) {
         return Ok(());
@@ -213,7 +213,7 @@ pub(super) fn on_white(image: &Image) -> (Vec<[f32; 3]>, Vec<f32>) {
         .unzip()
 }
 
-/// Composites an image on white with what a mask covers of it.
+/// Composites the masked part of an image on white.
 pub(super) fn masked(image: &Image, mask: &Mask) -> (Vec<[f32; 3]>, Vec<f32>) {
     let pixels = image.pixels.iter().zip(&mask.coverage);
     let one = |(&[r, g, b, a], &covered): (&[u8; 4], &u8)| {

@@ -1,4 +1,4 @@
-//! PNG and JPEG images as bytes, decoded within limits.
+//! PNG and JPEG images, decoded within size limits.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Cursor, Read, Seek};
@@ -13,25 +13,25 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 use super::orientation::Orientation;
 use crate::text;
 
-/// Largest accepted side \[pixels\].
+/// Maximum side \[pixels\].
 const MAX_SIDE: u32 = 16_384;
-/// Largest accepted image \[pixels\].
+/// Maximum image size \[pixels\].
 const MAX_PIXELS: u64 = 64 << 20;
-/// Largest file of an image that is read into memory \[bytes\].
+/// Maximum size of an image file \[bytes\].
 pub(super) const MAX_BYTES: u64 = 256 << 20;
 
-/// An 8-bit RGBA image, row by row from the upper left corner, alpha not multiplied in.
+/// An 8-bit RGBA image with straight alpha, row by row from the upper left corner.
 #[derive(Debug, Clone)]
 pub(crate) struct Image {
     pub width: usize,
     pub height: usize,
     pub pixels: Vec<[u8; 4]>,
-    /// Whether the file stores transparency.
+    /// Whether the file has an alpha channel.
     pub has_alpha: bool,
 }
 
 impl Image {
-    /// Decodes a PNG or JPEG file and turns it the way its Exif data say it was held; which kind it is, its first bytes tell.
+    /// Decodes a PNG or JPEG file, recognised by its first bytes, and applies its Exif orientation.
     pub fn read_any(path: &Path) -> Result<Image> {
         let (image, orientation) = match start_of(path)?[..] {
             [0xff, 0xd8, 0xff, ..] => Self::decode_jpeg(&jpeg(path)?, path)?,
@@ -41,7 +41,7 @@ impl Image {
         Ok(orientation.turned(image))
     }
 
-    /// Decodes a PNG or JPEG file in memory as it is stored; `name` is what errors call it.
+    /// Decodes a PNG or JPEG file in memory without applying its orientation; `name` identifies it in errors.
     pub fn decode(bytes: &[u8], name: &Path) -> Result<Image> {
         match bytes {
             [0xff, 0xd8, 0xff, ..] => Self::decode_jpeg(bytes, name),
@@ -51,8 +51,8 @@ impl Image {
         .map(|(image, _)| image)
     }
 
-    /// Decodes a frame of a calibrated camera as it is stored, which is what its calibration is about: JPEG if it starts like
-    /// one, PNG otherwise.
+    /// Decodes a frame of a calibrated camera without applying its orientation, since the calibration refers to the
+    /// stored image: JPEG if it starts like one, PNG otherwise.
     pub fn read_frame(path: &Path) -> Result<Image> {
         match starts_as_jpeg(path)? {
             true => Self::decode_jpeg(&jpeg(path)?, path),
@@ -61,10 +61,10 @@ impl Image {
         .map(|(image, _)| image)
     }
 
-    /// Width and height of a frame as it is stored, from its header alone.
+    /// Stored width and height of a frame, from its header alone.
     ///
     /// # Errors
-    /// As [`Image::read_frame`] for a header that is damaged or says that the image is too large.
+    /// As [`Image::read_frame`] for a damaged header or one that declares too large an image.
     pub fn frame_size(path: &Path) -> Result<(usize, usize)> {
         match starts_as_jpeg(path)? {
             true => header_of(&mut JpegDecoder::new_with_options(ZCursor::new(&jpeg(path)?[..]), options()), path),
@@ -85,7 +85,7 @@ impl Image {
         Ok((Image { width, height, pixels, has_alpha: false }, orientation))
     }
 
-    /// Decodes a PNG file of any colour type; 16-bit samples keep their upper byte.
+    /// Decodes a PNG file of any colour type; 16-bit samples are reduced to their upper byte.
     fn decode_png<R: BufRead + Seek>(mut reader: png::Reader<R>, path: &Path) -> Result<(Image, Orientation)> {
         let size = reader.output_buffer_size().ok_or_else(|| too_large(path, reader.info().size()))?;
         let mut bytes = vec![0; size];
@@ -103,13 +103,13 @@ impl Image {
         Ok((Image { width, height, pixels, has_alpha }, orientation))
     }
 
-    /// Whether some pixel lets the background through.
+    /// Whether any pixel is not opaque.
     pub fn is_transparent_somewhere(&self) -> bool {
         self.has_alpha && self.pixels.iter().any(|p| p[3] < 250)
     }
 }
 
-/// How JPEG files are decoded.
+/// JPEG decoder options.
 fn options() -> DecoderOptions {
     DecoderOptions::default()
         .set_strict_mode(true)
@@ -118,7 +118,7 @@ fn options() -> DecoderOptions {
         .jpeg_set_out_colorspace(ColorSpace::RGB)
 }
 
-/// Width and height that the header of a JPEG file says, if they are those of an image that is read.
+/// Width and height from the header of a JPEG file, if within the limits.
 fn header_of<T: ZByteReaderTrait>(decoder: &mut JpegDecoder<T>, path: &Path) -> Result<(usize, usize)> {
     decoder.decode_headers().map_err(|e| broken_jpeg(path, e.to_string()))?;
     let (width, height) = decoder.dimensions().ok_or_else(|| broken_jpeg(path, "no size".into()))?;
@@ -133,7 +133,7 @@ fn jpeg(path: &Path) -> Result<Vec<u8>> {
     text::bytes(path, "the image", "copy or export this image again", MAX_BYTES)
 }
 
-/// The first bytes of a file, which tell its format.
+/// The first bytes of a file, which identify its format.
 pub(super) fn start_of(path: &Path) -> Result<Vec<u8>> {
     let mut start = Vec::new();
     file(path)?.take(4).read_to_end(&mut start).map_err(|e| Error::io(path, "read the image", &e))?;
@@ -153,7 +153,7 @@ fn file(path: &Path) -> Result<File> {
     File::open(path).map_err(|e| Error::io(path, "open the image", &e).fix("give the path of a PNG or JPEG file"))
 }
 
-/// Reads the header and refuses sizes that cannot be a video frame, before anything is allocated for them.
+/// Reads the header and rejects oversized images before allocating memory for them.
 fn open(path: &Path) -> Result<png::Reader<BufReader<File>>> {
     opened(BufReader::new(file(path)?), path)
 }
@@ -162,7 +162,7 @@ fn opened<R: BufRead + Seek>(source: R, path: &Path) -> Result<png::Reader<R>> {
     opened_as(png::Transformations::normalize_to_color8(), source, path)
 }
 
-/// The same for samples that are transformed so.
+/// Like [`opened`], with sample transformations.
 pub(super) fn opened_as<R: BufRead + Seek>(
     transformations: png::Transformations,
     source: R,
@@ -213,7 +213,7 @@ pub(super) fn too_large(path: &Path, (width, height): (u32, u32)) -> Error {
 mod tests {
     use super::*;
 
-    /// A picture of a phone: a JPEG file, with Exif's orientation put behind its first marker.
+    /// A phone picture: a JPEG file with an Exif orientation inserted behind its first marker.
     #[test]
     fn a_picture_is_turned_where_nobody_calibrated_it() {
         let plain = include_bytes!("../../tests/cli/ball.jpg");

@@ -1,4 +1,4 @@
-//! What a folder holds, without insisting that it is complete.
+//! Inventory of a clip's folder, complete or not.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -18,61 +18,60 @@ pub struct Inventory {
     pub name: String,
     /// The folder.
     pub root: PathBuf,
-    /// How the folder is laid out.
+    /// Recognised layout.
     pub layout: Format,
     /// One row per camera.
     pub cameras: Vec<CameraInventory>,
     /// Time between frames \[s\], if the frames are complete and evenly spaced.
     pub frame_dt: Option<f64>,
-    /// What keeps the clip from being opened; empty if it can be.
+    /// Problems that prevent opening the clip; empty if there are none.
     pub problems: Vec<String>,
-    /// What opening takes for granted.
+    /// Assumptions made when opening.
     pub assumptions: Vec<String>,
 }
 
-/// What there is of one camera.
+/// Inventory of one camera.
 #[derive(Debug, Clone)]
 pub struct CameraInventory {
     /// Number of the camera.
     pub id: i64,
-    /// Where its images are, in words; empty if its number says it.
+    /// Where its images are; empty if its number identifies them.
     pub name: String,
-    /// Width and height of its first image \[pixels\], if that could be read.
+    /// Width and height of its first image \[pixels\], if readable.
     pub size: Option<(usize, usize)>,
-    /// Frames that are listed.
+    /// Listed frames.
     pub listed: Vec<i64>,
-    /// Frames that are listed and whose image exists.
+    /// Listed frames whose image exists.
     pub usable: Vec<i64>,
     /// Whether there is a background plate (frame −1).
     pub has_plate: bool,
     /// Whether there is a plate of excluded pixels (frame −2).
     pub has_excluded: bool,
-    /// How the object will be told from the background, if there is a way.
+    /// Foreground source, if there is one.
     pub foreground: Option<Foreground>,
-    /// Whether nobody filmed with it: its images were imagined from those of others.
+    /// Whether its images were synthesized from those of real cameras.
     pub imagined: bool,
 }
 
 impl Inventory {
-    /// Whether the clip could be opened.
+    /// Whether the clip can be opened.
     pub fn is_complete(&self) -> bool {
         self.problems.is_empty()
     }
 }
 
-/// Looks at a clip's folder, and opens the clip to see whether it can be opened.
+/// Inspects a clip's folder and tries to open the clip.
 ///
 /// # Errors
-/// As [`Clip::open`] if there is no folder or no readable list; everything else that is wrong is reported in
+/// As [`Clip::open`] if the folder is missing or has no readable list; all other problems are reported in
 /// [`Inventory::problems`].
 pub fn inspect(path: &Path) -> Result<Inventory> {
     inspect_and_open(path, &OpenOptions::default()).map(|(inventory, _)| inventory)
 }
 
-/// As [`inspect()`], of what `options` choose, with the clip if it can be opened.
+/// Like [`inspect()`], restricted to what `options` select; also returns the clip if it can be opened.
 ///
-/// Only opening decides whether it can be; if it cannot, the folder is searched for more problems, so that all can be corrected at
-/// once.
+/// If opening fails, the folder is searched for further problems, so that all of them are reported at once.
 ///
 /// # Errors
 /// As [`inspect()`].
@@ -113,7 +112,7 @@ pub fn inspect_and_open(path: &Path, options: &OpenOptions) -> Result<(Inventory
     Ok((inventory, clip))
 }
 
-/// What there is of a camera of a clip that was opened.
+/// Inventory of a camera of an opened clip.
 fn opened_camera(layout: &Layout, clip: &Clip, id: i64) -> Option<CameraInventory> {
     let at = clip.cameras.iter().position(|camera| camera.id == id)?;
     Some(CameraInventory {
@@ -123,7 +122,7 @@ fn opened_camera(layout: &Layout, clip: &Clip, id: i64) -> Option<CameraInventor
     })
 }
 
-/// What the lists and the names of the files say of a camera.
+/// Inventory of a camera from the lists and file names alone.
 fn listed_camera(layout: &Layout, id: i64) -> CameraInventory {
     CameraInventory {
         id,
@@ -138,7 +137,7 @@ fn listed_camera(layout: &Layout, id: i64) -> CameraInventory {
     }
 }
 
-/// What there is of a camera, by the headers of its images and the first image; what is wrong with them joins the problems.
+/// Inventory of a camera from the headers of its images and its first image; appends to `problems`.
 fn camera(layout: &Layout, id: i64, problems: &mut Vec<String>) -> CameraInventory {
     let listed = listed_camera(layout, id);
     let usable = &listed.usable;

@@ -1,4 +1,4 @@
-//! Masks as segmentation tools leave them.
+//! Masks as written by segmentation tools.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -7,16 +7,16 @@ use gradreel::{Error, ErrorKind, Result};
 
 use super::samples::{Sample, Samples};
 
-/// A mask whose brightest value is below this, and that has more values than two, is not one.
+/// A mask with more than two values must reach this brightness.
 const BRIGHT: u16 = 128;
 
-/// A pixel that is less opaque lets the background through.
+/// Alpha below which a pixel counts as transparent.
 const SOLID: u8 = 250;
 
-/// A pixel of a cut-out that is at least so opaque has a colour that says something.
+/// Minimum alpha at which the colour of a cut-out's pixel is used.
 const OPAQUE: u8 = 128;
 
-/// How much of each pixel the object covers, 0 to 255, row by row.
+/// Coverage by the object, 0 to 255 per pixel, row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Mask {
     pub width: usize,
@@ -25,14 +25,14 @@ pub(super) struct Mask {
 }
 
 impl Mask {
-    /// Reads a mask from a PNG or JPEG file. These are masks:
+    /// Reads a mask from a PNG or JPEG file. Accepted are:
     ///
-    /// - white on black, with grey between, or a cut-out of the object that is transparent elsewhere;
-    /// - two values, 0 and any other: 0 and 1, 0 and 255 of 16 bits, black and any one colour, a palette of two.
+    /// - white on black with grey levels between, or a cut-out of the object on a transparent background;
+    /// - two values, 0 and any other: 0 and 1, 0 and 255 in 16 bits, black and any one colour, a palette of two.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] for a file that cannot be decoded, and for one that shows no object by these rules, with the
-    /// brightest value that it has.
+    /// [`ErrorKind::Input`] for a file that cannot be decoded, or that is no mask by these rules; the message gives
+    /// its brightest value.
     pub fn read(path: &Path) -> Result<Self> {
         let samples = Samples::read(path)?;
         let coverage = coverage(&samples).map_err(|found| {
@@ -48,7 +48,7 @@ impl Mask {
     }
 }
 
-/// What is covered by these rules, or what was found instead.
+/// Coverage by these rules, or what the file contains instead.
 fn coverage(samples: &Samples) -> Result<Vec<u8>, String> {
     let Samples { pixels, most, labels, .. } = samples;
     let brightness = |colour: [u16; 3]| colour.into_iter().max().unwrap_or(0);
@@ -57,7 +57,7 @@ fn coverage(samples: &Samples) -> Result<Vec<u8>, String> {
         pixels.iter().map(one).collect()
     };
     let opaque = few(pixels.iter().filter(|pixel| pixel.alpha >= OPAQUE));
-    // black and white with some transparency is a mask all the same; anything else that is transparent is the object cut out
+    // a partly transparent black-and-white image is still a mask; any other transparent image is a cut-out
     let cut_out = pixels.iter().any(|pixel| pixel.alpha < SOLID);
     if cut_out && opaque != BTreeSet::from([[0; 3], [*most; 3]]) {
         return Ok(pixels.iter().map(|pixel| pixel.alpha).collect());
@@ -72,7 +72,7 @@ fn coverage(samples: &Samples) -> Result<Vec<u8>, String> {
         return Err("several colours of a palette".to_owned());
     }
     let brightest = pixels.iter().map(|pixel| brightness(pixel.colour)).max().unwrap_or(0);
-    // 16 bits may hold values of 8
+    // 16-bit files may hold 8-bit values
     let full = if brightest <= 255 { 255 } else { *most };
     if u32::from(brightest) * 255 < u32::from(BRIGHT) * u32::from(full) {
         return Err(format!("the brightest value is {brightest} of {most}"));
@@ -80,7 +80,7 @@ fn coverage(samples: &Samples) -> Result<Vec<u8>, String> {
     Ok(shares(&|value| (u32::from(value) * 255 + u32::from(full) / 2) / u32::from(full)))
 }
 
-/// The colours of some pixels; three of them where there are more.
+/// Distinct colours of some pixels, at most three.
 fn few<'a>(pixels: impl Iterator<Item = &'a Sample>) -> BTreeSet<[u16; 3]> {
     let mut colours = BTreeSet::new();
     for pixel in pixels {
@@ -108,7 +108,7 @@ mod tests {
         file
     }
 
-    /// The object is the lower right pixel of two by two, in each way to write that.
+    /// The object is the lower right pixel of 2×2, encoded in each supported way.
     #[test]
     fn one_mask_in_many_files() {
         use png::BitDepth::{Eight, One, Sixteen, Two};
@@ -137,7 +137,7 @@ mod tests {
             let samples = Samples::decode(&written(colour, depth, palette, bytes), name.as_ref()).unwrap();
             assert_eq!(coverage(&samples).unwrap(), [0, 0, 0, 255], "{name}");
         }
-        // shades
+        // grey levels
         let soft = written(Grayscale, Eight, None, &[0, 64, 128, 255]);
         assert_eq!(coverage(&Samples::decode(&soft, "".as_ref()).unwrap()).unwrap(), [0, 64, 128, 255]);
         let soft = written(Grayscale, Sixteen, None, &[0, 0, 0x40, 0x40, 0x80, 0x80, 0xff, 0xff]);

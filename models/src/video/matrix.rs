@@ -1,18 +1,17 @@
-//! The two matrices of an entry: camera to world and intrinsics.
+//! The two matrices of a camera entry: camera to world, and intrinsics.
 
 use serde_json::Value;
 
-/// Largest deviation of `R Rᵀ` from the identity that still counts as a rotation written with few digits.
+/// Maximum deviation of `R Rᵀ` from the identity, which allows for rotations written with few digits.
 const ROTATION_TOLERANCE: f64 = 1e-3;
 
-/// Largest deviation of a last row from `0 … 0 1`, which products of matrices in single precision leave.
+/// Maximum deviation of a last row from `0 … 0 1`, which allows for single-precision matrix products.
 const LAST_ROW_TOLERANCE: f64 = 1e-5;
 
 /// Focal lengths and principal point \[pixels\].
 pub(super) type Intrinsic = [f64; 4];
 
-/// Reads the matrix called `name`, 3×4 (a fourth row 0 0 0 1 is accepted), and checks that it moves without stretching
-/// or mirroring.
+/// Reads the matrix called `name`, 3×4 (a fourth row 0 0 0 1 is accepted), and checks that it is a rigid motion.
 pub(super) fn camera_to_world(value: &Value, name: &str) -> Result<[[f64; 4]; 3], String> {
     let rows = rows(value, name)?;
     let fits = matches!(rows.len(), 3 | 4) && rows.iter().all(|row| row.len() == 4);

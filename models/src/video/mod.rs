@@ -1,8 +1,8 @@
-//! Video: frames, masks and cameras of a clip.
+//! Video input: frames, masks and cameras of a clip.
 //!
-//! A *clip* is a folder with the images of several cameras that stand still, and a list of these cameras. [`Clip::open`] reads
-//! it into memory: one [`Camera`] per view, and per camera and frame a [`Frame`], the object alone on white with its
-//! coverage `alpha`. [`inspect()`] looks at the same folder without insisting that it is complete.
+//! A *clip* is a folder with the images of several static cameras and a list of these cameras. [`Clip::open`] reads
+//! it into memory: one [`Camera`] per view and one [`Frame`] per camera and time step, which shows the object alone
+//! on white with its coverage `alpha`. [`inspect()`] reports on the same folder even if it is incomplete.
 //!
 //! # Layouts
 //!
@@ -13,32 +13,33 @@
 //! | PAC-NeRF | `all_data.json` | `c2w`, OpenGL axes, y up, metres | `data/r_{camera}_{frame}.png` | in seconds |
 //! | Spring-Gaus, synthetic | `camera.json` | `c2w`, OpenGL axes, y up, metres | `{camera}/{frame}.png` | 0.03 s apart |
 //! | Spring-Gaus, real | `dynamic/cameras_calib.json` | `rvecs`, `tvecs`, OpenCV axes, z down, metres | as listed in `dynamic/sequences/{object}/{number}.json`, whose path is the clip's | 120 per second |
-//! | NeRF, D-NeRF | `transforms.json`, `transforms_{train,val,test}.json` | `transform_matrix`, OpenGL axes, z up | as listed | `time` in seconds or shares of a duration |
+//! | NeRF, D-NeRF | `transforms.json`, `transforms_{train,val,test}.json` | `transform_matrix`, OpenGL axes, z up | as listed | `time` in seconds or normalised |
 //! | COLMAP | `sparse/0/cameras.txt` and `images.txt` (also in `sparse`, `colmap/sparse/0`) | OpenCV axes, up as the cameras are held | a folder per camera, named as its image or that image's folder, in `frames`, `images` or the clip's folder | 24 per second |
 //!
-//! What a layout leaves open, a file `clip.toml` in the clip's folder says; every key is optional, and what is not given is
-//! assumed and said:
+//! The optional file `clip.toml` in the clip's folder supplies what the layout leaves open. Every key is optional;
+//! defaults are assumed for missing keys and reported in [`Clip::assumptions`]:
 //!
 //! ```toml
-//! layout = "colmap"         # where the folder could be read as several: pac_nerf, spring_gaus, real_capture, transforms, colmap
+//! layout = "colmap"         # if the folder matches several: pac_nerf, spring_gaus, real_capture, transforms, colmap
 //! up = "z"                  # x, y, z, -x, -y, -z or a vector, in the layout's coordinates
 //! metres_per_unit = 0.25    # length of the layout's unit [m]
 //! origin = [0.1, 0.0, 2.0]  # the point that becomes the origin, in the layout's coordinates, for example on the ground
 //! frames_per_s = 60.0       # frame rate [1/s], in place of the layout's times
-//! imagined = [1, 2, 3]      # cameras that nobody filmed with: their images were synthesized from those of the others
-//! # duration_s = 0.5        # or: time between 0 and 1 of times that are shares, or from the first frame to the last [s]
+//! imagined = [1, 2, 3]      # cameras whose images were synthesized from those of the others
+//! # duration_s = 0.5        # or: duration of normalised times 0…1, or from the first frame to the last [s]
 //! ```
 //!
-//! Lens distortion is refused, as is a path that leads out of the folder. PNG and JPEG images are read. In all layouts but
-//! PAC-NeRF's the object is told from the background by the images' own transparency or by masks, white on the object, under
-//! `masks/` with the path of the image (`mask_path` in a `transforms.json`).
+//! Lens distortion and paths that lead out of the folder are errors. Images are PNG or JPEG. In all layouts except
+//! PAC-NeRF's the object is separated from the background by the images' alpha channel or by masks, white on the
+//! object, stored under `masks/` with the path of the image (`mask_path` in a `transforms.json`).
 //!
 //! # Films
 //!
-//! A GIF, a video file or a folder of numbered pictures without such a list is a [`Film`] of one camera that nobody calibrated;
-//! [`crate::monocular`] makes a clip of it. Each frame has its own time; pictures of a phone are turned as their Exif data say; of
-//! several objects the largest is taken. The object is told by given masks, a given matting network ([`MattingSettings`]), the pictures'
-//! transparency, a given background, a plain one, or by what each pixel shows while the object is elsewhere.
+//! A GIF, a video file or a folder of numbered pictures without a camera list is a [`Film`] of one uncalibrated
+//! camera; [`crate::monocular`] turns it into a clip. Each frame has its own time. Phone pictures are rotated by
+//! their Exif orientation. Of several objects, the largest is kept. The object is separated by given masks, a given
+//! matting network ([`MattingSettings`]), the pictures' alpha channel, a given background, a plain background, or a
+//! background estimated from the frames in which the object is elsewhere.
 //!
 //! # PAC-NeRF
 //!
@@ -53,11 +54,11 @@
 //! | `data/a_{c}_{f}.png` | given mask: the object with its alpha |
 //! | `data/m_{c}_{f}.png` | given mask: the object on white |
 //!
-//! Where the object is, a camera says by the first of these that it has: `a_`, `m_`, transparent pixels of its own
-//! images, a background plate ([`Foreground`]).
+//! The foreground source of a camera is the first available of: `a_` masks, `m_` masks, transparent pixels in its
+//! own images, a background plate ([`Foreground`]).
 //!
-//! World: metres, y up. Cameras follow OpenGL: x right, y up, looking along −z; `u` grows to the right and `v` downwards,
-//! and the centre of the first pixel is `(0.5, 0.5)`.
+//! World: metres, y up. Cameras follow OpenGL: x right, y up, looking along −z. Pixel coordinates: `u` grows to the
+//! right, `v` downwards, and the centre of the first pixel is `(0.5, 0.5)`.
 
 mod camera;
 mod clip;

@@ -1,20 +1,20 @@
-//! How a picture was held when it was taken: pictures of a phone are stored as the sensor lies, and say how to turn them.
+//! Exif orientation: phone pictures are stored in sensor orientation, with a tag that says how to rotate them.
 
 use exif::{In, Reader, Tag};
 
 use super::image::Image;
 
-/// The way in which a stored picture is to be shown: a number from 1 (as it is) to 8, as Exif's tag `Orientation` has it.
+/// Exif `Orientation`: how to display a stored picture, from 1 (as stored) to 8.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Orientation(u8);
 
 impl Orientation {
-    /// What Exif data say; data that are absent, damaged or silent leave a picture as it is.
+    /// Reads the orientation from Exif data; missing or damaged data mean 1.
     pub fn of(exif: Option<&[u8]>) -> Self {
         let value = || {
             let data = exif?;
             let tiff = data.strip_prefix(b"Exif\0\0").unwrap_or(data).to_vec();
-            // damage in what else the data say does not matter
+            // damage elsewhere in the data does not matter
             let found = match Reader::new().continue_on_error(true).read_raw(tiff) {
                 Ok(found) => found,
                 Err(error) => error.distill_partial_result(|_| {}).ok()?,
@@ -24,12 +24,12 @@ impl Orientation {
         Self(value().and_then(|value| u8::try_from(value).ok()).filter(|value| (1..=8).contains(value)).unwrap_or(1))
     }
 
-    /// Width, height and pixels, row by row, as they are to be shown.
+    /// Width, height and pixels, row by row, in display orientation.
     pub fn turned_pixels<T: Copy>(self, (w, h): (usize, usize), pixels: Vec<T>) -> (usize, usize, Vec<T>) {
         if self.0 == 1 {
             return (w, h, pixels);
         }
-        // the column and row that are shown at a place
+        // stored column and row shown at a position
         let from = |x: usize, y: usize| match self.0 {
             2 => (w - 1 - x, y),
             3 => (w - 1 - x, h - 1 - y),
@@ -45,7 +45,7 @@ impl Orientation {
         (width, height, places.map(|(x, y)| from(x, y)).map(|(x, y)| pixels[y * w + x]).collect())
     }
 
-    /// The picture as it is to be shown.
+    /// The picture in display orientation.
     pub fn turned(self, image: Image) -> Image {
         let (width, height, pixels) = self.turned_pixels((image.width, image.height), image.pixels);
         Image { width, height, pixels, has_alpha: image.has_alpha }
@@ -56,7 +56,7 @@ impl Orientation {
 mod tests {
     use super::*;
 
-    /// Exif data with nothing but an orientation, in either order of bytes.
+    /// Exif data with only an orientation, in either byte order.
     fn exif(orientation: u16, big: bool) -> Vec<u8> {
         let short = |v: u16| if big { v.to_be_bytes() } else { v.to_le_bytes() };
         let long = |v: u32| if big { v.to_be_bytes() } else { v.to_le_bytes() };
@@ -65,8 +65,8 @@ mod tests {
         [&start[..], &short(42), &long(8), &short(1), &entry, &long(0)].concat()
     }
 
-    /// Letters stored as `ABC/DEF` and how a viewer shows them, by the drawings of the Exif standard: the number says where
-    /// the stored first row and first column are shown.
+    /// Letters stored as `ABC/DEF` and as displayed: by the Exif standard the number says where the stored first
+    /// row and first column appear.
     #[test]
     fn all_eight_ways() {
         let stored = Image {

@@ -1,4 +1,4 @@
-//! Whether the numbers of a clip can be those of a film: a wrong unit or a damaged list is refused before it is computed with.
+//! Plausibility checks: wrong units or damaged lists are rejected before any computation.
 
 use std::path::Path;
 
@@ -7,25 +7,25 @@ use gradreel::{Error, ErrorKind, Result};
 use super::camera::Camera;
 use super::clip::WARNING;
 
-/// Largest coordinate of a camera \[m\]: further from the origin, single precision loses the object's motion.
+/// Maximum coordinate of a camera \[m\]; further from the origin, single precision loses the object's motion.
 const FARTHEST: f64 = 1e4;
 
-/// Angles of view that a pinhole camera can have \[degrees\].
+/// Accepted angles of view of a pinhole camera \[degrees\].
 const ANGLES: (f64, f64) = (0.01, 170.0);
 
-/// How far the principal point may be from the middle of the image, in widths or heights of the image.
+/// Maximum offset of the principal point from the image centre, in image widths or heights.
 const OFF_CENTRE: f64 = 10.0;
 
-/// Times between frames that are refused outside, and that are doubted outside \[s\].
+/// Time between frames \[s\]: values outside the first range are errors, outside the second warnings.
 const INTERVALS: [(f64, f64); 2] = [(1e-6, 1.0), (1e-4, 0.2)];
 
 /// Standard gravity \[m/s²\].
 const GRAVITY: f64 = 9.81;
 
-/// Checks where a camera is and what it sees; returns what is doubtful.
+/// Checks the position and field of view of a camera; returns a warning for doubtful values.
 ///
 /// # Errors
-/// [`ErrorKind::Input`] that names the list, for a place, an angle of view or a principal point that no film has.
+/// [`ErrorKind::Input`] naming the list, for an implausible position, angle of view or principal point.
 pub(super) fn camera(camera: &Camera, list: &Path) -> Result<Option<String>> {
     let id = camera.id;
     let refused = |what: String, found: String| Error::new(ErrorKind::Input, what).at(list.display()).found(found);
@@ -59,10 +59,10 @@ pub(super) fn camera(camera: &Camera, list: &Path) -> Result<Option<String>> {
     }))
 }
 
-/// Checks the time between frames \[s\]; returns what is doubtful.
+/// Checks the time between frames \[s\]; returns a warning for doubtful values.
 ///
 /// # Errors
-/// [`ErrorKind::Input`] that names the list, for frames too near to each other or too far apart to show a fall.
+/// [`ErrorKind::Input`] naming the list, for a frame interval too short or too long to show a fall.
 pub(super) fn interval(dt: f64, list: &Path) -> Result<Option<String>> {
     let fallen = format!("{dt:?} s between frames, in which what falls falls {:?} m", rounded(0.5 * GRAVITY * dt * dt));
     let fix =
@@ -78,7 +78,7 @@ pub(super) fn interval(dt: f64, list: &Path) -> Result<Option<String>> {
     Ok((!(usual.0..=usual.1).contains(&dt)).then(|| format!("{WARNING}{fallen}; {fix}")))
 }
 
-/// Two digits, for messages.
+/// Rounds to two digits, for messages.
 fn rounded(x: f64) -> f64 {
     format!("{x:.1e}").parse().unwrap_or(x)
 }
@@ -101,7 +101,7 @@ mod tests {
         let told = |change: fn(&mut Camera)| seen(change).unwrap_err().to_string();
         assert!(told(|camera| camera.c2w[1][3] = 1e308).contains("1e308"));
         assert!(told(|camera| camera.c2w[0][3] = f64::NAN).contains("too far"));
-        // a focal length as a share of the width
+        // focal length given as a share of the width
         assert!(told(|camera| camera.fx = 1.2).contains("1.2 pixels for 640 pixels"));
         assert!(told(|camera| camera.fy = 1e12).contains("angle of view"));
         assert!(told(|camera| camera.cy = 1e300).contains("1e300"));

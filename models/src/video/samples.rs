@@ -1,4 +1,4 @@
-//! The samples of a PNG or JPEG file as they are stored: 16 bits stay 16 bits.
+//! Samples of a PNG or JPEG file at their stored depth: 16 bits stay 16 bits.
 
 use std::io::{BufRead, Cursor, Seek};
 use std::path::Path;
@@ -9,24 +9,24 @@ use super::image::{self, Image};
 use super::orientation::Orientation;
 use crate::text;
 
-/// A pixel of any kind of image.
+/// A pixel of any image type.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Sample {
-    /// Red, green and blue, or one grey in all three.
+    /// Red, green and blue; grey is repeated in all three.
     pub colour: [u16; 3],
     /// Coverage, 0 to 255.
     pub alpha: u8,
 }
 
-/// An image, row by row, turned the way its Exif data say it was held.
+/// An image, row by row, in display orientation.
 #[derive(Debug, Clone)]
 pub(super) struct Samples {
     pub width: usize,
     pub height: usize,
     pub pixels: Vec<Sample>,
-    /// The largest value that a sample of the file may have: 255, or 65535.
+    /// Maximum sample value of the file: 255 or 65535.
     pub most: u16,
-    /// Whether colours are those of a palette that is not grey: numbers of kinds rather than brightness.
+    /// Whether the colours come from a non-grey palette and hence are labels, not brightness.
     pub labels: bool,
 }
 
@@ -42,7 +42,7 @@ impl Samples {
         }
     }
 
-    /// Decodes a PNG or JPEG file in memory; `name` is what errors call it.
+    /// Decodes a PNG or JPEG file in memory; `name` identifies it in errors.
     pub fn decode(bytes: &[u8], name: &Path) -> Result<Self> {
         if !bytes.starts_with(b"\x89PNG") {
             return Ok(Self::of(&Image::decode(bytes, name)?));

@@ -1,4 +1,4 @@
-//! Smaller clips: box averages over blocks of pixels.
+//! Downscaling of frames: box averages over blocks of pixels.
 
 use ndarray::{Array2, Array3};
 
@@ -7,8 +7,8 @@ use super::clip::Frame;
 impl Frame {
     /// Averages blocks of `factor` × `factor` pixels; a remainder at the right and lower edge is dropped.
     ///
-    /// `rgb` is already composited on white, which makes its plain average the composite of the averaged premultiplied
-    /// colour; `alpha` and `weight` are averaged as they are.
+    /// `rgb` is already composited on white, so its plain average equals the composite of the averaged
+    /// premultiplied colour; `alpha` and `weight` are averaged directly.
     ///
     /// # Panics
     /// If the factor is zero or leaves no pixel.

@@ -1,4 +1,4 @@
-//! Which cameras and frames of a clip are opened, and whether they are complete.
+//! Selection of the cameras and frames to open, and its completeness.
 
 use gradreel::{Error, ErrorKind, Result};
 
@@ -6,7 +6,7 @@ use super::clip::OpenOptions;
 use super::layout::{Format, Kind, Layout};
 use super::plausible;
 
-/// Share of a frame interval by which a time may miss the even grid.
+/// Tolerated deviation of a frame time from even spacing, as a share of the frame interval.
 const TIME_TOLERANCE: f64 = 0.02;
 
 /// Cameras, frame numbers and times \[s\] of a clip about to be opened.
@@ -15,11 +15,11 @@ pub(super) struct Selection {
     pub cameras: Vec<i64>,
     pub frames: Vec<i64>,
     pub times: Vec<f64>,
-    /// What is doubtful about them.
+    /// Warnings about them.
     pub said: Vec<String>,
 }
 
-/// Applies the options; every selected camera must have every selected frame, at even times.
+/// Applies the options; every selected camera must have every selected frame, at evenly spaced times.
 pub(super) fn select(layout: &Layout, options: &OpenOptions) -> Result<Selection> {
     let cameras = cameras(layout, options)?;
     let listed = || cameras.iter().flat_map(|c| layout.views[c].times.keys().copied());
@@ -71,7 +71,7 @@ fn cameras(layout: &Layout, options: &OpenOptions) -> Result<Vec<i64>> {
 
 fn complete(layout: &Layout, camera: i64, first: i64, last: i64) -> Result<()> {
     let usable = layout.usable_frames(camera);
-    // Bounded by what exists, so that a single huge frame number cannot ask for endless work.
+    // Bounded by the existing frames, so that one huge frame number cannot cause endless work.
     let mut next = first;
     for &frame in usable.iter().filter(|&&frame| frame >= first) {
         if frame != next {
@@ -101,7 +101,7 @@ fn complete(layout: &Layout, camera: i64, first: i64, last: i64) -> Result<()> {
         .fix(format!("{fix}, or choose frames (first frame, number of frames) or cameras that are complete")))
 }
 
-/// The times of the frames, and what is doubtful about them.
+/// The frame times, and warnings about them.
 fn times(layout: &Layout, cameras: &[i64], frames: &[i64]) -> Result<(Vec<f64>, Vec<String>)> {
     let of = |camera: &i64| -> Vec<f64> { frames.iter().map(|frame| layout.views[camera].times[frame]).collect() };
     let times = of(&cameras[0]);
@@ -143,7 +143,7 @@ fn times(layout: &Layout, cameras: &[i64], frames: &[i64]) -> Result<(Vec<f64>, 
     Ok((times, said.into_iter().collect()))
 }
 
-/// Sorted numbers in words: `0–4 and 6–13`.
+/// Sorted numbers as ranges in words: `0–4 and 6–13`.
 pub(super) fn ranges(numbers: &[i64]) -> String {
     let mut spans: Vec<(i64, i64)> = Vec::new();
     for &number in numbers {

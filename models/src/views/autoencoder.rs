@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::layers::{Convolution, GroupNorm, Kernel, Scope};
 
-/// The sizes of the autoencoder. Levels below the first halve the image.
+/// Sizes of the autoencoder. Each level below the first halves the resolution.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AutoencoderSizes {
@@ -39,7 +39,7 @@ pub struct Autoencoder {
     post_quant: Convolution,
 }
 
-/// The distribution of an image's latent: independent normals.
+/// The latent distribution of an image: independent normals.
 pub struct Posterior {
     /// Means `[b, latent, h, w]`.
     pub mean: Var,
@@ -61,13 +61,13 @@ impl Posterior {
 }
 
 impl Autoencoder {
-    /// Latents of the diffusion are samples times this.
+    /// Factor from samples to the latents of the diffusion.
     pub const SCALE: f64 = 0.18215;
 
-    /// The autoencoder at a scope.
+    /// Builds the autoencoder from the weights at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// If a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, sizes: &AutoencoderSizes) -> Result<Self> {
         let latent = sizes.latent;
         Ok(Self {
@@ -81,7 +81,7 @@ impl Autoencoder {
     /// Images `[b, 3, h, w]` in −1..1 to means and log-variances, stacked along the channels.
     ///
     /// # Panics
-    /// When the sizes are not those of the autoencoder.
+    /// If the shapes do not match the sizes of the autoencoder.
     #[track_caller]
     pub fn moments(&self, images: &Var) -> Var {
         self.quant.forward(&self.encoder.forward(images))
@@ -90,7 +90,7 @@ impl Autoencoder {
     /// Images `[b, 3, h, w]` in −1..1 to the distribution of their latents.
     ///
     /// # Panics
-    /// When the sizes are not those of the autoencoder.
+    /// If the shapes do not match the sizes of the autoencoder.
     #[track_caller]
     pub fn encode(&self, images: &Var) -> Posterior {
         let moments = self.moments(images);
@@ -99,10 +99,10 @@ impl Autoencoder {
         Posterior { mean: moments.slice(1, 0..half), log_variance }
     }
 
-    /// Latents `[b, latent, h, w]`, not scaled, to images in about −1..1.
+    /// Unscaled latents `[b, latent, h, w]` to images in about −1..1.
     ///
     /// # Panics
-    /// When the sizes are not those of the autoencoder.
+    /// If the shapes do not match the sizes of the autoencoder.
     #[track_caller]
     pub fn decode(&self, latents: &Var) -> Var {
         self.decoder.forward(&self.post_quant.forward(latents))
@@ -144,7 +144,7 @@ impl Encoder {
                 h = block.forward(&h);
             }
             if let Some(half) = half {
-                // one zero to the right and below, none to the left and above
+                // zero padding to the right and below only
                 h = half.forward(&h.pad(2, 0, 1).pad(3, 0, 1));
             }
         }

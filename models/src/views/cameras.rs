@@ -1,8 +1,8 @@
 //! The ring of target cameras, the voxel grid they look at, and each camera's frustum of samples.
 //!
-//! Units are those of the model: the object lies in a cube of side 1 around the origin and the cameras 1.5 away from it.
-//! World axes are right-handed with z up; camera axes are x right, y down, z forward. A voxel volume is
-//! `[z, y, x]`, its ends included.
+//! Lengths are in units of the model: the object lies in a cube of side 1 around the origin, and the cameras at
+//! distance 1.5. World axes are right-handed with z up; camera axes are x right, y down, z forward. Voxel volumes
+//! are indexed `[z, y, x]`, with samples on the cube's faces.
 
 use serde::{Deserialize, Serialize};
 
@@ -30,7 +30,7 @@ impl Ring {
         Self { views, elevation: 30f64.to_radians(), distance: 1.5, focal: 280.0 / 256.0, half: 0.5 }
     }
 
-    /// The azimuth of a view in radians, within [−π, π).
+    /// Azimuth of a view in radians, in [−π, π).
     pub fn azimuth(&self, view: usize) -> f64 {
         let turn = std::f64::consts::TAU;
         (turn * view as f64 / self.views as f64 + turn / 2.0).rem_euclid(turn) - turn / 2.0
@@ -46,11 +46,11 @@ impl Ring {
         pose(0.0, elevation, self.distance)
     }
 
-    /// The camera of a view of `size²` pixels as videos have it: y up, looking along −z, in the world whose axes are
-    /// (x, z, −y) of the model's.
+    /// The camera of a view with `size²` pixels in the convention of [`Camera`]: y up, looking along −z, in a world
+    /// with axes (x, z, −y) of the model's.
     pub fn camera(&self, view: usize, size: usize) -> Camera {
         let pose = self.pose(view);
-        // the columns of R are the rows of its inverse; its second and third axis are turned around
+        // the columns of R are the rows of its inverse; the second and third axis are negated
         let axis = |i: usize| [pose[0][i], -pose[1][i], -pose[2][i]];
         let centre = |i: usize| -(0..3).map(|row| pose[row][i] * pose[row][3]).sum::<f64>();
         let row = |i: usize, sign: f64| {
@@ -70,21 +70,21 @@ impl Ring {
         }
     }
 
-    /// The viewpoint embedding of a view for an input image of this elevation in radians: difference of elevations, sine
-    /// and cosine of the difference of azimuths, and 0 for that of the distances.
+    /// Viewpoint embedding of a view for an input elevation in radians: elevation difference, sine and cosine of
+    /// the azimuth difference, and 0 for the distance difference.
     pub fn viewpoint(&self, view: usize, elevation: f64) -> [f64; 4] {
         let azimuth = self.azimuth(view) - self.azimuth(0);
         [elevation - self.elevation, azimuth.sin(), azimuth.cos(), 0.0]
     }
 
-    /// The centres of `size³` voxels as (x, y, z), the order of the tensor axes being z, y, x.
+    /// Centres of `size³` voxels as (x, y, z), in the order of tensor axes z, y, x.
     pub fn voxels(&self, size: usize) -> impl Iterator<Item = [f64; 3]> {
         let place = move |i: usize| self.half * (2.0 * i as f64 / (size - 1) as f64 - 1.0);
         (0..size * size * size).map(move |i| [place(i % size), place(i / size % size), place(i / (size * size))])
     }
 
-    /// Where a world point falls on a feature map of a view, in cells (the principal point is at half the width), and its
-    /// depth.
+    /// Projects a world point onto a feature map of a view: position in cells (the principal point is at half the
+    /// width), and depth.
     pub fn project(&self, pose: &[[f64; 4]; 3], point: [f64; 3], width: usize) -> [f64; 3] {
         let [x, y, z] = [0, 1, 2].map(|row| {
             let [a, b, c, t] = pose[row];
@@ -94,14 +94,14 @@ impl Ring {
         [size * (self.focal * x / depth + 0.5), size * (self.focal * y / depth + 0.5), z]
     }
 
-    /// The least and the greatest depth of a frustum: a ball of radius √3/2 around the origin.
+    /// Minimum and maximum depth of a frustum: those of a ball of radius √3/2 around the origin.
     pub fn depths(&self) -> [f64; 2] {
         let radius = 3f64.sqrt() * self.half;
         [self.distance - radius, self.distance + radius]
     }
 
-    /// The world points of a view's frustum: `depth` samples from near to far, ends included, behind each cell of a
-    /// `width²` map, in the order depth, row, column.
+    /// World points of a view's frustum: `depth` samples from near to far, ends included, along the ray of each
+    /// cell of a `width²` map, in the order depth, row, column.
     pub fn frustum(&self, view: usize, depth: usize, width: usize) -> impl Iterator<Item = [f64; 3]> {
         let pose = self.pose(view);
         let [near, far] = self.depths();

@@ -1,4 +1,4 @@
-//! The CLIP vision tower (Radford et al. 2021): an image to one embedding.
+//! The CLIP vision tower (Radford et al. 2021): maps an image to one embedding.
 
 use gradreel::{Result, Tensor, Var};
 use serde::{Deserialize, Serialize};
@@ -49,14 +49,14 @@ struct Block {
     heads: usize,
 }
 
-/// Mean and standard deviation of each colour in the images CLIP was trained on.
+/// Mean and standard deviation per colour channel of CLIP's training images.
 const COLOURS: [[f64; 3]; 2] = [[0.481_454_66, 0.457_827_5, 0.408_210_73], [0.268_629_54, 0.261_302_58, 0.275_777_11]];
 
 impl ClipTower {
-    /// The tower at a scope.
+    /// Builds the tower from the weights at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// If a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, sizes: ClipSizes) -> Result<Self> {
         let ClipSizes { resolution, patch, width, layers, outputs, .. } = sizes;
         let tokens = (resolution / patch).pow(2) + 1;
@@ -75,10 +75,10 @@ impl ClipTower {
         })
     }
 
-    /// Images `[b, 3, resolution, resolution]` in −1..1 to the range the tower was trained on.
+    /// Normalises images `[b, 3, resolution, resolution]` in −1..1 for the tower.
     ///
     /// # Errors
-    /// When the colours cannot be cast to the dtype of the images.
+    /// If the colours cannot be cast to the dtype of the images.
     pub fn normalise(images: &Var) -> Result<Var> {
         let [mean, deviation] =
             COLOURS.map(|values| super::constant(images, Tensor::from_vec(values.to_vec(), [1, 3, 1, 1])));
@@ -89,7 +89,7 @@ impl ClipTower {
     /// Normalised images `[b, 3, resolution, resolution]` to embeddings `[b, outputs]`.
     ///
     /// # Panics
-    /// When the sizes are not those of the tower.
+    /// If the shapes do not match the sizes of the tower.
     #[track_caller]
     pub fn forward(&self, images: &Var) -> Var {
         let batch = images.dims()[0];
@@ -108,7 +108,7 @@ impl ClipTower {
 
 impl Block {
     fn new(scope: &Scope<'_>, ClipSizes { width, heads, .. }: ClipSizes) -> Result<Self> {
-        // the packed projection is stored as in PyTorch's attention module, under names without a dot
+        // packed projection, stored as in PyTorch's attention module under names without a dot
         let packed = Linear::named(&scope.at("attn"), ["in_proj_weight", "in_proj_bias"], width, 3 * width)?;
         Ok(Self {
             norms: [LayerNorm::new(&scope.at("ln_1"), width)?, LayerNorm::new(&scope.at("ln_2"), width)?],

@@ -1,30 +1,31 @@
-//! Between images and latents: a learned autoencoder, or patches of pixels as they are.
+//! Image–latent coding: a learned autoencoder, or patches of raw pixels.
 
 use gradreel::{Key, Result, Tensor, Var};
 use serde::{Deserialize, Serialize};
 
 use super::{Autoencoder, AutoencoderSizes};
 
-/// How images become latents.
+/// How images are coded as latents.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Coding {
     /// By an autoencoder, as in the published model.
     Learned(AutoencoderSizes),
-    /// Pixels side by side as channels, nothing learned.
+    /// Pixels of a patch stacked as channels, without learned weights.
     Patches(Patches),
 }
 
-/// Square patches of an image become channels: `[b, 3, h, w]` in −1..1 to `[b, 3 p², h / p, w / p]` in −2..0, white being 0.
+/// Square patches of an image become channels: `[b, 3, h, w]` in −1..1 to `[b, 3 p², h / p, w / p]` in −2..0, with
+/// white at 0.
 ///
-/// With white at 0 the background of a noised latent is noise alone, as at the beginning of a sampling run.
+/// With white at 0, the background of a noised latent is pure noise, as at the start of sampling.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Patches {
     /// Pixels along a side of a patch.
     pub patch: usize,
-    /// Latents of the diffusion are the patches times this. Below 1, what neighbouring pixels have in common drowns in the noise,
-    /// too, so that the model must learn what the input image tells (Chen 2023).
+    /// Factor from patches to the latents of the diffusion. Below 1, noise also hides the low frequencies that
+    /// neighbouring pixels share, so that the model must use the input image (Chen 2023).
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub scale: f64,
 }
@@ -47,7 +48,7 @@ impl Coding {
         }
     }
 
-    /// Pixels of the image for each of the latent, along a side.
+    /// Image pixels per latent cell along a side.
     pub fn factor(&self) -> usize {
         match self {
             Self::Learned(sizes) => 1 << sizes.multipliers.len().saturating_sub(1),
@@ -55,7 +56,7 @@ impl Coding {
         }
     }
 
-    /// Latents of the diffusion are those of the coding times this.
+    /// Factor from the coding's latents to those of the diffusion.
     pub fn scale(&self) -> f64 {
         match self {
             Self::Learned(_) => Autoencoder::SCALE,
@@ -74,7 +75,7 @@ impl Patches {
     /// Images to latents.
     ///
     /// # Panics
-    /// When the patch does not divide the sides.
+    /// If the patch size does not divide the sides.
     #[track_caller]
     pub fn encode(self, images: &Var) -> Var {
         let p = self.patch;
@@ -88,7 +89,7 @@ impl Patches {
     /// Latents to images.
     ///
     /// # Panics
-    /// When the channels are not those of patches.
+    /// If the number of channels is not that of the patches.
     #[track_caller]
     pub fn decode(self, latents: &Var) -> Var {
         let p = self.patch;
@@ -109,14 +110,14 @@ pub enum Coder {
 }
 
 impl Coder {
-    /// Images `[b, 3, h, w]` in −1..1 to latents, not scaled by [`Coding::scale`]. Those of an autoencoder are samples of its
-    /// distribution with standard normal numbers of a key; without a key, the means.
+    /// Images `[b, 3, h, w]` in −1..1 to unscaled latents (see [`Coding::scale`]). With an autoencoder, they are
+    /// sampled from its distribution with random numbers of the key `noise`, or the means without a key.
     ///
     /// # Errors
-    /// When the numbers cannot be moved where the images are.
+    /// If the noise cannot be moved to the images' device.
     ///
     /// # Panics
-    /// When the sizes are not those of the coding.
+    /// If the shapes do not match the sizes of the coding.
     #[track_caller]
     pub fn encode(&self, images: &Var, noise: Option<Key>) -> Result<Var> {
         match self {
@@ -136,10 +137,10 @@ impl Coder {
         }
     }
 
-    /// Latents, not scaled, to images in about −1..1.
+    /// Unscaled latents to images in about −1..1.
     ///
     /// # Panics
-    /// When the sizes are not those of the coding.
+    /// If the shapes do not match the sizes of the coding.
     #[track_caller]
     pub fn decode(&self, latents: &Var) -> Var {
         match self {

@@ -1,4 +1,4 @@
-//! From sampled latents to pictures.
+//! Decoding of sampled latents to pictures.
 
 use gradreel::{Device, Result, Tape, Tensor};
 
@@ -6,14 +6,14 @@ use super::frozen::Frozen;
 use super::{Model, ModelSizes, on_cpu};
 use crate::layers::{Scope, Weights};
 
-/// Decodes some views of sampled latents `[1, views, latent, w, w]`, one after the other; `found` gets each view's number
-/// and its picture `[3, s, s]` in about −1..1.
+/// Decodes some views of sampled latents `[1, views, latent, w, w]` one at a time; `found` receives each view's
+/// index and its picture `[3, s, s]` in about −1..1.
 ///
 /// # Errors
-/// When a weight is missing or mis-shaped, the device fails, or `found` returns an error.
+/// If a weight is missing or has the wrong shape, the device fails, or `found` returns an error.
 ///
 /// # Panics
-/// When a view does not exist.
+/// If a view does not exist.
 #[track_caller]
 pub fn decode(
     weights: &dyn Weights,

@@ -1,4 +1,5 @@
-//! All noised views at once to the noise in them: one spatial volume, then each view's frustum and denoiser.
+//! The multi-view denoiser: predicts the noise in all views from one spatial volume, its frustum volumes and a
+//! UNet.
 
 use gradreel::{Result, Tape, Tensor, Var};
 use serde::{Deserialize, Serialize};
@@ -17,23 +18,23 @@ pub struct DenoiserSizes {
     pub unet: UnetSizes,
     /// The volume side.
     pub volume: VolumeSizes,
-    /// The module that puts the object where the input image shows it; the published model has none.
+    /// The spatial-aware module, which aligns the object with the input image; the published model has none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub spatial_aware: Option<SpatialAwareSizes>,
-    /// What the UNet's result is; the noise itself in the published model.
+    /// Prediction target of the UNet; the published model predicts the noise.
     #[serde(default, skip_serializing_if = "Output::is_noise")]
     pub output: Output,
 }
 
-/// What the UNet's result is.
+/// Prediction target of the UNet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Output {
     /// The noise ε.
     #[default]
     Noise,
-    /// The clean latents x₀; the noise is `(x_t − √ᾱ x₀) / √(1 − ᾱ)`. A network of few channels then need not hand on the noise
-    /// of its input (Li and He 2025).
+    /// The clean latents x₀; the noise is `(x_t − √ᾱ x₀) / √(1 − ᾱ)`. A network of few channels then need not carry
+    /// the noise of its input through (Li and He 2025).
     Clean,
 }
 
@@ -51,19 +52,19 @@ impl DenoiserSizes {
     }
 }
 
-/// What the model knows about the input image.
+/// Conditioning on the input image.
 pub struct Condition {
     /// CLIP embedding `[b, 1, context]`.
     pub embedding: Var,
     /// Latent `[b, latent, w, w]`, not scaled by [`super::Coding::scale`].
     pub latent: Var,
-    /// Elevation of its camera in radians, one for each of the batch.
+    /// Elevation of its camera in radians, per sample.
     pub elevations: Vec<f64>,
-    /// Where the object is, for the spatial-aware module: one for each of the batch, or none at all.
+    /// Detections for the spatial-aware module: one per sample, or none at all.
     pub boxes: Vec<Option<Detection>>,
 }
 
-/// The trained parts of the diffusion: UNet, volume side, time embedding, projection of the context token.
+/// The trained parts of the diffusion: UNet, volume path, time embedding, projection of the context token.
 pub struct Denoiser {
     time: TimeEmbedding,
     volumes: VolumePath,
@@ -74,10 +75,10 @@ pub struct Denoiser {
 }
 
 impl Denoiser {
-    /// The model at a scope.
+    /// Builds the model from the weights at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// If a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, sizes: &DenoiserSizes) -> Result<Self> {
         let (time, context) = (sizes.volume.time, sizes.unet.context);
         let aware =
@@ -100,21 +101,21 @@ impl Denoiser {
     /// The context tokens `[b, 1, context]` for viewpoints `[b, 4]`.
     ///
     /// # Panics
-    /// When the sizes are not those of the model.
+    /// If the shapes do not match the sizes of the model.
     #[track_caller]
     pub fn tokens(&self, embedding: &Var, viewpoints: &Var) -> Var {
         let [batch, four] = viewpoints.dims()[..] else { panic!("viewpoints are [b, 4]") };
         self.projection.forward(&embedding.concat(&[&viewpoints.reshape([batch, 1, four])], 2))
     }
 
-    /// Prepares one evaluation: the spatial volumes of all noised views `[b, views, latent, w, w]`, with one diffusion time
-    /// for each of the batch.
+    /// Prepares one evaluation: the spatial volumes of all noised views `[b, views, latent, w, w]`, with one
+    /// diffusion time per sample.
     ///
     /// # Errors
-    /// When places or features cannot be moved where the views are.
+    /// If sampling positions or features cannot be moved to the views' device.
     ///
     /// # Panics
-    /// When the sizes are not those of the model.
+    /// If the shapes do not match the sizes of the model.
     #[track_caller]
     pub fn look(&self, noised: &Var, times: &[usize], condition: &Condition) -> Result<Look> {
         let times: Vec<f64> = times.iter().map(|t| *t as f64).collect();
@@ -139,14 +140,13 @@ impl Denoiser {
     }
 
     /// The noise in some views, `[targets.len(), latent, w, w]`, with classifier-free guidance of this strength (1:
-    /// none). `ε = ε_u + s (ε_c − ε_u)`; the unconditional branch sees a token of zeros, a latent of zeros and volumes of
-    /// zeros.
+    /// none). `ε = ε_u + s (ε_c − ε_u)`; the unconditional branch receives zeros for token, latent and volumes.
     ///
     /// # Errors
     /// As [`Denoiser::look`].
     ///
     /// # Panics
-    /// When a sample or view does not exist.
+    /// If a sample or view does not exist.
     #[track_caller]
     pub fn noise(&self, look: &Look, condition: &Condition, targets: &[Target], guidance: f64) -> Result<Var> {
         let predicted = self.predict(look, condition, targets, &[], guidance)?;
@@ -158,8 +158,8 @@ impl Denoiser {
         Ok(&(&of_targets(&look.noised, targets) - &(&predicted * &clean)) / &noise)
     }
 
-    /// The UNet's result for some views, where the model is not told all about some of them; `told` is empty or has one entry
-    /// for each target.
+    /// The UNet's output for some views with conditions dropped as in `told`, which is empty or has one entry per
+    /// target.
     #[track_caller]
     fn predict(
         &self,
@@ -194,17 +194,18 @@ impl Denoiser {
         Ok(&nothing + &(&(&conditional - &nothing) * guidance))
     }
 
-    /// The training loss of the published model: all views of each sample noised at one time, some views predicted (the
-    /// published training: one of each sample), mean squared error of what the UNet gives. Returns the loss and the prediction.
+    /// The training loss: all views of each sample are noised at one time, some views are predicted (one per sample
+    /// in the published training), and the loss is the mean squared error of the UNet's output. Returns the loss
+    /// and the prediction.
     ///
-    /// `x0` and `noise` are `[b, views, latent, w, w]`, with one time for each sample; targets of one sample are next to each
-    /// other. `told` says what the model is told of each target; empty: all of all.
+    /// `x0` and `noise` are `[b, views, latent, w, w]`, with one time per sample; targets of one sample must be
+    /// adjacent. `told` gives the conditions of each target; empty means all.
     ///
     /// # Errors
     /// As [`Denoiser::look`].
     ///
     /// # Panics
-    /// When the sizes are not those of the model, or a time or view does not exist.
+    /// If the shapes do not match the sizes of the model, or a time or view does not exist.
     #[track_caller]
     pub fn loss(
         &self,
@@ -235,7 +236,8 @@ pub struct Target {
     pub view: usize,
 }
 
-/// What the model is told of a sample in training. One that is to be guided must learn to do without (Ho and Salimans 2022).
+/// Conditions given to the model for a training sample. Classifier-free guidance requires training with dropped
+/// conditions (Ho and Salimans 2022).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Told {
     /// Everything.
@@ -264,7 +266,7 @@ impl Told {
     }
 }
 
-/// `x` with zeros for those of the batch that are not told it.
+/// `x` with zeros for those samples whose condition is dropped.
 fn where_told(x: &Var, told: &[Told], is_told: fn(Told) -> bool) -> Result<Var> {
     if told.iter().all(|one| is_told(*one)) {
         return Ok(x.clone());
@@ -275,7 +277,7 @@ fn where_told(x: &Var, told: &[Told], is_told: fn(Told) -> bool) -> Result<Var> 
     Ok(x * &super::constant(x, Tensor::from_vec(mask, shape))?)
 }
 
-/// What one evaluation of all views has seen.
+/// Precomputed state of one evaluation of all views.
 pub struct Look {
     noised: Var,
     times: Vec<f64>,
@@ -285,7 +287,7 @@ pub struct Look {
     pub volume: Var,
 }
 
-/// A [`Look`] as plain tensors, to be taken to other threads.
+/// A [`Look`] as plain tensors, which can be sent to other threads.
 pub(super) struct Sight {
     noised: Tensor,
     times: Vec<f64>,
@@ -321,7 +323,7 @@ impl Look {
     }
 }
 
-/// `√ᾱ` and `√(1 − ᾱ)` of some diffusion times, each `[n, 1, 1, 1]`, where `like` is.
+/// `√ᾱ` and `√(1 − ᾱ)` for some diffusion times, each `[n, 1, 1, 1]`, on the device of `like`.
 fn weights(like: &Var, times: &[f64]) -> Result<[Var; 2]> {
     let schedule = Schedule::published();
     let each = |which: usize| {
@@ -331,14 +333,14 @@ fn weights(like: &Var, times: &[f64]) -> Result<[Var; 2]> {
     Ok([each(0)?, each(1)?])
 }
 
-/// The targets' part of something that belongs to all views, `[b, views, …]` to `[n, …]`.
+/// Selects the targets of a per-view quantity: `[b, views, …]` to `[n, …]`.
 #[track_caller]
 fn of_targets(x: &Var, targets: &[Target]) -> Var {
     let each = |t: &Target| x.slice(0, t.sample..t.sample + 1).select(1, t.view);
     stacked(&targets.iter().map(each).collect::<Vec<_>>())
 }
 
-/// Some variables one after the other along the first axis.
+/// Concatenates variables along the first axis.
 #[track_caller]
 fn stacked(parts: &[Var]) -> Var {
     parts[0].concat(&parts[1..].iter().collect::<Vec<_>>(), 0)

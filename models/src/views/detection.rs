@@ -1,13 +1,13 @@
-//! Where the object is, as far as a detector and a film know it: what the spatial-aware module is told.
+//! Detected position of the object, the input of the spatial-aware module.
 
 use gradreel::{Error, ErrorKind, Key, Result};
 
 use super::{ImageBox, Ring};
 
-/// The object in the input image, and how far away it is, if that is known.
+/// The object in the input image, with its depth if known.
 ///
-/// A box alone tells the direction. The distance lifts it into space: the object is taken to be as deep as its box is wide or
-/// high, whichever is more.
+/// The box alone gives the direction only. With a depth it becomes a region in space; the object is assumed to be
+/// as deep as the longer side of its box.
 ///
 /// ```
 /// use gradreel_models::views::{Detection, ImageBox, Ring};
@@ -23,8 +23,8 @@ use super::{ImageBox, Ring};
 pub struct Detection {
     /// The box in the input image.
     pub bounds: ImageBox,
-    /// Depth of the object's middle along the axis of the input camera, in units of the model (the cube of voxels has
-    /// side 1); `None` where only the direction is known.
+    /// Depth of the object's centre along the axis of the input camera, in units of the model (the cube of voxels
+    /// has side 1); `None` if only the direction is known.
     pub depth: Option<f64>,
 }
 
@@ -35,7 +35,7 @@ impl From<ImageBox> for Detection {
 }
 
 impl Detection {
-    /// The least and the greatest depth of the object, with a margin in shares of the image.
+    /// Minimum and maximum depth of the object, with a margin as a share of the image.
     pub(super) fn depths(&self, ring: &Ring, margin: f64) -> Option<[f64; 2]> {
         let side = (0..2).map(|axis| self.bounds.high[axis] - self.bounds.low[axis]).fold(0.0, f64::max);
         self.depth.map(|middle| {
@@ -44,8 +44,8 @@ impl Detection {
         })
     }
 
-    /// With the sides of the box and the distance moved by normal numbers: `sides` in shares of the box, `depth` of the
-    /// distance.
+    /// With normal noise on the box's sides and the depth: standard deviation `sides` relative to the box, `depth`
+    /// relative to the depth.
     #[must_use]
     pub fn jittered(self, sides: f64, depth: f64, key: Key) -> Self {
         let bounds = self.bounds.jittered(sides, key);
@@ -54,13 +54,13 @@ impl Detection {
         Self { bounds, depth: self.depth.map(|middle| middle * (1.0 + depth * by).max(0.1)) }
     }
 
-    /// Refuses what is nowhere.
+    /// Rejects an invalid detection.
     pub(super) fn check(&self) -> Result<()> {
         self.bounds.check()?;
         self.depth.map_or(Ok(()), Self::check_depth)
     }
 
-    /// Refuses a depth that is none.
+    /// Rejects an invalid depth.
     pub(crate) fn check_depth(depth: f64) -> Result<()> {
         if depth > 0.0 && depth.is_finite() {
             return Ok(());

@@ -1,4 +1,4 @@
-//! The denoiser with as many views at once as memory allows.
+//! The denoiser with as many concurrent views as memory allows.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -15,11 +15,12 @@ use crate::layers::{Init, Scope, Weights};
 
 /// The multi-view denoiser as a [`Predictor`].
 ///
-/// On the CPU every view is evaluated by itself, so that its bits do not depend on how many run at once; these run side by
-/// side, each on its share of the threads. A network of small images keeps few threads busy: several views do better than
-/// one. All share the weights, which are not copied. On a GPU views that run at once are one batch.
+/// On the CPU every view is evaluated separately, so that its result is bitwise independent of the number of
+/// concurrent views, each of which runs on a share of the threads. Concurrent views use the CPU better than one
+/// view alone if the networks are small. They share the weights without copying. On a GPU concurrent views form one
+/// batch.
 ///
-/// Nothing is recorded and nothing kept for gradients.
+/// No gradients are recorded.
 pub struct Ensemble {
     sizes: DenoiserSizes,
     device: Device,
@@ -27,15 +28,15 @@ pub struct Ensemble {
     /// The denoiser of the calling thread.
     denoiser: Denoiser,
     weights: BTreeMap<String, Tensor>,
-    /// The threads of each view, where several run at once.
+    /// Thread pool per view, if several run concurrently.
     teams: Vec<ThreadPool>,
 }
 
 impl Ensemble {
-    /// The denoiser of some weights, with so many views at once (see [`super::MemoryEstimate::at_once`]).
+    /// Builds the denoiser with `at_once` concurrent views (see [`super::MemoryEstimate::at_once`]).
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped, or threads cannot be started.
+    /// If a weight is missing or has the wrong shape, or threads cannot be started.
     pub fn new(weights: &dyn Weights, sizes: &DenoiserSizes, device: &Device, at_once: usize) -> Result<Self> {
         let at_once = at_once.clamp(1, sizes.ring.views);
         let kept = Keeper { from: weights, kept: RefCell::default() };
@@ -45,7 +46,7 @@ impl Ensemble {
         Ok(Self { sizes: sizes.clone(), device: device.clone(), at_once, denoiser, weights, teams })
     }
 
-    /// Views that run at once.
+    /// Number of concurrent views.
     pub fn at_once(&self) -> usize {
         self.at_once
     }
@@ -55,7 +56,7 @@ impl Ensemble {
         &self.denoiser
     }
 
-    /// Groups of views as batches, on this thread.
+    /// Evaluates groups of views as batches on this thread.
     fn by_batches(
         &self,
         (look, condition): (&Look, &Condition),
@@ -74,7 +75,7 @@ impl Ensemble {
         Ok(())
     }
 
-    /// Views side by side, each on a team of threads.
+    /// Evaluates views concurrently, each on its own thread pool.
     fn by_teams(
         &self,
         look: &Look,
@@ -100,7 +101,7 @@ impl Ensemble {
                         while !stop.load(Ordering::Relaxed) {
                             let Some(&view) = views.get(next.fetch_add(1, Ordering::Relaxed)) else { break };
                             let noise = job.noise(&mut worker, view);
-                            // the receiver stays until every team is done
+                            // the receiver outlives all teams
                             let _ = sender.send((view, noise));
                         }
                     });
@@ -109,7 +110,7 @@ impl Ensemble {
             drop(sender);
             let mut outcome = Ok(());
             for (view, noise) in receiver {
-                // what came in after a fault is handed over all the same: it is work that was done
+                // views finished after a fault are delivered nevertheless, so that their work is not lost
                 if let Err(error) = noise.and_then(|noise| found(view, noise))
                     && outcome.is_ok()
                 {
@@ -146,7 +147,7 @@ impl Predictor for Ensemble {
     }
 }
 
-/// What the teams share.
+/// Data shared by the teams.
 struct Job<'a> {
     sizes: &'a DenoiserSizes,
     weights: &'a BTreeMap<String, Tensor>,
@@ -156,7 +157,7 @@ struct Job<'a> {
 }
 
 impl Job<'_> {
-    /// The noise in one view; `worker` is what a team makes for its first view.
+    /// The noise in one view; `worker` caches what a team builds for its first view.
     fn noise(&self, worker: &mut Option<(Denoiser, Look, Condition)>, view: usize) -> Result<Tensor> {
         let (denoiser, look, condition) = match worker {
             Some(made) => made,
@@ -172,7 +173,7 @@ impl Job<'_> {
     }
 }
 
-/// Threads for each of the views that run at once: their share of those of the calling thread's pool.
+/// One thread pool per concurrent view: equal shares of the calling pool's threads.
 fn teams(count: usize) -> Result<Vec<ThreadPool>> {
     let threads = (rayon::current_num_threads() / count).max(1);
     let team = |_| ThreadPoolBuilder::new().num_threads(threads).build();
@@ -180,7 +181,7 @@ fn teams(count: usize) -> Result<Vec<ThreadPool>> {
     teams.map_err(|e| Error::new(ErrorKind::Io, "cannot start threads").found(e).fix("lower the memory budget"))
 }
 
-/// Remembers every weight that a network asks for, without gradient.
+/// Caches every weight that a network requests, without gradient.
 struct Keeper<'a> {
     from: &'a dyn Weights,
     kept: RefCell<BTreeMap<String, Tensor>>,
@@ -194,7 +195,7 @@ impl Weights for Keeper<'_> {
     }
 }
 
-/// The remembered weights as constants of another tape.
+/// The cached weights as constants of another tape.
 struct Shared<'a> {
     tape: Tape,
     weights: &'a BTreeMap<String, Tensor>,

@@ -1,10 +1,10 @@
-//! Weights that are only read.
+//! Read-only weights.
 
 use gradreel::{Result, Shape, Var};
 
 use crate::layers::{Init, Weights};
 
-/// The weights of another source without their gradients, so that nothing is recorded for them.
+/// The weights of another source without gradients, so that nothing is recorded for them.
 pub(super) struct Frozen<'a>(pub &'a dyn Weights);
 
 impl Weights for Frozen<'_> {

@@ -1,4 +1,4 @@
-//! The 3D network on a target view's frustum, which hands a pyramid of volumes to the UNet.
+//! The 3D network on a target view's frustum, which supplies a pyramid of volumes to the UNet.
 
 use gradreel::{Result, Var};
 
@@ -17,7 +17,7 @@ pub struct FrustumSizes {
     pub view: usize,
 }
 
-/// An encoder and decoder on frustum volumes, told the time and the viewpoint at every stage.
+/// An encoder–decoder on frustum volumes, conditioned on time and viewpoint at every stage.
 pub struct FrustumNet {
     into: Convolution,
     down: [[Segment<Unit>; 2]; 3],
@@ -49,10 +49,10 @@ impl Unit {
 }
 
 impl FrustumNet {
-    /// The network at a scope.
+    /// Builds the network from the weights at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// If a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, sizes: FrustumSizes) -> Result<Self> {
         let widths = sizes.widths;
         let unit = |name: &str, inputs, outputs, stride| {
@@ -80,14 +80,14 @@ impl FrustumNet {
         })
     }
 
-    /// `x [b, inputs, d, h, w]`, time vectors `[b, time]` and viewpoint embeddings `[b, view]` to four volumes, the widest
-    /// first: `[b, widths[i], d/2ⁱ, h/2ⁱ, w/2ⁱ]`.
+    /// `x [b, inputs, d, h, w]`, time vectors `[b, time]` and viewpoint embeddings `[b, view]` to four volumes,
+    /// finest first: `[b, widths[i], d/2ⁱ, h/2ⁱ, w/2ⁱ]`.
     ///
     /// # Errors
     /// As [`Segment::run`].
     ///
     /// # Panics
-    /// When the sizes are not those of the network.
+    /// If the shapes do not match the sizes of the network.
     #[track_caller]
     pub fn forward(&self, x: &Var, time: &Var, view: &Var) -> Result<[Var; 4]> {
         let [time, view] = [time, view].map(|vectors| per_channel(vectors, 3));

@@ -1,16 +1,16 @@
-//! From a picture with a foreground mask to what the model sees: a square on white, in −1..1.
+//! Preparation of a masked picture as model input: a square on white, in −1..1.
 
 use gradreel::{Error, ErrorKind, Result, Tape, Tensor, Var};
 
 use super::Bicubic;
 
-/// Prepares an RGBA picture of `height` rows, alpha being the foreground mask: `[1, 3, size, size]` in −1..1.
+/// Prepares an RGBA picture of `height` rows, whose alpha is the foreground mask: `[1, 3, size, size]` in −1..1.
 ///
-/// With `crop`, the foreground's box is cut out and scaled so that its longer side has `crop` pixels, centred; the position
-/// of the object is lost. Without, the whole picture is centred in a square and scaled.
+/// With `crop`, the foreground's bounding box is cut out, scaled to a longer side of `crop` pixels and centred,
+/// which discards the object's position. Otherwise the whole picture is centred in a square and scaled.
 ///
 /// # Errors
-/// [`ErrorKind::Input`] when the bytes do not fill the rows, nothing is in the foreground, or a size is 0.
+/// [`ErrorKind::Input`] if the bytes do not fill the rows, the foreground is empty, or a size is 0.
 pub fn prepare(rgba: &[u8], height: usize, size: usize, crop: Option<usize>) -> Result<Tensor> {
     let refuse = |what: &str, found: String| Error::new(ErrorKind::Input, what.to_owned()).found(found);
     if height == 0 || rgba.is_empty() || !rgba.len().is_multiple_of(4 * height) || size == 0 || crop == Some(0) {
@@ -49,8 +49,8 @@ struct Picture {
 }
 
 impl Picture {
-    /// Left, top, right and bottom of the pixels with any alpha. The last row and column are left out, as in the published
-    /// preparation.
+    /// Left, top, right and bottom of the pixels with nonzero alpha. The last row and column are excluded, as in
+    /// the published preparation.
     fn foreground(&self) -> Option<[usize; 4]> {
         let seen = (0..self.width * self.height).filter(|i| self.rgba[4 * i + 3] > 0);
         let boxed = seen.fold(None, |found: Option<[usize; 4]>, i| {
@@ -69,7 +69,7 @@ impl Picture {
         Self { width, height, rgba: (0..height).flat_map(row).copied().collect() }
     }
 
-    /// The picture in the middle of a transparent square; what does not fit is cut off.
+    /// The picture centred in a transparent square; what exceeds the square is cropped.
     fn centred(&self, side: usize) -> Self {
         let mut rgba = vec![0; 4 * side * side];
         let [left, top] = [self.width, self.height].map(|own| (side as i64 - own as i64).div_euclid(2));
@@ -86,7 +86,7 @@ impl Picture {
         Self { width: side, height: side, rgba }
     }
 
-    /// Another size. Colours are weighted by alpha, so that what is behind the mask does not bleed in.
+    /// Resizes with colours weighted by alpha, so that masked pixels do not bleed in.
     fn resize(&self, width: usize, height: usize) -> Result<Self> {
         let area = self.width * self.height;
         let mut planes = vec![0.0; 4 * area];
@@ -97,7 +97,7 @@ impl Picture {
             }
             planes[3 * area + i] = alpha;
         }
-        // in whole grey levels between rows and columns, as image programs work
+        // rounded to whole grey levels between the two passes, as image programs do
         let tape = Tape::new();
         let level = |x: &Var| (x + 0.5).floor().clamp(0.0, 255.0);
         let planes = level(&tape.constant(Tensor::from_vec(planes, [1, 4, self.height, self.width])));

@@ -1,11 +1,11 @@
-//! A box around the object in an image: what the spatial-aware module is told of the object's place.
+//! Bounding box of the object in an image, as input of the spatial-aware module.
 
 use gradreel::{Error, ErrorKind, Key, Result, Tensor};
 use serde::{Deserialize, Serialize};
 
-/// A box in an image, in shares of the image's sides: (0, 0) is the left upper corner, (1, 1) the right lower one.
+/// A box in an image, as shares of the image's sides: (0, 0) is the upper left corner, (1, 1) the lower right.
 ///
-/// A pixel covers an area: the box of a mask ends after its last pixel.
+/// Pixels cover an area: the box of a mask ends after its last pixel.
 ///
 /// ```
 /// use gradreel_models::views::ImageBox;
@@ -25,10 +25,10 @@ pub struct ImageBox {
 }
 
 impl ImageBox {
-    /// The tight box of what is at least half covered; `None` if nothing is.
+    /// Tight bounding box of the pixels that are at least half covered; `None` if there are none.
     ///
     /// # Panics
-    /// When the rows are not `width` long.
+    /// If the rows are not `width` long.
     #[track_caller]
     pub fn of_coverage(coverage: &[f32], width: usize) -> Option<Self> {
         assert!(width > 0 && coverage.len().is_multiple_of(width), "{} pixels in rows of {width}", coverage.len());
@@ -46,13 +46,13 @@ impl ImageBox {
         })
     }
 
-    /// The tight box of what is not white in a picture `[1, 3, h, w]` in −1..1; `None` if all is white.
+    /// Tight bounding box of the non-white pixels of a picture `[1, 3, h, w]` in −1..1; `None` if all are white.
     ///
     /// # Errors
-    /// When the picture cannot be read.
+    /// If the picture cannot be read.
     ///
     /// # Panics
-    /// When the shape is another.
+    /// If the shape is not `[1, 3, h, w]`.
     #[track_caller]
     pub fn of_picture(picture: &Tensor) -> Result<Option<Self>> {
         let [1, 3, height, width] = picture.dims()[..] else { panic!("a picture is [1, 3, h, w]") };
@@ -61,13 +61,13 @@ impl ImageBox {
         Ok(Self::of_coverage(&coverage, width))
     }
 
-    /// Wider by a share of the image on every side.
+    /// Expanded on every side by a share of the image.
     #[must_use]
     pub fn padded(self, margin: f64) -> Self {
         Self { low: self.low.map(|x| x - margin), high: self.high.map(|x| x + margin) }
     }
 
-    /// With every side moved by a normal number of this deviation, in shares of the box: what a detector might have found.
+    /// With normal noise of this relative standard deviation on every side, which imitates a detector.
     #[must_use]
     pub fn jittered(self, deviation: f64, key: Key) -> Self {
         let moves: Vec<f64> = key.normal(4).collect();
@@ -80,12 +80,12 @@ impl ImageBox {
         Self { low: [x[0], y[0]], high: [x[1], y[1]] }
     }
 
-    /// The middle.
+    /// The centre.
     pub fn centre(&self) -> [f64; 2] {
         [0, 1].map(|axis| 0.5 * (self.low[axis] + self.high[axis]))
     }
 
-    /// Area of the intersection over that of the union.
+    /// Intersection over union.
     pub fn overlap(&self, other: &Self) -> f64 {
         let area = |low: [f64; 2], high: [f64; 2]| (high[0] - low[0]).max(0.0) * (high[1] - low[1]).max(0.0);
         let low = [0, 1].map(|axis| self.low[axis].max(other.low[axis]));
@@ -95,7 +95,7 @@ impl ImageBox {
         if all > 0.0 { common / all } else { 0.0 }
     }
 
-    /// Refuses what is no box.
+    /// Rejects an invalid box.
     pub(super) fn check(&self) -> Result<()> {
         let finite = self.low.iter().chain(&self.high).all(|x| x.is_finite());
         if finite && (0..2).all(|axis| self.low[axis] < self.high[axis]) {
@@ -109,7 +109,7 @@ impl ImageBox {
 
 /// Whether a pixel of a picture `[3, h, w]` in −1..1 belongs to an object on white.
 pub(super) fn not_white(values: &[f64], pixel: usize) -> bool {
-    /// How far a colour must be from white.
+    /// Minimum difference from white.
     const WHITE: f64 = 0.2;
     let area = values.len() / 3;
     (0..3).any(|c| values[c * area + pixel] < 1.0 - WHITE)

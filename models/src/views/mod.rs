@@ -1,5 +1,5 @@
-//! The unseen views: a multi-view latent diffusion model (SyncDreamer, Liu et al. 2023) whose parameter paths are those
-//! of the published checkpoint.
+//! Novel views: a multi-view latent diffusion model (SyncDreamer, Liu et al. 2023) with the parameter paths of the
+//! published checkpoint.
 //!
 //! ```text
 //! noised views → target encoder → un-projection → spatial net → frustum sampling → frustum net ─┐
@@ -7,12 +7,13 @@
 //!             → CLIP tower → token ──┴───────────────────────→ UNet ← depth-wise attention ←─────┘
 //! ```
 //!
-//! A run from a picture to its views: [`FileWeights`] gives the weights, [`Subject`] is what the model knows about the picture,
-//! [`Sampling`] the state of the run, which asks an [`Ensemble`] for the noise in the views, as many at once as [`MemoryEstimate`]
-//! allows; [`decode`] makes pictures of the latents.
+//! From a picture to its views: [`FileWeights`] supplies the weights, [`Subject`] is the conditioning on the
+//! picture, and [`Sampling`] is the state of a run. It requests the noise in the views from an [`Ensemble`], as
+//! many at once as [`MemoryEstimate`] allows; [`decode`] turns the latents into pictures.
 //!
-//! [`spatial_aware`] corrects the spatial volume such that the object is where the picture shows it. [`Training`] trains a model,
-//! published or [`ModelSizes::small`], or that module alone, on [`objects`] made here or read from files; [`Score`] says how well views agree.
+//! [`spatial_aware`] corrects the spatial volume such that the object is aligned with the picture. [`Training`]
+//! trains a model, published or [`ModelSizes::small`], or that module alone, on procedural [`objects`] or meshes
+//! from files; [`Score`] measures how well views agree.
 
 mod resize;
 mod image;
@@ -78,7 +79,7 @@ pub use weights::{FileWeights, Report};
 
 use gradreel::{Device, Result, Tensor, Var};
 
-/// A tensor on the tape, device and in the dtype of another.
+/// A constant on the tape and device and in the dtype of another variable.
 fn constant(like: &Var, value: Tensor) -> Result<Var> {
     Ok(like.tape().constant(value.cast(like.dtype())?.to_device(&like.device())?))
 }

@@ -1,4 +1,4 @@
-//! The whole published model and the names of its weights.
+//! The complete model and the names of its weights.
 
 use gradreel::{Result, Shape};
 use serde::{Deserialize, Serialize};
@@ -6,21 +6,21 @@ use serde::{Deserialize, Serialize};
 use super::{Autoencoder, AutoencoderSizes, ClipSizes, ClipTower, Coder, Coding, Denoiser, DenoiserSizes};
 use crate::layers::{Scope, listing};
 
-/// The sizes of the whole model. [`ModelSizes::to_json`] is how a file of weights says that it has others than the
-/// published ones.
+/// Sizes of the complete model. A weights file whose sizes differ from the published ones stores them as
+/// [`ModelSizes::to_json`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModelSizes {
     /// Pixels along a side of an image.
     pub image: usize,
-    /// Longer side of the object in the input image, in pixels of 256.
+    /// Longer side of the object in the input image, in pixels of a 256-pixel image.
     #[serde(default = "published_crop", skip_serializing_if = "is_published_crop")]
     pub crop: usize,
     /// The diffusion.
     pub denoiser: DenoiserSizes,
-    /// Between images and latents.
+    /// Image–latent coding.
     pub autoencoder: Coding,
-    /// The CLIP tower; without one the embedding of every image is zero.
+    /// The CLIP tower; without one, every image's embedding is zero.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clip: Option<ClipSizes>,
 }
@@ -49,14 +49,14 @@ impl ModelSizes {
     /// Path and shape of every weight that the model reads.
     ///
     /// # Errors
-    /// Never with sound sizes.
+    /// None for valid sizes.
     pub fn weights(&self) -> Result<Vec<(String, Shape)>> {
         listing(|scope| Model::new(scope, self))
     }
 }
 
-/// Entries of the published checkpoint that the model has no use for: tables that it computes itself, and the text side of
-/// CLIP.
+/// Entries of the published checkpoint that the model does not use: tables that it computes itself, and CLIP's text
+/// side.
 pub const UNUSED: &[&str] = &[
     "betas",
     "alphas",
@@ -76,21 +76,21 @@ pub const UNUSED: &[&str] = &[
     "clip_image_encoder.model.ln_final.bias",
 ];
 
-/// The whole model: a picture to the latents of its views.
+/// The complete model: from a picture to the latents of its views.
 pub struct Model {
     /// The diffusion.
     pub denoiser: Denoiser,
-    /// Between images and latents.
+    /// Image–latent coding.
     pub coder: Coder,
-    /// The image's embedding.
+    /// Image embedding.
     pub clip: Option<ClipTower>,
 }
 
 impl Model {
-    /// The model at a scope, under the published names.
+    /// Builds the model from the weights at a scope, under the published names.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// If a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, sizes: &ModelSizes) -> Result<Self> {
         Ok(Self {
             denoiser: Denoiser::new(scope, &sizes.denoiser)?,
@@ -99,10 +99,10 @@ impl Model {
         })
     }
 
-    /// What is between images and latents alone, of the whole model's scope.
+    /// The image–latent coder alone, from the complete model's scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// If a weight is missing or has the wrong shape.
     pub fn coder(scope: &Scope<'_>, sizes: &ModelSizes) -> Result<Coder> {
         Ok(match &sizes.autoencoder {
             Coding::Learned(sizes) => {
@@ -112,10 +112,10 @@ impl Model {
         })
     }
 
-    /// The CLIP tower alone, of the whole model's scope, if it has one.
+    /// The CLIP tower alone, from the complete model's scope, if there is one.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// If a weight is missing or has the wrong shape.
     pub fn clip(scope: &Scope<'_>, sizes: &ModelSizes) -> Result<Option<ClipTower>> {
         sizes.clip.map(|clip| ClipTower::new(&scope.at("clip_image_encoder.model.visual"), clip)).transpose()
     }

@@ -1,4 +1,4 @@
-//! The input picture from its file.
+//! Reading the input picture from a file.
 
 use std::path::Path;
 
@@ -7,15 +7,16 @@ use gradreel::{Error, ErrorKind, Result, Tensor};
 use super::prepare;
 use crate::video::{Image, from_white};
 
-/// Alpha from which on a pixel of a picture without transparency belongs to the object.
+/// Minimum estimated alpha of object pixels in a picture without an alpha channel.
 const SURE: f32 = 0.5;
 
 /// Reads a PNG or JPEG file and prepares it as [`prepare`] does: `[1, 3, size, size]` in −1..1, the object on white.
 ///
-/// The object is what the alpha channel marks; without transparency it is what is not white.
+/// The object is given by the alpha channel, or else is everything that is not white.
 ///
 /// # Errors
-/// [`ErrorKind::Input`] when the file cannot be decoded, has no foreground, or neither transparency nor a white background.
+/// [`ErrorKind::Input`] if the file cannot be decoded, has no foreground, or has neither an alpha channel nor a
+/// white background.
 pub fn open_picture(path: impl AsRef<Path>, size: usize, crop: Option<usize>) -> Result<Tensor> {
     let path = path.as_ref();
     let mut image = Image::read_any(path)?;
@@ -32,7 +33,7 @@ pub fn open_picture(path: impl AsRef<Path>, size: usize, crop: Option<usize>) ->
     prepare(image.pixels.as_flattened(), image.height, size, crop).map_err(|e| e.at(path.display()))
 }
 
-/// Makes what is white transparent.
+/// Makes the white background transparent.
 fn mask_white(image: &mut Image) -> Result<()> {
     let (_, alpha) = from_white(image);
     let (width, height) = (image.width, image.height);

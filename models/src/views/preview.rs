@@ -1,30 +1,30 @@
-//! Colours of latents without decoding them: a linear map that is fitted to the input picture.
+//! Preview of latents without decoding: a linear colour map fitted to the input picture.
 
 use faer::prelude::Solve;
 use faer::{Mat, Side};
 use gradreel::{Result, Tensor};
 
-/// Red, green and blue as linear functions of a pixel of a latent.
+/// Red, green and blue as linear functions of a latent cell.
 ///
-/// The autoencoder keeps colour almost linearly in its channels. Which map it is follows from any picture and its latent by
-/// least squares; the input picture has the very colours that the views will have.
+/// The autoencoder preserves colour almost linearly in its channels. The map is fitted by least squares to the
+/// input picture and its latent, since the views share the colours of this picture.
 #[derive(Debug, Clone)]
 pub struct LatentColours {
-    /// For each colour, the weights of the channels and a constant.
+    /// Per colour, the channel weights and a constant.
     weights: [Vec<f64>; 3],
-    /// What the latents of the diffusion are multiplied by.
+    /// Scale of the diffusion's latents.
     scale: f64,
 }
 
 impl LatentColours {
-    /// Fits the map to a picture `[1, 3, s, s]` and its latent `[1, latent, w, w]` (not scaled), `w` dividing `s`. Latents of the
-    /// diffusion are that one's times `scale` ([`super::Coding::scale`]).
+    /// Fits the map to a picture `[1, 3, s, s]` and its unscaled latent `[1, latent, w, w]`, where `w` divides `s`.
+    /// `scale` is the factor to the diffusion's latents ([`super::Coding::scale`]).
     ///
     /// # Errors
-    /// When the tensors cannot be read.
+    /// If the tensors cannot be read.
     ///
     /// # Panics
-    /// When the latent's width does not divide the picture's.
+    /// If the latent's width does not divide the picture's.
     #[track_caller]
     pub fn fit(picture: &Tensor, latent: &Tensor, scale: f64) -> Result<Self> {
         let (side, channels, width) = (picture.dims()[3], latent.dims()[1], latent.dims()[3]);
@@ -53,7 +53,7 @@ impl LatentColours {
                 }
             }
         }
-        // a picture of one colour says little: the rest stays near 0
+        // regularisation: a picture of one colour does not determine the map
         for i in 0..count {
             matrix[(i, i)] += 1e-3 * area as f64;
         }
@@ -67,10 +67,10 @@ impl LatentColours {
     /// The colours `[3, w, w]` in about −1..1 of each view of scaled latents `[1, views, latent, w, w]`.
     ///
     /// # Errors
-    /// When the latents cannot be read.
+    /// If the latents cannot be read.
     ///
     /// # Panics
-    /// When they have another number of channels than the map was fitted to.
+    /// If the number of channels differs from that of the fit.
     #[track_caller]
     pub fn paint(&self, latents: &Tensor) -> Result<Vec<Tensor>> {
         let [_, _, channels, height, width] = latents.dims()[..] else {
@@ -98,7 +98,7 @@ mod tests {
 
     #[test]
     fn a_linear_autoencoder_is_found_out() {
-        // a picture whose colours are linear in the latent: the map gives them back
+        // colours that are linear in the latent: the map reproduces them
         let latent: Vec<f32> = Key::new(1).normal(4 * 36).map(|z| z as f32).collect();
         let truth = [[0.3, -0.2, 0.1, 0.4, 0.05], [0.0, 0.5, -0.3, 0.1, -0.2], [-0.4, 0.1, 0.2, 0.2, 0.3]];
         let colour = |of: usize, cell: usize| {

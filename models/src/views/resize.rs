@@ -1,18 +1,19 @@
-//! Bicubic resizing as a linear map of rows and of columns, so that gradients pass through it.
+//! Differentiable bicubic resizing as a linear map of rows and of columns.
 
 use gradreel::{Result, Tensor, Var};
 
-/// Which bicubic filter: the two that the published tool chain mixes.
+/// Bicubic filter variants; the published tool chain uses both.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Bicubic {
     /// Corners aligned, a = −0.75, no anti-aliasing, edges repeated.
     Aligned,
-    /// Pixel areas aligned, a = −0.5, the support widened when shrinking, edges cut off (as image programs do).
+    /// Pixel areas aligned, a = −0.5, the support widened when shrinking and truncated at the edges (as image
+    /// programs do).
     Area,
 }
 
 impl Bicubic {
-    /// The weights of `from` samples in each of `to` results, by rows.
+    /// Weights of `from` samples in each of `to` outputs, row by row.
     fn weights(self, from: usize, to: usize) -> Vec<f64> {
         let mut weights = vec![0.0; from * to];
         for (i, row) in weights.chunks_exact_mut(from).enumerate() {
@@ -41,13 +42,13 @@ impl Bicubic {
         weights
     }
 
-    /// Images `[b, c, h, w]` at another size, `[b, c, height, width]`.
+    /// Resizes images `[b, c, h, w]` to `[b, c, height, width]`.
     ///
     /// # Errors
-    /// When the weights cannot be moved where the images are.
+    /// If the weights cannot be moved to the device of the images.
     ///
     /// # Panics
-    /// When the images have not four axes.
+    /// If the images do not have four axes.
     #[track_caller]
     pub fn resize(self, images: &Var, height: usize, width: usize) -> Result<Var> {
         let [batch, channels, rows, columns] = images.dims()[..] else {

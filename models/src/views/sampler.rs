@@ -1,17 +1,17 @@
-//! The sampler: a run of DDIM steps as a state that can be saved after any view and gone on with.
+//! The sampler: a DDIM run as a state that can be saved after any view and resumed.
 
 use gradreel::{DType, Error, ErrorKind, Key, Result, Shape, Tape, Tensor, Var};
 
 use super::{Ddim, Schedule, Subject, on_cpu};
 
-/// What decides the result of a run, beside the model and the picture.
+/// Settings that determine a run's result, besides model and picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SamplerSettings {
-    /// Steps asked for; where they do not divide 1000 there are somewhat more (see [`Ddim::new`]).
+    /// Requested steps; if they do not divide 1000, there are slightly more (see [`Ddim::new`]).
     pub steps: usize,
-    /// Strength of the classifier-free guidance; 1: none, at half the work.
+    /// Strength of the classifier-free guidance; 1 disables it and halves the cost.
     pub guidance: f64,
-    /// The same seed gives the same views, whatever the number of threads and of views at once.
+    /// Random seed. The result does not depend on the number of threads or of concurrent views.
     pub seed: u64,
 }
 
@@ -23,15 +23,15 @@ impl Default for SamplerSettings {
 }
 
 impl SamplerSettings {
-    /// The key of the noise in the latent of the input picture.
+    /// Key of the noise in the input picture's latent.
     pub fn picture_key(&self) -> Key {
         self.keys()[0]
     }
 
-    /// Whether a run can be made with them.
+    /// Validates the settings.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] when a setting makes no sense.
+    /// [`ErrorKind::Input`] for an invalid setting.
     pub fn check(&self) -> Result<()> {
         if !self.guidance.is_finite() {
             return Err(Error::new(ErrorKind::Input, "the guidance is not a number")
@@ -42,17 +42,17 @@ impl SamplerSettings {
         Ddim::new(&Schedule::published(), self.steps).map(|_| ())
     }
 
-    /// Of the noise in the picture's latent, the first latents, and the noise of the steps.
+    /// Keys of the picture's latent, of the initial latents, and of the steps.
     fn keys(&self) -> [Key; 3] {
         Key::new(self.seed).split()
     }
 }
 
-/// One evaluation of the model that a [`Predictor`] is asked for.
+/// One model evaluation requested from a [`Predictor`].
 pub struct Moment<'a> {
     /// All noised views `[1, views, latent, w, w]`, on the CPU.
     pub latents: &'a Tensor,
-    /// The step, counted down to 0.
+    /// Index of the step, counted down to 0.
     pub index: usize,
     /// The diffusion time.
     pub time: usize,
@@ -62,13 +62,13 @@ pub struct Moment<'a> {
     pub guidance: f64,
 }
 
-/// What predicts the noise in noised views: [`super::Ensemble`], or a stand-in of a test.
+/// Predicts the noise in noised views: [`super::Ensemble`], or a stub in a test.
 pub trait Predictor {
-    /// Predicts the noise `[1, latent, w, w]` of some views and hands each to `found` with its number, in any order, on the
-    /// CPU. Ends with the error that `found` returns, if it does.
+    /// Predicts the noise `[1, latent, w, w]` of some views and passes each with its index to `found`, in any
+    /// order, on the CPU. Returns the first error of `found`, if any.
     ///
     /// # Errors
-    /// When the model cannot be evaluated.
+    /// If the model cannot be evaluated.
     fn predict(
         &self,
         moment: &Moment<'_>,
@@ -76,14 +76,14 @@ pub trait Predictor {
         found: &mut dyn FnMut(usize, Tensor) -> Result<()>,
     ) -> Result<()>;
 
-    /// Whether the result of a run is the clean latents that its last step estimates. Otherwise it is those of diffusion time 0 with
-    /// their little noise, as published.
+    /// Whether the result of a run is the last step's estimate of the clean latents. Otherwise it is the latents at
+    /// diffusion time 0, including their residual noise, as published.
     fn ends_clean(&self) -> bool {
         false
     }
 }
 
-/// A run of the sampler: noised latents of all views, and what is known of the next step.
+/// A run of the sampler: noised latents of all views, and the known predictions of the next step.
 ///
 /// ```
 /// use gradreel::{DType, Key, Result, Tensor};
@@ -126,29 +126,29 @@ pub struct Sampling {
     pub(super) ddim: Ddim,
     /// `[1, views, latent, w, w]`
     pub(super) latents: Tensor,
-    /// Steps that are done.
+    /// Completed steps.
     pub(super) done: usize,
-    /// The noise of the views that are known already of the next step.
+    /// Known noise predictions of the next step, per view.
     pub(super) predicted: Vec<Option<Tensor>>,
-    /// The estimate of the clean latents that the last step made.
+    /// Estimate of the clean latents from the last step.
     clean: Option<Tensor>,
 }
 
 impl Sampling {
-    /// A run for a picture, from noise in so many views.
+    /// Starts a run for a picture from noise in `views` views.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] when a setting makes no sense.
+    /// [`ErrorKind::Input`] for an invalid setting.
     pub fn begin(subject: Subject, settings: SamplerSettings, views: usize) -> Result<Self> {
         let key = settings.keys()[1];
         let latents = noise(key, views, subject.latent.shape(), subject.latent.dtype())?;
         Self::begin_from(subject, settings, latents)
     }
 
-    /// A run from given latents `[1, views, latent, w, w]`.
+    /// Starts a run from given latents `[1, views, latent, w, w]`.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] when a setting makes no sense.
+    /// [`ErrorKind::Input`] for an invalid setting.
     pub fn begin_from(subject: Subject, settings: SamplerSettings, latents: Tensor) -> Result<Self> {
         let refuse = |what: &str, found: String, wanted: &str| {
             Err(Error::new(ErrorKind::Input, what).found(found).wanted(wanted).fix("choose another value"))
@@ -176,13 +176,13 @@ impl Sampling {
         &self.settings
     }
 
-    /// The latents `[1, views, latent, w, w]` as they are; the result when the run is finished.
+    /// Current latents `[1, views, latent, w, w]`; the result once the run is finished.
     pub fn latents(&self) -> &Tensor {
         &self.latents
     }
 
-    /// The clean latents that the last step estimated; `None` before the first, and right after the run was read from a
-    /// file.
+    /// Clean latents as estimated by the last step; `None` before the first step and right after reading a run from
+    /// a file.
     pub fn clean(&self) -> Option<&Tensor> {
         self.clean.as_ref()
     }
@@ -192,17 +192,17 @@ impl Sampling {
         self.predicted.len()
     }
 
-    /// Steps that are done.
+    /// Number of completed steps.
     pub fn done(&self) -> usize {
         self.done
     }
 
-    /// Steps in all.
+    /// Total number of steps.
     pub fn steps(&self) -> usize {
         self.ddim.len()
     }
 
-    /// Views that are known already of the next step.
+    /// Number of views whose prediction for the next step is known.
     pub fn known(&self) -> usize {
         self.predicted.iter().flatten().count()
     }
@@ -212,14 +212,14 @@ impl Sampling {
         self.done == self.steps()
     }
 
-    /// Predicts what is not known yet of the next step. `watch` is called with the number of known views after each; an
-    /// error that it returns ends the work and loses nothing that is known.
+    /// Predicts the missing views of the next step. `watch` is called after each with the number of known views; an
+    /// error from it ends the call without losing known predictions.
     ///
     /// # Errors
-    /// What the predictor or `watch` returns; [`ErrorKind::NonFinite`] when a prediction holds NaN or infinity.
+    /// Those of the predictor or `watch`; [`ErrorKind::NonFinite`] if a prediction contains NaN or infinity.
     ///
     /// # Panics
-    /// When the run is finished, or a prediction has another shape than a view.
+    /// If the run is finished, or a prediction does not have the shape of a view.
     #[track_caller]
     pub fn predict(&mut self, predictor: &dyn Predictor, watch: &mut dyn FnMut(usize) -> Result<()>) -> Result<()> {
         let index = self.index();
@@ -242,13 +242,14 @@ impl Sampling {
         })
     }
 
-    /// Ends a step whose predictions are all known with given noise, of the shape of the latents; the last step adds none.
+    /// Completes a step whose predictions are all known, with given noise in the shape of the latents; the last
+    /// step adds none.
     ///
     /// # Errors
-    /// When the tape reports a fault.
+    /// If the tape reports a fault.
     ///
     /// # Panics
-    /// When a prediction is missing.
+    /// If a prediction is missing.
     #[track_caller]
     pub fn update(&mut self, noise: &Tensor) -> Result<()> {
         let (index, tape) = (self.index(), Tape::new());
@@ -264,13 +265,14 @@ impl Sampling {
         Ok(())
     }
 
-    /// One step: predicts all views and goes on with noise of the run's seed. `watch` is as in [`Sampling::predict`].
+    /// One step: predicts all views and updates the latents with noise from the run's seed. `watch` is as in
+    /// [`Sampling::predict`].
     ///
     /// # Errors
     /// As [`Sampling::predict`] and [`Sampling::update`].
     ///
     /// # Panics
-    /// When the run is finished.
+    /// If the run is finished.
     #[track_caller]
     pub fn step(&mut self, predictor: &dyn Predictor, watch: &mut dyn FnMut(usize) -> Result<()>) -> Result<()> {
         self.predict(predictor, watch)?;
@@ -291,7 +293,7 @@ impl Sampling {
     }
 }
 
-/// Normal numbers `[1, views, ..latent]`, those of each view from a key of its own.
+/// Normal noise `[1, views, ..latent]` with one key per view.
 fn noise(key: Key, views: usize, latent: &Shape, dtype: DType) -> Result<Tensor> {
     let tape = Tape::new();
     let each: Vec<Tensor> =
@@ -304,7 +306,7 @@ fn noise(key: Key, views: usize, latent: &Shape, dtype: DType) -> Result<Tensor>
     Ok(on_cpu(&side_by_side(&tape, &each))?.reshape(shape))
 }
 
-/// Tensors one after the other along the first axis.
+/// Concatenates tensors along the first axis.
 fn side_by_side(tape: &Tape, parts: &[Tensor]) -> Var {
     let parts: Vec<Var> = parts.iter().map(|part| tape.constant(part.clone())).collect();
     parts[0].concat(&parts[1..].iter().collect::<Vec<_>>(), 0)

@@ -1,4 +1,4 @@
-//! A run of the sampler in a file.
+//! Saving a sampler run to a file.
 
 use gradreel::io::TensorFile;
 use gradreel::{DType, Error, ErrorKind, Result, Tensor};
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Detection, ImageBox, SamplerSettings, Sampling, Subject};
 
-/// The key of the whole numbers in the file's metadata.
+/// Metadata key of the integers.
 const METADATA: &str = "gradreel.sampling";
 
 #[derive(Serialize, Deserialize)]
@@ -18,9 +18,9 @@ struct Numbers {
 }
 
 impl Sampling {
-    /// Everything that the run needs to go on, predictions of an unfinished step included: `latents`, `embedding`,
-    /// `latent`, `elevation`, `seen` (left, top, right, bottom of the box and
-    /// the depth of the object, as far as they are known), `guidance`, `predicted.<view>`, and whole numbers in the metadata.
+    /// The complete state for resuming the run, including predictions of an unfinished step: `latents`,
+    /// `embedding`, `latent`, `elevation`, `seen` (left, top, right and bottom of the box, and the object's depth,
+    /// if known), `guidance`, `predicted.<view>`, and integers in the metadata.
     pub fn to_file(&self) -> TensorFile {
         let mut file = TensorFile::default();
         let Self { subject, settings: SamplerSettings { steps, guidance, seed }, done, .. } = self;
@@ -31,7 +31,7 @@ impl Sampling {
         put("latents", &self.latents);
         put("embedding", &subject.embedding);
         put("latent", &subject.latent);
-        // as tensors: decimal text may lose the last bit
+        // stored as tensors, since decimal text may lose the last bit
         put("elevation", &Tensor::from_vec(vec![subject.elevation], [1]));
         put("guidance", &Tensor::from_vec(vec![*guidance], [1]));
         if let Some(Detection { bounds: ImageBox { low, high }, depth }) = subject.seen {
@@ -46,10 +46,10 @@ impl Sampling {
         file
     }
 
-    /// The run that [`Sampling::to_file`] wrote; it goes on with identical bits.
+    /// Restores a run written by [`Sampling::to_file`]; it continues bitwise identically.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] when something is missing or does not belong together.
+    /// [`ErrorKind::Input`] if an entry is missing or inconsistent.
     pub fn from_file(file: &TensorFile) -> Result<Self> {
         let damaged = |what: &str, found: String| {
             Error::new(ErrorKind::Input, "this is not the state of a sampler")

@@ -1,18 +1,18 @@
-//! Noise by diffusion time, and the deterministic part of a DDIM step (Ho et al. 2020; Song et al. 2021).
+//! Noise schedule, and the deterministic part of a DDIM step (Ho et al. 2020; Song et al. 2021).
 
 use gradreel::{Error, ErrorKind, Result, Tensor, Var};
 
 /// Number of diffusion times of the training process.
 pub const TIMES: usize = 1000;
 
-/// The noise schedule. Tables are in `f32` and evaluated as the published buffers were.
+/// The noise schedule. Tables are in `f32` and computed in the same order as the published buffers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Schedule {
     /// Variance of the noise added at each time.
     pub betas: Vec<f32>,
     /// `1 − β`
     pub alphas: Vec<f32>,
-    /// ᾱ, the running product of `alphas`: the share of the signal that is left.
+    /// ᾱ, the cumulative product of `alphas`: the remaining signal power.
     pub alphas_cumprod: Vec<f32>,
 }
 
@@ -30,7 +30,7 @@ impl Schedule {
         Self::new((0..TIMES).map(|t| (root(t) * root(t)) as f32).collect())
     }
 
-    /// The schedule of some variances.
+    /// The schedule for given variances.
     pub fn new(betas: Vec<f32>) -> Self {
         let alphas: Vec<f32> = betas.iter().map(|b| 1.0 - b).collect();
         let product = alphas.iter().scan(1.0f32, |product, a| {
@@ -46,13 +46,13 @@ impl Schedule {
         [f64::from(left.sqrt()), f64::from((1.0 - left).sqrt())]
     }
 
-    /// `x_t = √ᾱ_t x₀ + √(1 − ᾱ_t) ε`, with one time for each of the batch.
+    /// `x_t = √ᾱ_t x₀ + √(1 − ᾱ_t) ε`, with one time per sample.
     ///
     /// # Errors
-    /// When the weights cannot be moved where `x0` is.
+    /// If the weights cannot be moved to the device of `x0`.
     ///
     /// # Panics
-    /// When there are not as many times as samples, or a time does not exist.
+    /// If the number of times differs from the number of samples, or a time does not exist.
     #[track_caller]
     pub fn add_noise(&self, x0: &Var, noise: &Var, times: &[usize]) -> Result<Var> {
         assert_eq!(times.len(), x0.dims()[0], "add_noise: one time for each sample");
@@ -66,22 +66,22 @@ impl Schedule {
     }
 }
 
-/// The times and weights of a DDIM run of some number of steps with η = 1.
+/// Times and weights of a DDIM run with η = 1.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ddim {
     /// Diffusion time of each index; a run goes from the last index to 0.
     pub times: Vec<usize>,
     /// ᾱ at each index.
     pub alphas: Vec<f32>,
-    /// ᾱ at the index before; ᾱ₀ for index 0.
+    /// ᾱ at the preceding index; ᾱ₀ for index 0.
     pub alphas_prev: Vec<f32>,
-    /// Standard deviation of the fresh noise of each step.
+    /// Standard deviation of the noise added in each step.
     pub sigmas: Vec<f32>,
 }
 
 impl Ddim {
-    /// The table for `steps` steps: times 1, 1 + c, 1 + 2c, … with `c = ⌊1000 / steps⌋`. Where `steps` does not divide 1000
-    /// there are `⌈1000 / c⌉` of them.
+    /// The table for `steps` steps: times 1, 1 + c, 1 + 2c, … with `c = ⌊1000 / steps⌋`. If `steps` does not divide
+    /// 1000, there are `⌈1000 / c⌉` steps.
     ///
     /// # Errors
     /// [`ErrorKind::Input`] when `steps` is not within 1..=1000.
@@ -93,13 +93,13 @@ impl Ddim {
                 .wanted(format!("1 to {count}"))
                 .fix("50 is usual, 200 is thorough"));
         }
-        // the last time is one past a multiple, and must still exist
+        // the last time is one past a multiple and is clamped to the table
         let times: Vec<usize> = (0..count).step_by(count / steps).map(|t| (t + 1).min(count - 1)).collect();
         let alphas: Vec<f32> = times.iter().map(|t| schedule.alphas_cumprod[*t]).collect();
         let mut alphas_prev = vec![schedule.alphas_cumprod[0]];
         alphas_prev.extend(&alphas[..alphas.len() - 1]);
         let sigmas = alphas.iter().zip(&alphas_prev).map(|(&a, &before)| {
-            // the difference of the earlier one is rounded to f32 first, as in the published tables
+            // 1 − ᾱ' is rounded to f32 first, as in the published tables
             let (a, before, noise) = (f64::from(a), f64::from(before), f64::from(1.0 - before));
             (noise / (1.0 - a) * (1.0 - a / before)).sqrt() as f32
         });
@@ -111,28 +111,28 @@ impl Ddim {
         self.times.len()
     }
 
-    /// Whether there are none; there never are.
+    /// Whether there are no steps; always false.
     pub fn is_empty(&self) -> bool {
         self.times.is_empty()
     }
 
-    /// The estimate of the clean latents that a predicted noise ε means: `x₀ = (x − √(1−ᾱ) ε) / √ᾱ`.
+    /// Estimate of the clean latents given a predicted noise ε: `x₀ = (x − √(1−ᾱ) ε) / √ᾱ`.
     ///
     /// # Panics
-    /// When the index does not exist or the shapes differ.
+    /// If the index does not exist or the shapes differ.
     #[track_caller]
     pub fn clean(&self, index: usize, x: &Var, predicted: &Var) -> Var {
         let a = self.alphas[index];
         &(x - &(predicted * f64::from((1.0 - a).sqrt()))) / f64::from(a.sqrt())
     }
 
-    /// One step: from `x` at an index, with the predicted noise ε and fresh noise, to the index before. The last step
-    /// (index 0) adds no noise.
+    /// One step from `x` at `index` to the preceding index, with the predicted noise ε and fresh noise z. The last
+    /// step (index 0) adds no noise.
     ///
     /// `x' = √ᾱ' x₀ + √(1 − ᾱ' − σ²) ε + σ z`, with x₀ of [`Ddim::clean`]
     ///
     /// # Panics
-    /// When the index does not exist or the shapes differ.
+    /// If the index does not exist or the shapes differ.
     #[track_caller]
     pub fn step(&self, index: usize, x: &Var, predicted: &Var, noise: &Var) -> Var {
         let [before, sigma] = [self.alphas_prev[index], self.sigmas[index]];

@@ -1,4 +1,4 @@
-//! How well a generated view agrees with the true one.
+//! Agreement of a generated view with the true one.
 
 use gradreel::{Result, Tensor};
 
@@ -9,11 +9,11 @@ use super::objects::View;
 /// Agreement of one view, or the mean of several.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Score {
-    /// Distance between the middles of the boxes around the object, in shares of the image's side.
+    /// Distance between the centres of the object's boxes, as a share of the image's side.
     pub centre: f64,
     /// Intersection over union of these boxes.
     pub overlap: f64,
-    /// Peak signal-to-noise ratio of the colours \[dB\]; identical pictures have 100.
+    /// Peak signal-to-noise ratio of the colours \[dB\]; 100 for identical pictures.
     pub psnr: f64,
     /// Intersection over union of the silhouettes.
     pub silhouette: f64,
@@ -22,14 +22,14 @@ pub struct Score {
 impl Score {
     /// Compares a generated picture `[3, s, s]` in about −1..1 with a true view of the same size.
     ///
-    /// The object of the generated picture is its largest connected part that is not white. A picture that shows nothing
-    /// counts as one with a point in the middle.
+    /// The object in the generated picture is its largest connected non-white region. An empty picture counts as a
+    /// single point in the centre.
     ///
     /// # Errors
-    /// When the picture cannot be read.
+    /// If the picture cannot be read.
     ///
     /// # Panics
-    /// When the sizes differ.
+    /// If the sizes differ.
     #[track_caller]
     pub fn of(found: &Tensor, truth: &View) -> Result<Self> {
         let (size, area) = (truth.size, truth.size * truth.size);
@@ -54,7 +54,7 @@ impl Score {
         })
     }
 
-    /// The mean of some.
+    /// Mean of several scores.
     pub fn mean(scores: &[Self]) -> Self {
         let count = scores.len().max(1) as f64;
         let of = |part: fn(&Self) -> f64| scores.iter().map(part).sum::<f64>() / count;
@@ -67,7 +67,7 @@ impl Score {
     }
 }
 
-/// The largest part of a mask whose pixels touch along their sides.
+/// The largest 4-connected region of a mask.
 fn largest_part(mask: &[bool], width: usize) -> Vec<bool> {
     let mut part_of = vec![0usize; mask.len()];
     let (mut parts, mut best) = (0, (0, 0));
@@ -118,12 +118,12 @@ mod tests {
         let picture = |view: &View| Tensor::from_vec(view.colours.clone(), [3, 16, 16]);
         let same = Score::of(&picture(&truth), &truth).unwrap();
         assert_eq!((same.centre, same.overlap, same.psnr, same.silhouette), (0.0, 1.0, 100.0, 1.0));
-        // three pixels to the right: 5 of 11 columns are common
+        // three pixels to the right: 5 of 11 columns overlap
         let moved = Score::of(&picture(&square([7, 4], 8, -1.0)), &truth).unwrap();
         assert!((moved.centre - 3.0 / 16.0).abs() < 1e-12);
         assert!((moved.overlap - 5.0 / 11.0).abs() < 1e-12 && (moved.silhouette - 5.0 / 11.0).abs() < 1e-12);
         assert!((moved.psnr + 10.0 * (48.0 / 256.0f64).log10()).abs() < 1e-9);
-        // a speck far away is no part of the object
+        // a distant speck is not part of the object
         let mut speck = truth.clone();
         speck.colours[16 * 16 - 1] = -1.0;
         let found = Score::of(&picture(&speck), &truth).unwrap();

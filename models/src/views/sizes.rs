@@ -1,15 +1,15 @@
-//! The sizes of a model as a file of weights states them, and whether they make a model.
+//! Reading, writing and validating the model sizes stored in a weights file.
 
 use gradreel::{Error, ErrorKind, Result};
 
 use super::{AutoencoderSizes, ClipSizes, Coding, DenoiserSizes, ModelSizes, Output, Patches, Ring, SpatialAwareSizes};
 use super::{SamplerSettings, UnetSizes, VolumeSizes};
 
-/// Greatest size that is believed.
+/// Maximum accepted size.
 const MOST: usize = 1 << 16;
 
 impl ModelSizes {
-    /// The key under which a safetensors file's metadata hold the sizes of its model.
+    /// Metadata key of the model sizes in a safetensors file.
     pub const METADATA: &str = "gradreel.sizes";
 
     /// The sizes as JSON.
@@ -27,7 +27,7 @@ impl ModelSizes {
     /// Reads what [`ModelSizes::to_json`] writes.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] for other text, or sizes of which no model can be made.
+    /// [`ErrorKind::Input`] for invalid text or invalid sizes.
     pub fn from_json(text: &str) -> Result<Self> {
         let sizes: Self = serde_json::from_str(text).map_err(|e| {
             Error::new(ErrorKind::Input, "cannot read the sizes of a model")
@@ -46,9 +46,9 @@ impl ModelSizes {
         self.image / self.autoencoder.factor().max(1)
     }
 
-    /// How a model of these sizes is sampled unless told otherwise: the published one in 50 steps with guidance 2, one of clean
-    /// latents in a dozen without guidance. (It knows at once where the object is; more steps make it smaller, with noise that
-    /// each of them adds.)
+    /// Default sampler settings: 50 steps with guidance 2 for the published model; a dozen steps without guidance
+    /// for one that predicts clean latents. Such a model places the object in the first steps; each further step
+    /// adds noise that shrinks it.
     pub fn sampler(&self) -> SamplerSettings {
         match self.denoiser.output {
             Output::Noise => SamplerSettings::default(),
@@ -56,8 +56,8 @@ impl ModelSizes {
         }
     }
 
-    /// A model of 64² pixels that a processor can train and run: patches of pixels in place of an autoencoder, no CLIP tower,
-    /// and a spatial-aware module. The cameras are the published ones.
+    /// A model of 64² pixels that can be trained and run on a CPU: pixel patches instead of an autoencoder, no CLIP
+    /// tower, and a spatial-aware module. The cameras are the published ones.
     pub fn small() -> Self {
         let (volumes, channels) = ([32, 32, 48, 48], 48);
         let volume = VolumeSizes {
@@ -89,10 +89,10 @@ impl ModelSizes {
         }
     }
 
-    /// Whether a model can be made of these sizes.
+    /// Validates the sizes.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] with the size that does not fit, and why.
+    /// [`ErrorKind::Input`] naming the invalid size and the reason.
     pub fn check(&self) -> Result<()> {
         let Self { image, crop, denoiser, autoencoder, clip } = self;
         let (ring, unet, volume) = (&denoiser.ring, &denoiser.unet, &denoiser.volume);
@@ -108,7 +108,7 @@ impl ModelSizes {
             ("denoiser.volume.voxels", volume.voxels),
             ("denoiser.volume.depth", volume.depth),
         ];
-        // normalisation by 32 groups in the UNet and the autoencoder, by 8 on the volume side
+        // group normalisation uses 32 groups in the UNet and the autoencoder, 8 on the volume path
         let mut groups: Vec<(&str, Vec<usize>, usize)> = vec![
             ("denoiser.unet.base", vec![unet.base], 32),
             ("denoiser.volume.spatial", volume.spatial.to_vec(), 8),

@@ -1,4 +1,4 @@
-//! The 3D network that makes one spatial volume of all un-projected views.
+//! The 3D network that fuses all un-projected views into one spatial volume.
 
 use gradreel::{Result, Var};
 
@@ -15,7 +15,7 @@ pub struct SpatialSizes {
     pub time: usize,
 }
 
-/// An encoder and decoder on volumes, told the time at every stage; skips are sums.
+/// An encoder–decoder on volumes with additive skips, conditioned on time at every stage.
 pub struct SpatialNet {
     into: Convolution,
     first: Segment<Unit>,
@@ -53,10 +53,10 @@ impl Unit {
 }
 
 impl SpatialNet {
-    /// The network at a scope.
+    /// Builds the network from the weights at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// If a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, sizes: SpatialSizes) -> Result<Self> {
         let SpatialSizes { inputs, widths, time } = sizes;
         let unit = |name: &str, inputs, outputs, stride| {
@@ -89,7 +89,7 @@ impl SpatialNet {
     /// As [`Segment::run`].
     ///
     /// # Panics
-    /// When the sizes are not those of the network.
+    /// If the shapes do not match the sizes of the network.
     #[track_caller]
     pub fn forward(&self, x: &Var, time: &Var) -> Result<Var> {
         let time = per_channel(time, 3);

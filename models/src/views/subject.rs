@@ -1,4 +1,4 @@
-//! What the model knows about the input picture.
+//! Conditioning of the sampler on the input picture.
 
 use gradreel::{Device, Key, Result, Tape, Tensor, Var};
 
@@ -6,7 +6,7 @@ use super::frozen::Frozen;
 use super::{Bicubic, ClipTower, Condition, Detection, ImageBox, Model, ModelSizes, on_cpu};
 use crate::layers::{Scope, Weights};
 
-/// The input picture as the sampler sees it, in plain tensors on the CPU.
+/// The encoded input picture, as plain tensors on the CPU.
 #[derive(Debug, Clone)]
 pub struct Subject {
     /// CLIP embedding `[1, 1, context]`.
@@ -15,20 +15,20 @@ pub struct Subject {
     pub latent: Tensor,
     /// Elevation of its camera in radians.
     pub elevation: f64,
-    /// Where the object is, for a model that places it where the picture shows it.
+    /// Detection of the object, for a model with a spatial-aware module.
     pub seen: Option<Detection>,
 }
 
 impl Subject {
-    /// Embeds and encodes a picture `[1, 3, s, s]` in −1..1 (see [`super::prepare`]) that was taken from this elevation in
-    /// radians. The latent is a sample of the encoder's distribution, with noise of this key. A model with a spatial-aware
-    /// module is told the box of what is not white.
+    /// Embeds and encodes a picture `[1, 3, s, s]` in −1..1 (see [`super::prepare`]) taken from this elevation in
+    /// radians. The latent is sampled from the encoder's distribution with noise from `key`. A model with a
+    /// spatial-aware module receives the bounding box of the non-white pixels.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped, or the device fails.
+    /// If a weight is missing or has the wrong shape, or the device fails.
     ///
     /// # Panics
-    /// When the picture has not the size of the model.
+    /// If the picture does not have the size of the model.
     #[track_caller]
     pub fn encode(
         weights: &dyn Weights,
@@ -55,7 +55,7 @@ impl Subject {
     /// The condition of a denoiser on a tape and device.
     ///
     /// # Errors
-    /// When the tensors cannot be moved there.
+    /// If the tensors cannot be moved there.
     pub fn condition(&self, tape: &Tape, device: &Device) -> Result<Condition> {
         Ok(Condition {
             embedding: tape.constant(self.embedding.to_device(device)?),
@@ -66,7 +66,7 @@ impl Subject {
     }
 }
 
-/// The CLIP embeddings `[b, 1, context]` of images `[b, 3, s, s]`; zeros where the model has no tower.
+/// CLIP embeddings `[b, 1, context]` of images `[b, 3, s, s]`; zeros for a model without a tower.
 #[track_caller]
 pub(super) fn embed(scope: &Scope<'_>, sizes: &ModelSizes, images: &Var) -> Result<Var> {
     let (batch, context) = (images.dims()[0], sizes.denoiser.unet.context);

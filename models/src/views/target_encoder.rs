@@ -9,7 +9,7 @@ use crate::layers::{Convolution, GroupNorm, Kernel, Scope, per_channel};
 pub struct EncoderSizes {
     /// Channels of a latent.
     pub inputs: usize,
-    /// Channels inside.
+    /// Internal channels.
     pub width: usize,
     /// Channels of the features.
     pub outputs: usize,
@@ -19,7 +19,7 @@ pub struct EncoderSizes {
     pub view: usize,
 }
 
-/// Three residual units on the noised latent, told the time and the viewpoint.
+/// Three residual units on the noised latent, conditioned on time and viewpoint.
 pub struct TargetEncoder {
     into: Convolution,
     units: [Unit; 3],
@@ -59,10 +59,10 @@ impl Unit {
 }
 
 impl TargetEncoder {
-    /// The encoder at a scope.
+    /// Builds the encoder from the weights at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// If a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, sizes: EncoderSizes) -> Result<Self> {
         let unit = |i: usize| Unit::new(&scope.at(format_args!("out_conv{i}")), sizes);
         Ok(Self {
@@ -77,7 +77,7 @@ impl TargetEncoder {
     /// `[b, outputs, h, w]`.
     ///
     /// # Panics
-    /// When the sizes are not those of the encoder.
+    /// If the shapes do not match the sizes of the encoder.
     #[track_caller]
     pub fn forward(&self, x: &Var, time: &Var, view: &Var) -> Var {
         let [time, view] = [time, view].map(|vectors| per_channel(vectors, 2));

@@ -1,4 +1,4 @@
-//! The denoiser: a UNet with spatial transformers and depth-wise attention.
+//! The UNet of the denoiser, with spatial transformers and depth-wise attention.
 
 use gradreel::{Result, Var};
 use serde::{Deserialize, Serialize};
@@ -8,14 +8,14 @@ use crate::layers::{
     SpatialTransformer, TimeEmbedding, TransformerSizes, Upsample,
 };
 
-/// The sizes of the denoiser. Its four levels have `base · multipliers[i]` channels; all but the deepest have spatial
+/// Sizes of the UNet. Its four levels have `base · multipliers[i]` channels; all but the deepest have spatial
 /// transformers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct UnetSizes {
     /// Channels of the input: noised latent and input-image latent.
     pub inputs: usize,
-    /// Channels of the result.
+    /// Channels of the output.
     pub outputs: usize,
     /// Channels of the first level before its multiplier.
     pub base: usize,
@@ -25,7 +25,7 @@ pub struct UnetSizes {
     pub heads: usize,
     /// Channels of the context token.
     pub context: usize,
-    /// Channels of the frustum volumes, the widest first.
+    /// Channels of the frustum volumes, finest first.
     pub volumes: [usize; 4],
 }
 
@@ -50,7 +50,7 @@ impl UnetSizes {
         SpatialTransformer::new(scope, TransformerSizes { channels, heads, context })
     }
 
-    /// A residual block from these channels to those of a level, and the level's transformer.
+    /// A residual block from `channels` channels to those of a level, followed by the level's transformer.
     fn stage(self, scope: &Scope<'_>, level: usize, channels: usize) -> Result<Segment<Stage>> {
         Segment::new(scope, move |scope| {
             Ok(Stage {
@@ -68,8 +68,8 @@ impl UnetSizes {
         })
     }
 
-    /// The block after a stage of these channels, which attends to the volume of a level. A head is half as wide as the
-    /// volume.
+    /// The block after a stage of `channels` channels, which attends to the volume of a level. A head is half as
+    /// wide as the volume.
     fn depth_attention(&self, scope: &Scope<'_>, channels: usize, level: usize) -> Result<Segment<DepthAttention>> {
         let context = self.volumes[level];
         let sizes = DepthAttentionSizes { channels, head: context / 2, context };
@@ -77,14 +77,14 @@ impl UnetSizes {
     }
 }
 
-/// One of the numbered blocks on the way down.
+/// A numbered block of the encoder.
 enum Down {
     First(Convolution),
     Stage(Box<Segment<Stage>>),
     Half(Downsample),
 }
 
-/// One of the numbered blocks on the way up, with the depth-wise attention that follows it.
+/// A numbered block of the decoder, followed by depth-wise attention.
 struct Up {
     stage: Segment<Stage>,
     twice: Option<Upsample>,
@@ -125,10 +125,10 @@ pub struct Unet {
 }
 
 impl Unet {
-    /// The network at a scope.
+    /// Builds the network from the weights at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// If a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, sizes: &UnetSizes) -> Result<Self> {
         let embedding = 4 * sizes.base;
         let mut down = Vec::new();
@@ -182,21 +182,21 @@ impl Unet {
         })
     }
 
-    /// The noise in `x [b, inputs, w, w]` at `times` (one for each of the batch), given context tokens
-    /// `[b, m, context]` and the volumes of each level, the widest first. Without volumes the depth-wise attention sees
-    /// zeros.
+    /// Predicts the noise in `x [b, inputs, w, w]` at `times` (one per sample), given context tokens
+    /// `[b, m, context]` and the volumes of each level, finest first. Without volumes, the depth-wise attention
+    /// receives zeros.
     ///
     /// # Errors
-    /// When the time features cannot be made in the dtype of `x`.
+    /// If the time features cannot be cast to the dtype of `x`.
     ///
     /// # Panics
-    /// When the sizes are not those of the network.
+    /// If the shapes do not match the sizes of the network.
     #[track_caller]
     pub fn forward(&self, x: &Var, times: &[f64], context: &Var, volumes: Option<&[Var; 4]>) -> Result<Var> {
         self.forward_watched(x, times, context, volumes, &mut |_, _| ())
     }
 
-    /// As [`Unet::forward`]; `watch` sees the result of every block under its name.
+    /// Like [`Unet::forward`]; `watch` receives the output of every block with its name.
     ///
     /// # Errors
     /// As [`Unet::forward`].

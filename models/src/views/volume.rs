@@ -1,4 +1,4 @@
-//! From noised views to the frustum volumes of one of them: encoder, un-projection, spatial net, frustum net.
+//! From noised views to the frustum volumes of one view: encoder, un-projection, spatial net, frustum net.
 
 use gradreel::ops::{GridSampling, Interpolation, Padding};
 use gradreel::{Result, Tensor, Var};
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::{EncoderSizes, FrustumNet, FrustumSizes, Ring, SpatialNet, SpatialSizes, TargetEncoder, constant};
 use crate::layers::Scope;
 
-/// Places of −1 and 1 are the centres of the first and the last cell.
+/// Coordinates −1 and 1 are the centres of the first and the last cell.
 const ALIGNED: GridSampling =
     GridSampling { interpolation: Interpolation::Linear, padding: Padding::Zeros, align_corners: true };
 
@@ -29,7 +29,8 @@ pub struct VolumeSizes {
     pub voxels: usize,
     /// Depth samples of a frustum.
     pub depth: usize,
-    /// Whether the input image is un-projected beside the noised views. The published model sees it in the UNet alone.
+    /// Whether the input image is un-projected together with the noised views. In the published model it only
+    /// enters the UNet.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub input: bool,
 }
@@ -48,7 +49,7 @@ impl VolumeSizes {
     };
 }
 
-/// The volume side of the model (`spatial_volume`).
+/// The volume path of the model (`spatial_volume`).
 pub struct VolumePath {
     ring: Ring,
     sizes: VolumeSizes,
@@ -59,10 +60,10 @@ pub struct VolumePath {
 }
 
 impl VolumePath {
-    /// The path at a scope.
+    /// Builds the path from the weights at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// If a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, sizes: VolumeSizes, ring: Ring) -> Result<Self> {
         let VolumeSizes { latent, features, time, spatial, frustum, .. } = sizes;
         let encoder = EncoderSizes { inputs: latent, width: 16, outputs: features, time, view: 4 };
@@ -79,16 +80,16 @@ impl VolumePath {
         })
     }
 
-    /// The cameras it was built for.
+    /// The cameras of the path.
     pub fn ring(&self) -> &Ring {
         &self.ring
     }
 
-    /// The viewpoint embeddings of all views for input images of these elevations in radians: `[b, views, 4]`, on the
-    /// tape, device and in the dtype of `like`.
+    /// Viewpoint embeddings of all views for input images of these elevations in radians: `[b, views, 4]`, on the
+    /// tape and device and in the dtype of `like`.
     ///
     /// # Errors
-    /// When they cannot be moved there.
+    /// If they cannot be moved there.
     pub fn viewpoints(&self, like: &Var, elevations: &[f64]) -> Result<Var> {
         let views = self.ring.views;
         let of =
@@ -97,14 +98,14 @@ impl VolumePath {
         constant(like, Tensor::from_vec(values, [elevations.len(), views, 4]))
     }
 
-    /// All noised views `[b, views, latent, w, w]`, time vectors `[b, time]` and viewpoints `[b, views, 4]` to the
-    /// un-projected volume `[b, views · features, v, v, v]`.
+    /// Un-projects all noised views `[b, views, latent, w, w]`, given time vectors `[b, time]` and viewpoints
+    /// `[b, views, 4]`, into a volume `[b, views · features, v, v, v]`.
     ///
     /// # Errors
-    /// When the sampling places cannot be cast.
+    /// If the sampling positions cannot be cast.
     ///
     /// # Panics
-    /// When the sizes are not those of the path.
+    /// If the shapes do not match the sizes of the path.
     #[track_caller]
     pub fn unproject(&self, noised: &Var, time: &Var, viewpoints: &Var) -> Result<Var> {
         let [batch, views, latent, height, width] = noised.dims()[..] else {
@@ -125,14 +126,14 @@ impl VolumePath {
         Ok(sampled.reshape([batch, views * features, v, v, v]))
     }
 
-    /// The latents of the input images `[b, latent, w, w]`, whose cameras are at azimuth 0 and these elevations in radians, to
-    /// their un-projected volume `[b, features, v, v, v]`; none if the path has no encoder for them.
+    /// Un-projects the input latents `[b, latent, w, w]`, whose cameras are at azimuth 0 and these elevations in
+    /// radians, into a volume `[b, features, v, v, v]`; `None` if the path has no encoder for them.
     ///
     /// # Errors
-    /// When the sampling places cannot be cast.
+    /// If the sampling positions cannot be cast.
     ///
     /// # Panics
-    /// When the sizes are not those of the path.
+    /// If the shapes do not match the sizes of the path.
     #[track_caller]
     pub fn unproject_input(&self, latents: &Var, time: &Var, elevations: &[f64]) -> Result<Option<Var>> {
         let Some(encoder) = &self.input else { return Ok(None) };
@@ -146,7 +147,7 @@ impl VolumePath {
         Ok(Some(maps.grid_sample(&places, ALIGNED).reshape([batch, features, v, v, v])))
     }
 
-    /// Where the voxels fall on a map of a camera, in −1..1 with aligned corners.
+    /// Projections of the voxels onto a camera's map, in −1..1 with aligned corners.
     fn places(&self, pose: &[[f64; 4]; 3], width: usize) -> Vec<f64> {
         let unit = |cell: f64| cell / ((width - 1) as f64 / 2.0) - 1.0;
         let voxels = self.ring.voxels(self.sizes.voxels);
@@ -158,25 +159,26 @@ impl VolumePath {
             .collect()
     }
 
-    /// The un-projected volume and time vectors to the spatial volume `[b, spatial[0], v, v, v]`.
+    /// Un-projected volume and time vectors to the spatial volume `[b, spatial[0], v, v, v]`.
     ///
     /// # Errors
     /// As [`crate::layers::Segment::run`].
     ///
     /// # Panics
-    /// When the sizes are not those of the path.
+    /// If the shapes do not match the sizes of the path.
     #[track_caller]
     pub fn spatial_volume(&self, unprojected: &Var, time: &Var) -> Result<Var> {
         self.spatial.forward(unprojected, time)
     }
 
-    /// The spatial volume of one sample `[1, c, v, v, v]` seen from some views: `[views.len(), c, depth, w, w]`.
+    /// Samples the spatial volume of one sample `[1, c, v, v, v]` in some views' frustums:
+    /// `[views.len(), c, depth, w, w]`.
     ///
     /// # Errors
-    /// When the sampling places cannot be cast.
+    /// If the sampling positions cannot be cast.
     ///
     /// # Panics
-    /// When the sizes are not those of the path, or a view does not exist.
+    /// If the shapes do not match the sizes of the path, or a view does not exist.
     #[track_caller]
     pub fn frustum_samples(&self, volume: &Var, views: &[usize], width: usize) -> Result<Var> {
         let depth = self.sizes.depth;
@@ -193,14 +195,14 @@ impl VolumePath {
         Ok(sampled.permute(&[1, 0, 2, 3, 4]))
     }
 
-    /// Frustum samples `[n, c, depth, w, w]`, time vectors `[n, time]` and viewpoints `[n, 4]` to the pyramid, the widest
-    /// first.
+    /// Frustum samples `[n, c, depth, w, w]`, time vectors `[n, time]` and viewpoints `[n, 4]` to the pyramid,
+    /// finest first.
     ///
     /// # Errors
     /// As [`crate::layers::Segment::run`].
     ///
     /// # Panics
-    /// When the sizes are not those of the path.
+    /// If the shapes do not match the sizes of the path.
     #[track_caller]
     pub fn pyramid(&self, samples: &Var, time: &Var, viewpoints: &Var) -> Result<[Var; 4]> {
         self.frustum.forward(samples, time, viewpoints)

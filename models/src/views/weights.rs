@@ -1,4 +1,4 @@
-//! Weights in a file: looked up by path, left in place until a layer uses them.
+//! Weights in a file: looked up by path and loaded on first use.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -13,13 +13,13 @@ use crate::layers::{Init, Weights};
 
 /// The weights of a safetensors file or a PyTorch checkpoint, as constants.
 ///
-/// A weight is read when a layer first asks for it, in the type in which it is stored, and kept. Of a mapped file
-/// ([`FileWeights::open_mapped`]) a weight on the CPU *is* the file: nothing is read before a layer uses it, and the system may
-/// drop its pages again. Layers cast what is not in the type they compute in. Only `bf16` and weights that the file does not
-/// hold contiguously become `f32` in memory. On a GPU each weight is uploaded once, when it is first asked for.
+/// A weight is read when a layer first requests it, in its stored type, and is cached. With a mapped file
+/// ([`FileWeights::open_mapped`]) a CPU weight *is* the file's memory: nothing is read before a layer uses it, and
+/// the system may evict its pages. Layers cast weights to the type they compute in. Only `bf16` and non-contiguous
+/// weights are converted to `f32` in memory. On a GPU each weight is uploaded once, on first request.
 ///
-/// Names are those of the published checkpoint. Those of the single-view model it was made from are known, too: its image
-/// encoder is under `cond_stage_model`.
+/// Names are those of the published checkpoint. Those of its single-view parent model, whose image encoder is under
+/// `cond_stage_model`, are recognised, too.
 ///
 /// ```
 /// use gradreel::io::TensorFile;
@@ -50,27 +50,27 @@ pub struct FileWeights {
     tape: Tape,
 }
 
-/// The file itself, which threads may share; each looks its weights up for a tape of its own.
+/// The file itself, which threads may share; each thread looks weights up for its own tape.
 pub(super) struct File {
     path: PathBuf,
     archive: Archive,
     device: Device,
-    /// What was uploaded or read, by name in the file.
+    /// Uploaded or read weights, by name in the file.
     kept: Mutex<BTreeMap<String, Tensor>>,
 }
 
-/// Where other checkpoints of the same family keep what the published one has under the first prefix.
+/// Prefixes of the published checkpoint and their equivalents in related checkpoints.
 const ELSEWHERE: &[[&str; 2]] = &[["clip_image_encoder.model.", "cond_stage_model.model."]];
 
-/// Averaged copies of the weights that other checkpoints of the family have beside them.
+/// Prefix of averaged weights in related checkpoints.
 const AVERAGES: &str = "model_ema.";
 
 impl FileWeights {
-    /// Opens a safetensors file or a PyTorch checkpoint (its `state_dict` where it has one) and lists its weights;
-    /// [`FileWeights::BUILT_IN`] opens those that come with the crate.
+    /// Opens a safetensors file or a PyTorch checkpoint (its `state_dict`, if it has one) and lists its weights;
+    /// [`FileWeights::BUILT_IN`] opens those shipped with the crate.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] when the file is missing, damaged or of another format.
+    /// [`ErrorKind::Input`] if the file is missing, damaged or of another format.
     pub fn open(path: impl AsRef<Path>, device: &Device) -> Result<Self> {
         let path = path.as_ref();
         let archive = match path == Self::BUILT_IN {
@@ -80,12 +80,12 @@ impl FileWeights {
         Ok(Self::of_archive(path, archive, device))
     }
 
-    /// As [`FileWeights::open`], with the file mapped: a model that is larger than the memory runs, and weights that nobody
-    /// uses are never read.
+    /// Like [`FileWeights::open`], with the file mapped: a model larger than the memory can run, and unused weights
+    /// are never read.
     ///
     /// # Safety
-    /// As [`Archive::open_mapped`]: nobody changes or shortens the file while these weights, or what was built of them,
-    /// live.
+    /// As [`Archive::open_mapped`]: the file must not be changed or truncated while these weights, or anything
+    /// built from them, exist.
     ///
     /// # Errors
     /// As [`FileWeights::open`].
@@ -101,17 +101,17 @@ impl FileWeights {
         Self { file: Arc::new(file), tape: Tape::new() }
     }
 
-    /// What stands for the path of the small model that comes with the crate ([`ModelSizes::small`]).
+    /// Placeholder path of the small model shipped with the crate ([`ModelSizes::small`]).
     pub const BUILT_IN: &str = "built-in";
 
-    /// The file of that model, safetensors in `f16`.
+    /// The file of that model: safetensors in `f16`.
     pub fn built_in() -> &'static [u8] {
-        // bytes without a place of their own are written once for each place that asks for them
+        // a static, so that the bytes are embedded only once
         static BYTES: &[u8] = include_bytes!("../../weights/novel_view.safetensors");
         BYTES
     }
 
-    /// The same weights as constants of this tape, for layers whose other weights are trained on it.
+    /// The same weights as constants of another tape, for layers whose other weights are trained on it.
     #[must_use]
     pub fn on(&self, tape: &Tape) -> Self {
         Self::of(&self.file, tape)
@@ -125,25 +125,25 @@ impl FileWeights {
         &self.file
     }
 
-    /// The file: its names, types and metadata.
+    /// The file's names, types and metadata.
     pub fn archive(&self) -> &Archive {
         &self.file.archive
     }
 
-    /// Where the file is.
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.file.path
     }
 
-    /// Where the weights go.
+    /// Device of the weights.
     pub fn device(&self) -> &Device {
         &self.file.device
     }
 
-    /// The sizes of the model that the file states ([`ModelSizes::METADATA`]), or the published ones.
+    /// Model sizes stored in the file ([`ModelSizes::METADATA`]), or the published ones.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] when no model can be made of what it states.
+    /// [`ErrorKind::Input`] if the stored sizes are invalid.
     pub fn sizes(&self) -> Result<ModelSizes> {
         match self.file.archive.metadata().get(ModelSizes::METADATA) {
             Some(text) => ModelSizes::from_json(text).map_err(|e| e.within(self.file.path.display())),
@@ -151,7 +151,7 @@ impl FileWeights {
         }
     }
 
-    /// Compares the file with the weights that a model reads ([`super::ModelSizes::weights`]).
+    /// Compares the file with the weights that a model requires ([`super::ModelSizes::weights`]).
     pub fn check(&self, wanted: &[(String, Shape)]) -> Report {
         let mut left: BTreeSet<&str> = self.file.archive.names().collect();
         let mut report = Report { path: self.file.path.clone(), wanted: wanted.len(), ..Report::default() };
@@ -214,7 +214,7 @@ impl FileWeights {
         let weight = file.archive.map(&name)?;
         let weight = match file.device {
             Device::Cpu => weight,
-            // a GPU holds no f64
+            // GPUs do not support f64
             Device::Gpu(_) if weight.dtype() == gradreel::DType::F64 => weight.cast(gradreel::DType::F32)?,
             Device::Gpu(_) => weight,
         };
@@ -227,7 +227,7 @@ impl FileWeights {
 }
 
 impl File {
-    /// Where the weights go.
+    /// Device of the weights.
     pub fn device(&self) -> &Device {
         &self.device
     }
@@ -236,7 +236,7 @@ impl File {
         self.kept.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The name in the file of the weight at a path.
+    /// Name in the file of the weight at a path.
     fn name(&self, path: &str) -> Option<String> {
         let has = |name: &str| self.archive.has(name);
         if has(path) {
@@ -259,37 +259,37 @@ impl fmt::Debug for FileWeights {
     }
 }
 
-/// How a file of weights differs from what a model reads. Printed, it is the whole list.
+/// Differences between a weights file and a model's requirements. `Display` prints the whole list.
 #[derive(Debug, Clone, Default)]
 pub struct Report {
     /// The file.
     pub path: PathBuf,
-    /// Number of weights that the model reads.
+    /// Number of weights that the model requires.
     pub wanted: usize,
-    /// Paths that the file does not have.
+    /// Paths missing in the file.
     pub missing: Vec<String>,
-    /// Names in the file that the model does not know.
+    /// Names in the file that the model does not recognise.
     pub unexpected: Vec<String>,
     /// Name, shape in the file, shape in the model.
     pub misshaped: Vec<(String, Shape, Shape)>,
-    /// Name, and why it cannot be read.
+    /// Name, and reason why it cannot be read.
     pub unreadable: Vec<(String, String)>,
-    /// Names in the file that are known and of no use.
+    /// Recognised names that the model does not use.
     pub unused: Vec<String>,
 }
 
 impl Report {
-    /// Whether the model can be loaded: everything it reads is there. Names that it does not know do no harm.
+    /// Whether the model can be loaded: everything it requires is present. Unrecognised names are harmless.
     pub fn is_complete(&self) -> bool {
         self.missing.is_empty() && self.misshaped.is_empty() && self.unreadable.is_empty()
     }
 
-    /// Whether there is no difference at all.
+    /// Whether there are no differences.
     pub fn is_exact(&self) -> bool {
         self.is_complete() && self.unexpected.is_empty()
     }
 
-    /// An error with everything that is wrong, if the model cannot be loaded.
+    /// Converts to an error with the whole list, unless the model can be loaded.
     ///
     /// # Errors
     /// [`ErrorKind::Input`] with the whole list.

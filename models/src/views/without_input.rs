@@ -1,22 +1,23 @@
-//! The same model without the path on which it un-projects its input image.
+//! Removing the un-projection of the input image from a model.
 
 use gradreel::io::TensorFile;
 use gradreel::{DType, Error, ErrorKind, Result, Tape};
 
 use super::{FileWeights, ModelSizes};
 
-/// Where the un-projected views meet: its input channels are those of every view, and last those of the input image.
+/// The weight at which un-projected views are combined: its input channels are those of all views, followed by
+/// those of the input image.
 const MEETING: &str = "spatial_volume.spatial_volume_feats.init_conv.weight";
 
-/// What reads the input image for the volume.
+/// Prefix of the encoder that un-projects the input image.
 const READER: &str = "spatial_volume.input_encoder.";
 
 impl FileWeights {
-    /// The weights of the model that knows its input image from the UNet alone, as the published one does, and has all else from this
-    /// one, in `f32`: what a training goes on from.
+    /// The weights of a model that receives its input image in the UNet only, like the published one, with all
+    /// other weights of this model, in `f32`: a starting point for training.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] when this model does not un-project its input, or the file lacks a weight.
+    /// [`ErrorKind::Input`] if this model does not un-project its input, or the file lacks a weight.
     pub fn without_input(&self) -> Result<TensorFile> {
         let mut sizes = self.sizes()?;
         if !std::mem::replace(&mut sizes.denoiser.volume.input, false) {

@@ -1,4 +1,4 @@
-//! Clips of the five families, made where nobody has given any.
+//! Benchmark clips of the five material families, rendered unless clips are given.
 
 use std::fs;
 use std::path::PathBuf;
@@ -10,7 +10,7 @@ use crate::report::progress::Progress;
 use crate::report::run_folder::RunFolder;
 use crate::scenes::SceneFile;
 
-/// The scenes, in the order of the published table's materials; a second one of each family after these.
+/// The scenes in the order of the published table's materials, followed by a second one of each family.
 const SCENES: [(&str, &str); 10] = [
     ("newtonian", include_str!("../../../../examples/scenes/families/newtonian.toml")),
     ("non_newtonian", include_str!("../../../../examples/scenes/families/non_newtonian.toml")),
@@ -24,32 +24,33 @@ const SCENES: [(&str, &str); 10] = [
     ("sand_2", include_str!("../../../../examples/scenes/families/sand_2.toml")),
 ];
 
-/// Which films, and how fine.
+/// Which clips are rendered, and at which resolution.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Films {
-    /// How many of the scenes.
+    /// Number of scenes.
     count: usize,
-    /// Grid spacing \[m\]; that of the scenes' files, with their own step, if not given.
+    /// Grid spacing \[m\]; `None` uses the spacing and time step of the scene files.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     spacing_m: Option<f64>,
 }
 
-/// Substeps of a frame where the spacing is not the scenes' own.
+/// Substeps per frame if the spacing differs from that of the scenes.
 const SUBSTEPS: usize = 200;
 
 impl Films {
-    /// A film of each family, with the grid and step that reconstructions use.
+    /// One film per family, with the grid spacing and time step of reconstructions.
     pub(super) const ONE_EACH: Self = Self { count: 5, spacing_m: Some(0.02) };
-    /// Two films of each family, alike.
+    /// Two films per family.
     pub(super) const TWO_EACH: Self = Self { count: 10, ..Self::ONE_EACH };
 
-    /// The same on a grid for a tiny budget.
+    /// The same on a coarse grid for a small budget.
     pub(super) fn quick(self) -> Self {
         Self { spacing_m: Some(0.05), ..self }
     }
 
-    /// The same on the grid and with the step of the scenes' files, finer than those of reconstructions.
+    /// The same with the grid spacing and time step of the scene files, which are finer than those of
+    /// reconstructions.
     pub(super) fn fine(self) -> Self {
         Self { spacing_m: None, ..self }
     }
@@ -58,13 +59,13 @@ impl Films {
         &SCENES[..self.count.min(SCENES.len())]
     }
 
-    /// Where the clips are.
+    /// Paths of the clips.
     pub(super) fn places(self, folder: &RunFolder) -> Vec<PathBuf> {
         self.scenes().iter().map(|(name, _)| folder.path(&format!("films/{name}/clip"))).collect()
     }
 }
 
-/// Makes those that are not there yet.
+/// Renders those that do not exist yet.
 pub(super) fn make(folder: &RunFolder, films: Films, progress: &Progress) -> Result<()> {
     let scenes = films.scenes();
     let bar = progress.stage("films", scenes.len() as u64);
@@ -74,7 +75,7 @@ pub(super) fn make(folder: &RunFolder, films: Films, progress: &Progress) -> Res
         if done.is_dir() {
             continue;
         }
-        // one that was interrupted is soon made again
+        // interrupted clips are rendered again
         if begun.is_dir() {
             fs::remove_dir_all(&begun).map_err(|e| Error::io(&begun, "remove", &e))?;
         }

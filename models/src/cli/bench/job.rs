@@ -1,4 +1,4 @@
-//! One benchmark: its plan, its cells one after the other, its table.
+//! One benchmark: its plan, its cells in sequence, and its table.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -17,24 +17,24 @@ use crate::report::results_file::{self, Measured, Section};
 use crate::report::run_folder::RunFolder;
 use crate::video::Clip;
 
-/// What was asked for, as the folder keeps it.
+/// The plan as saved in the folder.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Plan {
     clips: Vec<PathBuf>,
     cells: Vec<Cell>,
-    /// Whether the material is that of the truth.
+    /// Whether the true material is given.
     material_of_truth: bool,
-    /// The published table that this one is beside.
+    /// The published table for comparison.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     published: Option<Published>,
-    /// How many times off the truth searches start, if they do not start where they always do.
+    /// Factor between the starting values and the truth, unless the default starting values are used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     off: Option<f64>,
-    /// Which clips are made here, if they are.
+    /// Rendered clips, if any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     films: Option<Films>,
-    /// Whether it is the coarse form.
+    /// Whether it is the coarse variant.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     coarse: bool,
     settings: AblationSettings,
@@ -42,7 +42,7 @@ struct Plan {
 
 const PLAN: &str = "ablation.toml";
 
-/// Does all that is not done yet; the name and title are those of its section in a file of results.
+/// Runs all remaining cells; `name` and `title` are those of the section in a results file.
 pub(super) fn run(arguments: &AblationArguments, (name, title): (&str, &str)) -> Result<()> {
     interrupt::install()?;
     let progress = Progress::new(arguments.common.quiet);
@@ -146,7 +146,7 @@ fn begin(arguments: &AblationArguments) -> Result<(Plan, RunFolder)> {
     let AblationArguments { published, off, .. } = *arguments;
     let coarse = arguments.coarse;
     let mut plan = Plan { clips, cells, material_of_truth, published, off, films, coarse, settings };
-    // clips that cannot be used leave no trace
+    // reject unusable clips before anything is written
     for path in &plan.clips {
         let truth = Truth::beside(path);
         if off.is_some() && truth.is_none() {
@@ -180,12 +180,12 @@ fn go_on(arguments: &AblationArguments) -> Result<(Plan, RunFolder)> {
 }
 
 impl Plan {
-    /// The table, with the published one if there is one.
+    /// The table, followed by the published one if there is one.
     fn table(&self, results: &[ClipResults]) -> String {
         markdown(results) + self.published.map_or("", Published::markdown)
     }
 
-    /// The settings for a clip of this truth.
+    /// The settings for a clip with this truth.
     fn settings_of(&self, truth: Option<&Truth>) -> AblationSettings {
         let mut settings = self.settings.clone();
         if let (true, Some(truth)) = (self.material_of_truth, truth) {
@@ -200,20 +200,20 @@ impl Plan {
     }
 }
 
-/// A table without its title and with its headings one level down, for a section that has a heading of its own.
+/// A table without its title and with headings one level deeper, for use in a section.
 fn below(table: &str) -> String {
     let down = |line: &str| if line.starts_with('#') { format!("#{line}\n") } else { format!("{line}\n") };
     table.lines().filter(|line| !line.starts_with("# ")).map(down).collect()
 }
 
-/// A coarse grid, and what else is usual.
+/// Default settings on a coarse grid.
 fn coarse() -> AblationSettings {
     let mut settings = AblationSettings::default();
     settings.config.geometry.dx = 0.03;
     settings
 }
 
-/// The tiny budget.
+/// Settings of a minimal budget.
 fn quick() -> AblationSettings {
     let mut settings = AblationSettings::default();
     let Config { geometry, estimate, flowing, .. } = &mut settings.config;
@@ -254,7 +254,7 @@ fn open(path: &Path, settings: &AblationSettings) -> Result<Clip> {
     }
 }
 
-/// The clip's name, or its folder's if the clip is called `clip`; told apart from those before it.
+/// A unique label: the clip's name, or its folder's if the clip is called `clip`.
 fn label<'a>(path: &Path, before: impl Iterator<Item = &'a PathBuf>) -> String {
     let component = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
     let name = |path: &Path| match component(path) {

@@ -1,4 +1,4 @@
-//! `gradreel bench`: what the parts of the method are worth.
+//! `gradreel bench`: ablations and benchmarks of the method.
 
 mod films;
 mod job;
@@ -80,7 +80,7 @@ fn factor(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|factor| (1.0..=1e3).contains(factor)).ok_or_else(|| wanted.to_owned())
 }
 
-/// What all benchmarks are told alike.
+/// Options common to all benchmarks.
 #[derive(clap::Args, Clone, Default)]
 struct Common {
     /// Folder for the results [default: runs/ablation, runs/ablation-2, …]
@@ -188,7 +188,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
 }
 
 impl FamilyArguments {
-    /// The benchmark as an ablation from which nothing is taken away.
+    /// The benchmark as an ablation with a single, complete variant.
     fn all_views(&self) -> AblationArguments {
         let Self { clips, mut common, .. } = self.clone();
         let coarse = std::mem::take(&mut common.quick);
@@ -207,7 +207,7 @@ impl FamilyArguments {
 }
 
 impl TableArguments {
-    /// The ablation that makes the table.
+    /// The ablation that produces the table.
     fn beside(&self, published: Published) -> AblationArguments {
         let Self { clips, common } = self.clone();
         let cells = match published {

@@ -1,4 +1,4 @@
-//! One run of `gradreel synthesize`: what it is made of, and its stages.
+//! One run of `gradreel synthesize`: its inputs and stages.
 
 use std::fmt;
 use std::path::Path;
@@ -20,18 +20,18 @@ use crate::views::{
     decode, megabytes, open_picture,
 };
 
-/// What was asked for, as the folder of the run keeps it.
+/// The settings as saved in the run's folder.
 pub(super) const SETTINGS: &str = "settings.toml";
-/// How far the run is.
+/// State of the run.
 const STATE: &str = "state.safetensors";
-/// Memory for sampling that every machine of today has \[bytes\].
+/// Default memory budget for sampling \[bytes\].
 const MEMORY: usize = 4_000_000_000;
-/// Largest array that a GPU is sure to take \[bytes\].
+/// Maximum array size that every GPU supports \[bytes\].
 const BINDING: usize = 128 << 20;
-/// Pixels of a preview for each of a latent.
+/// Preview pixels per latent cell along a side.
 const ENLARGED: usize = 4;
 
-/// What decides the result.
+/// Settings that determine the result.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Settings {
@@ -43,7 +43,7 @@ struct Settings {
     guidance: f64,
     seed: u64,
     crop: usize,
-    /// Units of the model.
+    /// In units of the model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     distance: Option<f64>,
     device: Place,
@@ -55,7 +55,7 @@ impl Settings {
     }
 }
 
-/// A run that is ready to go.
+/// A prepared run.
 pub(super) struct Job {
     folder: RunFolder,
     settings: Settings,
@@ -68,7 +68,7 @@ pub(super) struct Job {
 }
 
 impl Job {
-    /// A new run. What cannot be used is refused before anything is written.
+    /// Starts a new run. Invalid input is rejected before anything is written.
     pub fn begin(arguments: &Arguments, weights: &Path) -> Result<Self> {
         let image = Source::of(&arguments.image, "the picture")?;
         let source = Source::of(weights, "the weights")?;
@@ -115,7 +115,7 @@ impl Job {
         })
     }
 
-    /// The run that was begun in a folder, with the same picture and weights.
+    /// Resumes the run in a folder, with the same picture and weights.
     pub fn resume(arguments: &Arguments, weights: &Path) -> Result<Self> {
         let folder = RunFolder::resume(arguments.out.as_deref().unwrap_or(Path::new(".")))?;
         let place = folder.path(SETTINGS);
@@ -144,7 +144,7 @@ impl Job {
         let weights = network::open(weights, &device)?;
         let sizes = weights.sizes()?;
         weights.check(&sizes.weights()?).into_result()?;
-        // pixels of 256, whatever the model's size
+        // crop is given in pixels of a 256-pixel image, whatever the model's size
         let crop = settings.crop.saturating_mul(sizes.image).div_ceil(256);
         if crop > sizes.image {
             return Err(Error::new(ErrorKind::Input, "the object would be larger than its picture")
@@ -156,29 +156,29 @@ impl Job {
         let picture = open_picture(&arguments.image, sizes.image, Some(crop).filter(|crop| *crop > 0))?;
         let memory_estimate = MemoryEstimate::of(&sizes, size_of::<f32>());
         let most = match device {
-            // more views than threads wait for each other
+            // more views than threads would only wait for each other
             Device::Cpu => rayon::current_num_threads().min(sizes.denoiser.ring.views),
             Device::Gpu(_) => (BINDING / memory_estimate.largest).clamp(1, sizes.denoiser.ring.views),
         };
         let budget = arguments.memory.map_or(MEMORY, |size| size.0);
         let at_once = memory_estimate.at_once(budget, most).map_err(|e| e.at("--memory"))?;
-        // buffers that wait for their next use count as well
+        // cached buffers count towards the budget
         pool::set_limit(pool::limit().min(budget - memory_estimate.total(at_once)));
         let folder = folder(&settings)?;
         Ok(Self { folder, settings, sizes, weights, picture, at_once, memory_estimate })
     }
 
-    /// Where everything goes.
+    /// Folder of the results.
     pub fn folder(&self) -> &RunFolder {
         &self.folder
     }
 
-    /// Whether all is done.
+    /// Whether the run is finished.
     pub fn is_published(&self) -> bool {
         self.folder.has(synthesis::PAGE)
     }
 
-    /// All stages that are not done yet.
+    /// Runs all remaining stages.
     pub fn finish(&self, progress: &Progress) -> Result<()> {
         let input = picture_of(&self.picture)?;
         let mut run = match self.folder.has(STATE) {
@@ -228,7 +228,7 @@ impl Job {
         let subject =
             Subject::encode(&self.weights, &self.sizes, &self.picture, elevation, sampler.picture_key(), device)?;
         let seen = match (self.settings.crop, self.settings.distance) {
-            // what was put in the middle is where the model has it by itself
+            // a centred object is where the model expects it
             (1.., None) => None,
             (_, depth) => subject.seen.map(|seen| Detection { depth, ..seen }),
         };
@@ -240,7 +240,7 @@ impl Job {
         Ok(run)
     }
 
-    /// The steps that are left, each saved when it is done.
+    /// Runs the remaining steps; each is saved on completion.
     fn sample(&self, run: &mut Sampling, progress: &Progress) -> Result<()> {
         if run.is_finished() {
             return Ok(());
@@ -257,7 +257,7 @@ impl Job {
                 stage.set((step * views + known - before) as u64, &message);
                 interrupt::check()
             });
-            // views of a step that was stopped in the middle are kept, too
+            // completed views of an interrupted step are saved, too
             self.save(run)?;
             outcome?;
             if let Some(clean) = run.clean() {

@@ -1,4 +1,4 @@
-//! `gradreel synthesize`: the views around an object from a single picture of it.
+//! `gradreel synthesize`: views around an object from a single picture.
 
 mod job;
 mod size;
@@ -97,7 +97,7 @@ Examples:
   gradreel synthesize cup.png --elevation 20 --weights syncdreamer-pretrain.ckpt --seed 1 --steps 100 --out runs/cup-1
   gradreel synthesize cup.png --weights syncdreamer-pretrain.ckpt --out runs/cup-1 --resume     after Ctrl-C";
 
-/// Samples the views of a picture into a folder.
+/// Synthesizes the views of a picture into a folder.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     interrupt::install()?;
     let progress = Progress::new(arguments.quiet);
@@ -119,8 +119,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// Samples the views of a picture that was taken from this elevation in degrees within another run, in a folder of its own: from the
-/// beginning, from where it was interrupted, or not at all if it was finished.
+/// Synthesizes the views of a picture taken from this elevation in degrees, as part of another run, in a subfolder:
+/// a new, interrupted or finished synthesis is started, resumed or reused.
 pub(super) fn within(
     folder: &Path,
     picture: PathBuf,

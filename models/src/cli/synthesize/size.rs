@@ -1,4 +1,4 @@
-//! Amounts of memory as people write them.
+//! Memory sizes as typed by users.
 
 use std::str::FromStr;
 

@@ -1,4 +1,4 @@
-//! How well a trained model puts unseen objects where they are, with and without its spatial-aware module.
+//! Evaluation of a trained model on held-out objects, with and without its spatial-aware module.
 
 use std::path::Path;
 
@@ -18,7 +18,7 @@ use crate::report::synthesis::sheet;
 use crate::views::objects::SampleSettings;
 use crate::views::{DenoiserSizes, Detector, Ensemble, ModelSizes, SamplerSettings, Score};
 
-/// Objects of which the pictures are kept.
+/// Number of objects whose pictures are saved.
 const SHOWN: usize = 8;
 
 /// Measures the model and prints a table.

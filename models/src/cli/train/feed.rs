@@ -1,4 +1,4 @@
-//! Samples for the steps to come, made on another thread while the model is trained.
+//! Batches for upcoming steps, generated on another thread during training.
 
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::thread;
@@ -9,21 +9,21 @@ use super::meshes::Objects;
 use super::settings::Settings;
 use crate::views::objects::Sample;
 
-/// What the numbers drawn from the seed are for. Unseen objects have keys of their own.
+/// Key folds that separate the uses of the seed; held-out objects have their own keys.
 const SEEN: u64 = 100;
 const UNSEEN: u64 = 101;
 const CHANCE: u64 = 102;
 
-/// Batches that wait.
+/// Number of batches generated ahead.
 const AHEAD: usize = 2;
 
-/// Batches of samples in the order of the steps. Which they are follows from seed and step alone.
+/// Batches of samples in the order of the steps, determined by seed and step alone.
 pub(super) struct Feed {
     receiver: Receiver<Result<Vec<Sample>>>,
 }
 
 impl Feed {
-    /// From this step on.
+    /// Starts from this step.
     pub fn new(settings: &Settings, objects: &Objects, first: u64) -> Result<Self> {
         let (sender, receiver) = sync_channel(AHEAD);
         let (settings, objects) = (settings.clone(), objects.clone());
@@ -33,7 +33,7 @@ impl Feed {
                 let key = key.fold(step);
                 let each = (0..settings.optimiser.batch).map(|i| objects.sample(key.fold(i as u64), &settings));
                 if sender.send(each.collect()).is_err() {
-                    break; // nobody waits any more
+                    break; // the receiver is gone
                 }
             }
         };
@@ -50,13 +50,13 @@ impl Feed {
     }
 }
 
-/// Objects that no step sees.
+/// Held-out objects, never used in training steps.
 pub(super) fn unseen(settings: &Settings, objects: &Objects, count: usize) -> Result<Vec<Sample>> {
     let key = Key::new(settings.seed).fold(UNSEEN);
     (0..count).map(|i| objects.unseen(i, key.fold(i as u64), settings)).collect()
 }
 
-/// The key of what else chance decides at a step.
+/// Key of a step's other random numbers.
 pub(super) fn chance(settings: &Settings, step: u64) -> Key {
     Key::new(settings.seed).fold(CHANCE).fold(step)
 }

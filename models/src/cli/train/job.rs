@@ -1,4 +1,4 @@
-//! One training: its folder, its steps, and looks at how far it is.
+//! One training: its folder, steps and validations.
 
 use std::fmt;
 use std::path::Path;
@@ -25,19 +25,19 @@ use crate::views::objects::Sample;
 use crate::views::{Detector, FileWeights, Model, ModelSizes, SamplerSettings, Score, Training, encode};
 
 const SETTINGS: &str = "settings.toml";
-/// The weights of a model that starts afresh.
+/// Initial weights of a model trained from scratch.
 const START: &str = "start.safetensors";
 const STATE: &str = "state.safetensors";
 const MODEL: &str = "model.safetensors";
-/// Views of an object that a preview shows, and pixels for each of its own.
+/// Number of views in a preview, and its enlargement factor.
 const SHOWN: usize = 8;
 const ENLARGED: usize = 2;
-/// Key of the weights of a fresh model.
+/// Key of the initial weights.
 const FRESH: u64 = 103;
-/// Share of the newest loss in the one that is shown.
+/// Smoothing factor of the displayed loss.
 const NEWEST: f64 = 0.05;
 
-/// A training that is ready to go.
+/// A prepared training.
 pub(super) struct Job {
     folder: RunFolder,
     settings: Settings,
@@ -48,7 +48,7 @@ pub(super) struct Job {
 }
 
 impl Job {
-    /// A new training. What cannot be used is refused before anything is written.
+    /// Starts a new training. Invalid input is rejected before anything is written.
     pub fn begin(arguments: &NovelView, progress: &Progress) -> Result<Self> {
         let (mut settings, given) = Settings::resolve(arguments)?;
         if given.is_none() && settings.model.denoiser.spatial_aware.is_some() {
@@ -59,7 +59,7 @@ impl Job {
         }
         let device = settings.device.device()?;
         if let Some(weights) = &given {
-            // all but what will be trained must be there
+            // all frozen weights must exist
             Training::new(weights.clone(), settings.model.denoiser.clone(), settings.plan())?;
         }
         let objects = Objects::open(&mut settings, progress)?;
@@ -80,7 +80,7 @@ impl Job {
         Self::open(folder, settings, objects, &path, &device)
     }
 
-    /// The training that was begun in a folder.
+    /// Resumes the training in a folder.
     pub fn resume(arguments: &NovelView, progress: &Progress) -> Result<Self> {
         let folder = RunFolder::resume(arguments.out.as_deref().unwrap_or(Path::new(".")))?;
         let fix = "give the folder of an interrupted training to --out, or begin one without --resume";
@@ -120,12 +120,12 @@ impl Job {
         Ok(Self { folder, settings, objects, weights, training, log: Log::new() })
     }
 
-    /// Where everything goes.
+    /// Folder of the results.
     pub fn folder(&self) -> &RunFolder {
         &self.folder
     }
 
-    /// All steps that are not made yet.
+    /// Runs all remaining steps.
     pub fn finish(&mut self, progress: &Progress, told: bool) -> Result<()> {
         let Settings { steps, checkpoint_every, .. } = self.settings;
         let every = self.settings.validation.every;
@@ -181,13 +181,13 @@ impl Job {
         Ok(())
     }
 
-    /// Tables first: what they tell beyond the state is dropped when the run goes on.
+    /// Saves the tables first: rows beyond the saved state are dropped on resuming.
     fn save(&self) -> Result<()> {
         self.log.write(&self.folder)?;
         self.training.save(self.folder.path(STATE))
     }
 
-    /// The loss of unseen objects, and how well the views of some agree. Leaves a preview.
+    /// Loss of held-out objects, and agreement of the views of some. Writes a preview.
     fn look(&self, unseen: &[Sample]) -> Result<(f64, Score)> {
         let Settings { model, validation, optimiser, .. } = &self.settings;
         let (mut loss, mut count) = (0.0, 0);
@@ -217,7 +217,7 @@ impl Job {
     }
 }
 
-/// A score for people.
+/// A score, for display.
 pub(super) fn described(loss: f64, score: &Score) -> String {
     let Score { centre, overlap, psnr, silhouette } = score;
     format!(
@@ -227,7 +227,7 @@ pub(super) fn described(loss: f64, score: &Score) -> String {
     )
 }
 
-/// All weights of a model that nobody has trained.
+/// Initial weights of a model.
 fn fresh(settings: &Settings) -> Result<TensorFile> {
     let key = Key::new(settings.seed).fold(FRESH);
     let params = initialise(key, DType::F32, |scope| Model::new(scope, &settings.model))?;

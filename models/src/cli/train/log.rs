@@ -1,4 +1,4 @@
-//! What a training writes down: a line for every step and for every look at it.
+//! Log of a training: one row per step and per validation.
 
 use gradreel::Result;
 use gradreel::optim::Update;
@@ -11,7 +11,7 @@ const LOOKS: &str = "validation.csv";
 const STEPS_HEAD: &str = "step,loss,rate,gradient_norm\n";
 const LOOKS_HEAD: &str = "step,loss,centre_error,box_iou,psnr_db,silhouette_iou\n";
 
-/// Two tables whose first column is the number of steps made.
+/// Two tables whose first column is the number of completed steps.
 pub(super) struct Log {
     steps: String,
     looks: String,
@@ -22,7 +22,7 @@ impl Log {
         Self { steps: STEPS_HEAD.to_owned(), looks: LOOKS_HEAD.to_owned() }
     }
 
-    /// The tables of a folder as far as they tell of what a checkpoint holds.
+    /// The tables of a folder up to the step of its checkpoint.
     pub fn open(folder: &RunFolder, made: u64) -> Result<Self> {
         let table = |name: &str, head: &str| -> Result<String> {
             if !folder.has(name) {
@@ -44,17 +44,17 @@ impl Log {
         self.looks += &format!("{step},{loss},{centre},{overlap},{psnr},{silhouette}\n");
     }
 
-    /// Whether the model was looked at after so many steps.
+    /// Whether the model was validated at this step.
     pub fn looked(&self, step: u64) -> bool {
         self.looks.lines().any(|row| step_of(row) == Some(step))
     }
 
-    /// The rows of the steps as numbers.
+    /// Rows of the step table as numbers.
     pub fn steps(&self) -> Vec<Vec<f64>> {
         numbers(&self.steps)
     }
 
-    /// The rows of the looks as numbers.
+    /// Rows of the validation table as numbers.
     pub fn looks(&self) -> Vec<Vec<f64>> {
         numbers(&self.looks)
     }

@@ -1,4 +1,4 @@
-//! The folder of meshes that a model is trained on, or looked at with.
+//! The folder of meshes for training or evaluation.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use crate::report::progress::Progress;
 use crate::report::run_folder::RunFolder;
 use crate::views::objects::{FolderSettings, MeshFile, MeshFolder, Object, Sample};
 
-/// Unusable files that are named on the terminal; the table has all.
+/// Maximum number of unusable files named on the terminal; the table lists all.
 const NAMED: usize = 8;
 const TABLE: &str = "meshes.csv";
 
@@ -22,11 +22,11 @@ const TABLE: &str = "meshes.csv";
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Meshes {
     pub folder: String,
-    /// Share of the files that are never trained on.
+    /// Share of the files held out from training.
     pub held_out: f64,
-    /// Memory of the meshes that are kept between two uses, in megabytes.
+    /// Size of the mesh cache in megabytes.
     pub memory_mb: u64,
-    /// Tells the folder from one with other files.
+    /// Fingerprint of the folder.
     #[serde(skip_serializing_if = "Option::is_none")]
     mark: Option<String>,
 }
@@ -38,22 +38,22 @@ impl Default for Meshes {
     }
 }
 
-/// Where the objects of samples come from.
+/// Source of the samples' objects.
 #[derive(Clone)]
 pub(super) enum Objects {
-    /// Made from keys.
+    /// Procedural.
     Made,
     /// From files.
     Meshes(Arc<MeshFolder>),
 }
 
 impl Meshes {
-    /// Names a folder.
+    /// Sets the folder.
     pub fn set(&mut self, folder: &Path) {
         self.folder = whole(folder).display().to_string();
     }
 
-    /// Ready for a new run, in another folder if one is given.
+    /// Prepares for a new run, with another folder if one is given.
     pub fn begin(&mut self, folder: Option<&Path>) {
         let own = self.folder.clone();
         if let Some(folder) = folder.or((!own.is_empty()).then_some(Path::new(&own))) {
@@ -62,7 +62,7 @@ impl Meshes {
         self.mark = None;
     }
 
-    /// What of it makes no sense: the setting, and what was wanted.
+    /// The first invalid setting and its valid range.
     pub fn wrong(&self) -> Option<(&'static str, &'static str)> {
         [
             ("objects.folder", !self.folder.is_empty(), "a folder with meshes"),
@@ -75,7 +75,8 @@ impl Meshes {
 }
 
 impl Objects {
-    /// Those of the settings, which remember the folder's files from here on: a run goes on with the same ones.
+    /// Opens the objects given by the settings, which store the folder's fingerprint so that a resumed run uses the
+    /// same files.
     pub fn open(settings: &mut Settings, progress: &Progress) -> Result<Self> {
         let Some(meshes) = &mut settings.objects else { return Ok(Self::Made) };
         let root = Path::new(&meshes.folder);
@@ -100,7 +101,7 @@ impl Objects {
         Ok(Self::Meshes(Arc::new(folder)))
     }
 
-    /// Refuses a folder of which all is held out.
+    /// Rejects a folder without training files.
     pub fn can_train(&self) -> Result<()> {
         match self {
             Self::Meshes(folder) if folder.trained().len() == 0 => {
@@ -114,7 +115,7 @@ impl Objects {
         }
     }
 
-    /// The sample of a key, for training.
+    /// The training sample of a key.
     pub fn sample(&self, key: Key, settings: &Settings) -> Result<Sample> {
         match self {
             Self::Made => Ok(self.filmed(&Object::new(Sample::object_key(key), settings.data.nodes), key, settings)),
@@ -122,7 +123,7 @@ impl Objects {
         }
     }
 
-    /// The sample of a key and a number, which is not trained on.
+    /// The held-out sample of a key and an index.
     pub fn unseen(&self, number: usize, key: Key, settings: &Settings) -> Result<Sample> {
         match self {
             Self::Made => self.sample(key, settings),
@@ -136,7 +137,7 @@ impl Objects {
         Sample::of(object, key, &settings.model.denoiser.ring, settings.model.image, &settings.data)
     }
 
-    /// Lists all files, and what each is used for, in the folder of a run.
+    /// Writes a table of all files and their use into the folder of a run.
     pub fn list(&self, run: &RunFolder) -> Result<()> {
         let Self::Meshes(folder) = self else { return Ok(()) };
         let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
@@ -149,7 +150,7 @@ impl Objects {
         run.write(TABLE, table.as_bytes())
     }
 
-    /// How many meshes there are for what, and what is left out: lines for people.
+    /// Counts of usable and omitted meshes, for display.
     pub fn described(&self) -> Option<String> {
         let Self::Meshes(folder) = self else { return None };
         let (trained, unseen) = (folder.trained().len(), folder.unseen().len());

@@ -1,4 +1,4 @@
-//! `gradreel train`: models of this project's own making.
+//! `gradreel train`: training of models.
 
 mod evaluate;
 mod feed;
@@ -116,7 +116,7 @@ Examples:
   gradreel train novel-view --weights runs/mine/model.safetensors --objects my_meshes --evaluate 20
   gradreel weights convert runs/aware/model.safetensors small.safetensors --f16";
 
-/// Trains, or measures what was trained.
+/// Trains or evaluates a model.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let Task::NovelView(arguments) = &arguments.task;
     interrupt::install()?;

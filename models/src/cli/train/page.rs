@@ -5,7 +5,7 @@ use super::settings::Settings;
 use crate::report::page::Page;
 use crate::report::plot::{Plot, Series};
 
-/// Points of a curve, at most.
+/// Maximum number of points of a curve.
 const POINTS: usize = 400;
 
 /// The page as HTML.
@@ -58,7 +58,7 @@ pub(super) fn page(settings: &Settings, log: &Log) -> String {
     .html()
 }
 
-/// Means of neighbours where there are too many points.
+/// Averages of neighbours where there are too many points.
 fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let each = points.len().div_ceil(POINTS).max(1);
     let mean = |group: &[(f64, f64)]| {

@@ -1,4 +1,4 @@
-//! Views of a sample as the model makes them.
+//! Sampled views of a training object.
 
 use gradreel::{Result, Tensor};
 
@@ -8,11 +8,11 @@ use crate::report::synthesis::picture_of;
 use crate::views::objects::{Sample, View};
 use crate::views::{Detector, Ensemble, FileWeights, ModelSizes, SamplerSettings, Sampling, Score, decode, subject_of};
 
-/// Samples all views of an object from its input image: pictures `[3, s, s]` in about −1..1, one for each camera. A
-/// spatial-aware module is told what the detector finds.
+/// Samples all views of an object from its input image: pictures `[3, s, s]` in about −1..1, one per camera. A
+/// spatial-aware module receives the detector's result.
 ///
 /// # Errors
-/// When the user asked to stop, or the model cannot be evaluated.
+/// If a stop was requested, or the model cannot be evaluated.
 pub(super) fn sampled(
     weights: &FileWeights,
     sizes: &ModelSizes,
@@ -36,20 +36,20 @@ pub(super) fn sampled(
     Ok(pictures)
 }
 
-/// The mean agreement of all views.
+/// Mean agreement of all views.
 ///
 /// # Errors
-/// When a picture cannot be read.
+/// If a picture cannot be read.
 pub(super) fn score(found: &[Tensor], sample: &Sample) -> Result<Score> {
     let each: Result<Vec<Score>> =
         found.iter().zip(&sample.views).map(|(found, truth)| Score::of(found, truth)).collect();
     Ok(Score::mean(&each?))
 }
 
-/// Two rows: the input image and some true views, then the input's place left empty and the sampled ones below them.
+/// Two rows: the input image and some true views; below, an empty cell and the sampled views.
 ///
 /// # Errors
-/// When a picture has a pixel that is no number.
+/// If a picture has a non-finite pixel.
 pub(super) fn rows(found: &[Tensor], sample: &Sample, columns: usize) -> Result<Vec<Picture>> {
     let shown: Vec<usize> = (0..columns).map(|column| column * found.len() / columns).collect();
     let of_view = |view: &View| picture_of(&Tensor::from_vec(view.colours.clone(), [3, view.size, view.size]));

@@ -1,4 +1,4 @@
-//! Everything that decides a training, as TOML.
+//! Settings of a training, as TOML.
 
 use std::path::Path;
 
@@ -28,65 +28,65 @@ pub(super) enum Stage {
 #[serde(deny_unknown_fields)]
 pub(super) struct Settings {
     pub stage: Stage,
-    /// Decides objects, noise and starting weights.
+    /// Seed of objects, noise and initial weights.
     pub seed: u64,
     pub device: Place,
     pub steps: u64,
-    /// Steps between two checkpoints.
+    /// Steps between checkpoints.
     pub checkpoint_every: u64,
     pub optimiser: Optimiser,
     pub data: SampleSettings,
-    /// Meshes from files in place of procedural objects.
+    /// Meshes from files that replace procedural objects.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub objects: Option<Meshes>,
-    /// What is known of the objects' places in training.
+    /// Simulated detection errors in training.
     pub detector: Detector,
     pub validation: Validation,
     pub model: ModelSizes,
-    /// The file that the training starts from.
+    /// File of the initial weights.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub weights: Option<Source>,
 }
 
-/// How weights are moved.
+/// Settings of the optimiser.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Optimiser {
-    /// Prefixes of the weights that are trained.
+    /// Prefixes of trained weights.
     pub trained: Vec<String>,
     pub rate: f64,
-    /// Steps over which the rate rises.
+    /// Steps of the learning-rate warm-up.
     pub warmup: u64,
-    /// Whether it falls to a tenth until the last step.
+    /// Whether the learning rate decays to a tenth by the last step.
     pub cooldown: bool,
     pub weight_decay: f64,
-    /// Greatest norm of a gradient.
+    /// Maximum gradient norm.
     pub clip: f64,
     /// Decay of the running average; 0 for none.
     pub average: f64,
-    /// Samples of a step.
+    /// Samples per step.
     pub batch: usize,
-    /// Views of each sample that are predicted in a step.
+    /// Predicted views per sample.
     pub targets: usize,
-    /// Samples evaluated at once; 0 for all.
+    /// Samples evaluated together; 0 for all.
     pub at_once: usize,
-    /// Such groups at the same time, on a processor.
+    /// Groups evaluated concurrently on a CPU.
     pub side_by_side: usize,
-    /// Less memory for one more forward pass.
+    /// Recomputes activations: less memory for one more forward pass.
     pub recomputed: bool,
-    /// Probability of each of four ways of telling the model less.
+    /// Probability of each of four ways of dropping conditions.
     pub dropped: f64,
 }
 
-/// How the model is looked at in between.
+/// Settings of the validation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Validation {
-    /// Steps between two looks; 0 looks at the end only.
+    /// Steps between validations; 0 validates at the end only.
     pub every: u64,
-    /// Unseen objects whose loss is computed.
+    /// Number of held-out objects whose loss is computed.
     pub samples: usize,
-    /// Unseen objects whose views are sampled and compared.
+    /// Number of held-out objects whose views are sampled and scored.
     pub shapes: usize,
     /// Sampling steps.
     pub steps: usize,
@@ -94,7 +94,7 @@ pub(super) struct Validation {
 }
 
 impl Settings {
-    /// Defaults of a stage for a model.
+    /// Default settings of a stage for a model.
     fn of(stage: Stage, model: ModelSizes) -> Self {
         let plan = match stage {
             Stage::Base => Plan::whole(),
@@ -139,13 +139,13 @@ impl Settings {
         }
     }
 
-    /// What the arguments, the file of settings and the defaults say, and the weights to start from. What cannot be used is
-    /// refused.
+    /// Combines arguments, settings file and defaults; also returns the initial weights. Invalid values are
+    /// rejected.
     pub fn resolve(arguments: &NovelView) -> Result<(Self, Option<FileWeights>)> {
         Self::resolve_from(arguments, Stage::Base)
     }
 
-    /// As [`Settings::resolve`], for another stage where neither arguments nor file name one.
+    /// As [`Settings::resolve`], with the stage to use if neither arguments nor file give one.
     pub fn resolve_from(arguments: &NovelView, stage: Stage) -> Result<(Self, Option<FileWeights>)> {
         let given = arguments.config.as_deref().map(read).transpose()?.unwrap_or_default();
         let stage = match (arguments.stage, given.get("stage")) {
@@ -183,7 +183,7 @@ impl Settings {
         Ok((settings, weights))
     }
 
-    /// Reads what [`Settings::to_toml`] wrote.
+    /// Parses the output of [`Settings::to_toml`].
     pub fn parse(text: &str) -> Result<Self> {
         let settings: Self = toml::from_str(text).map_err(|e| refused("settings.toml", &e))?;
         settings.check().map(|()| settings)
@@ -274,7 +274,7 @@ fn read(path: &Path) -> Result<toml::Table> {
     text.parse().map_err(|e: toml::de::Error| refused(&path.display().to_string(), &e))
 }
 
-/// A table with what another one names in place of its own.
+/// Merges two tables; `other` takes precedence.
 fn merged(mut table: toml::Table, other: toml::Table) -> toml::Table {
     for (name, value) in other {
         let value = match (table.remove(&name), value) {

@@ -1,16 +1,16 @@
-//! The moving particles as the page carries them: positions rounded to 16 bits in one box, as base64.
+//! Particle motion as embedded in the page: positions quantised to 16 bits within one box, as base64.
 
 use serde_json::{Value, json};
 
 use crate::report::base64;
 
-/// Steps of the box along each axis; the next number marks a particle whose position is not finite.
+/// Quantisation steps along each axis; `ABSENT` marks a particle with a non-finite position.
 const STEPS: f32 = 65534.0;
 const ABSENT: u16 = u16::MAX;
-/// Particles whose nearest neighbour is looked up to estimate the spacing.
+/// Maximum number of particles sampled to estimate the spacing.
 const SAMPLE: usize = 200;
 
-/// Particles over time, and the cameras that filmed them. Lengths in metres, y up.
+/// Particles over time, and the cameras of the clip. Lengths in metres, y up.
 #[derive(Debug, Clone)]
 pub struct Scene {
     /// Positions \[m\], `[frame][particle]`; every frame has the same particles in the same order.
@@ -26,7 +26,7 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// What the player reads. Numbers that are not finite become `null`, which the player leaves out.
+    /// JSON input of the player. Non-finite numbers become `null`, which the player skips.
     #[track_caller]
     pub(super) fn data(&self) -> Value {
         for (i, frame) in self.frames.iter().enumerate() {
@@ -51,7 +51,7 @@ impl Scene {
         })
     }
 
-    /// Lower corner and edge lengths \[m\] of the box around all finite positions of all frames.
+    /// Lower corner and edge lengths \[m\] of the bounding box of all finite positions over all frames.
     fn bounds(&self) -> ([f32; 3], [f32; 3]) {
         let mut corners: Option<([f32; 3], [f32; 3])> = None;
         for p in self.frames.iter().flatten().filter(|p| finite(p)) {

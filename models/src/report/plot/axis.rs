@@ -1,6 +1,6 @@
-//! One axis of a plot: its range, where its ticks stand, and how numbers are written beside them.
+//! One axis of a plot: range, ticks and tick labels.
 
-/// Decades at most between two labelled ticks of a logarithmic axis before some are left out.
+/// Maximum number of decades of a logarithmic axis that are all labelled.
 const MOST_DECADES: i32 = 7;
 
 /// Range `[low, high]` of an axis and whether it is logarithmic (base 10).
@@ -12,7 +12,7 @@ pub(super) struct Axis {
 }
 
 impl Axis {
-    /// The axis around finite values (positive ones where `log`); `None` where there are none.
+    /// The axis for finite values (positive ones if `log`); `None` if there are none.
     pub fn around(values: impl Iterator<Item = f64>, log: bool, margin: f64) -> Option<Self> {
         let scaled = values.map(|v| if log { v.log10() } else { v });
         let (low, high) = scaled.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
@@ -34,7 +34,7 @@ impl Axis {
         value.is_finite() && (!log || value > 0.0)
     }
 
-    /// Where the value lies between the ends of the axis: 0 at the low end, 1 at the high end.
+    /// Relative position of a value on the axis: 0 at the low end, 1 at the high end.
     pub fn place(&self, value: f64) -> f64 {
         let v = if self.log { value.log10() } else { value };
         (v / 2.0 - self.low / 2.0) / (self.high / 2.0 - self.low / 2.0)
@@ -45,11 +45,11 @@ impl Axis {
         if self.log { self.log_ticks(wanted) } else { linear_ticks(self.low, self.high, wanted) }
     }
 
-    /// Whole decades; where fewer than three fit, also 2 and 5 of each; where these are too few, evenly spaced values.
+    /// Decades; with fewer than three of them also 2 and 5 times each; if these are too few, evenly spaced values.
     fn log_ticks(&self, wanted: usize) -> Vec<(f64, String)> {
         let (first, last) = (self.low.ceil() as i32, self.high.floor() as i32);
         let value = |mantissa: f64, k: i32| mantissa * 10f64.powf(f64::from(k));
-        // The smallest positive number is not a power of ten: a power below it rounds to zero.
+        // powers of ten below the smallest positive number round to zero
         let shown = |v: f64| Self::shows(true, v) && (self.low..=self.high).contains(&v.log10());
         let decades = last - first + 1;
         if decades >= 3 {
@@ -74,7 +74,7 @@ fn linear_ticks(low: f64, high: f64, wanted: usize) -> Vec<(f64, String)> {
     let decade = 10f64.powf(rough.log10().floor());
     let step = decade * [1.0, 2.0, 5.0].into_iter().find(|m| rough / decade <= 1.45 * m).unwrap_or(10.0);
     let (first, last) = ((low / step).ceil(), (high / step).floor());
-    // Beyond 2⁵³ steps from zero neighbouring ticks are no longer distinct; the smallest numbers have too few digits.
+    // beyond 2⁵³ steps neighbouring ticks are not distinct; the smallest numbers have too few digits
     if !(1e-290..=f64::MAX).contains(&step) || first.abs().max(last.abs()) > 2f64.powi(53) {
         return Vec::new();
     }
@@ -83,7 +83,7 @@ fn linear_ticks(low: f64, high: f64, wanted: usize) -> Vec<(f64, String)> {
     (0..=count).map(|i| (first + i as f64) * step).map(|v| (v, tick_label(v, step, largest))).collect()
 }
 
-/// A tick label; all labels of one axis share their digits after the point and their power of ten.
+/// A tick label; all labels of an axis share their number of decimals and their power of ten.
 fn tick_label(value: f64, step: f64, largest: f64) -> String {
     if value == 0.0 {
         return "0".to_string();
@@ -96,13 +96,13 @@ fn tick_label(value: f64, step: f64, largest: f64) -> String {
     format!("{}×{}", fixed(value / power, step / power), power_of_ten(exponent))
 }
 
-/// The value with as many digits after the point as the step needs, and a true minus sign.
+/// The value with the decimals required by the step, and a true minus sign.
 fn fixed(value: f64, step: f64) -> String {
     let decimals = (-(step * 1.0001).log10().floor()).max(0.0) as usize;
     format!("{value:.decimals$}").replace('-', "−")
 }
 
-/// Ticks at `m × 10ᵏ`: in plain digits where all lie from 0.001 to 50 000, otherwise all with powers of ten.
+/// Ticks at `m × 10ᵏ`: in plain notation if all are between 0.001 and 50 000, otherwise all with powers of ten.
 fn labelled(ticks: Vec<(f64, i32)>) -> Vec<(f64, String)> {
     let plain = ticks.iter().all(|(_, k)| (-3..=4).contains(k));
     let label = |m: f64, k: i32| match plain {

@@ -1,4 +1,4 @@
-//! Closed surfaces from files, and what lies inside them.
+//! Closed surfaces from files, and their interior.
 
 mod obj;
 pub(super) mod ply;
@@ -12,31 +12,31 @@ use gradreel::{Error, ErrorKind, Result};
 use crate::mesh_files;
 use crate::vector::bounds;
 
-/// A triangle mesh that encloses a volume: every edge is passed as often one way as the other.
+/// A triangle mesh that encloses a volume: every edge is traversed equally often in both directions.
 #[derive(Debug, Clone)]
 pub struct Mesh {
     vertices: Vec<[f64; 3]>,
     triangles: Vec<[u32; 3]>,
 }
 
-/// Corners and faces as a file has them; faces have three corners or more.
+/// Vertices and faces as read from a file; faces have three or more vertices.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Surface {
     pub vertices: Vec<[f64; 3]>,
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// Most triangles of a mesh; each may have three corners for itself.
+/// Maximum number of triangles of a mesh; each may have three vertices of its own.
 const MOST_TRIANGLES: usize = 1 << 24;
 
 impl Surface {
-    /// Adds a corner.
+    /// Adds a vertex.
     fn add_vertex(&mut self, place: [f64; 3]) -> Result<()> {
         self.vertices.push(place);
         Self::check_count(self.vertices.len() / 3)
     }
 
-    /// Adds a face of three corners or more as a fan of triangles.
+    /// Adds a face of three or more vertices as a triangle fan.
     fn add_face(&mut self, corners: &[u32]) -> Result<()> {
         Self::check_count(self.triangles.len() + corners.len())?;
         for pair in corners[1..].windows(2) {
@@ -45,7 +45,7 @@ impl Surface {
         Ok(())
     }
 
-    /// Adds the triangles of a strip: each corner makes one with the two before it, every other one the other way round.
+    /// Adds a triangle strip: each vertex forms a triangle with the two before it, with alternating orientation.
     fn add_strip(&mut self, corners: &[u32]) -> Result<()> {
         Self::check_count(self.triangles.len() + corners.len())?;
         for (index, three) in corners.windows(3).enumerate() {
@@ -71,14 +71,14 @@ pub(super) fn damaged(what: impl Into<String>) -> Error {
     Error::new(ErrorKind::Input, what).fix("export the file again")
 }
 
-/// Which file is meant, for an error.
+/// Hint on how file paths are resolved, for errors.
 pub(super) const BESIDE: &str = "the path is relative to the scene file";
 
 impl Mesh {
-    /// Reads a file by its ending: `.obj`, `.ply` or `.stl`.
+    /// Reads a file whose format follows from its extension: `.obj`, `.ply` or `.stl`.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] for a file that is missing, damaged or of another kind, and for a surface that is not closed.
+    /// [`ErrorKind::Input`] for a missing or damaged file, an unknown format, or a surface that is not closed.
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = mesh_files::read(path, "the mesh", BESIDE)?;
         let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
@@ -104,7 +104,7 @@ impl Mesh {
         Self::of_surface(&surface)
     }
 
-    /// Joins corners at the same place, drops triangles without area, and checks that the surface is closed.
+    /// Merges coincident vertices, drops degenerate triangles, and checks that the surface is closed.
     pub(super) fn of_surface(surface: &Surface) -> Result<Self> {
         let finite = |x: &[f64; 3]| x.iter().all(|x| x.is_finite());
         if let Some(at) = surface.vertices.iter().position(|x| !finite(x)) {
@@ -117,7 +117,7 @@ impl Mesh {
             .vertices
             .iter()
             .map(|x| {
-                // Adding zero makes the two zeros one.
+                // adding zero merges −0 and +0
                 *places.entry(x.map(|x| (x + 0.0).to_bits())).or_insert_with(|| {
                     vertices.push(*x);
                     vertices.len() as u32 - 1
@@ -142,7 +142,8 @@ impl Mesh {
         Ok(mesh)
     }
 
-    /// Whether every edge is passed as often one way as the other: then every point is inside or outside.
+    /// Checks that every edge is traversed equally often in both directions, so that every point is either inside
+    /// or outside.
     fn check_closed(&self) -> Result<()> {
         if self.triangles.is_empty() {
             return Err(damaged("the mesh has no faces").wanted("a closed surface of triangles"));
@@ -169,7 +170,7 @@ impl Mesh {
             .fix("close the holes and recalculate the normals in the modelling program (Blender: 3D Print Toolbox, Make Manifold)"))
     }
 
-    /// The same mesh scaled and then moved \[m\].
+    /// The mesh scaled and then translated \[m\].
     #[must_use]
     pub fn placed(mut self, scale: f64, translate: [f64; 3]) -> Self {
         for x in &mut self.vertices {
@@ -178,12 +179,12 @@ impl Mesh {
         self
     }
 
-    /// Lowest and highest coordinates \[m\].
+    /// Minimum and maximum coordinates \[m\].
     pub fn bounds(&self) -> [[f64; 3]; 2] {
         bounds(self.triangles.iter().flatten().map(|&corner| self.vertices[corner as usize]))
     }
 
-    /// The enclosed volume \[m³\]; negative where the faces look inwards.
+    /// The enclosed volume \[m³\]; negative if the faces point inwards.
     pub fn volume(&self) -> f64 {
         let corner = |v: u32| self.vertices[v as usize];
         let six: f64 = self
@@ -199,11 +200,11 @@ impl Mesh {
         six / 6.0
     }
 
-    /// Where the upright line through `(x, z)` passes the surface: heights \[m\] in rising order, each with the change of the
-    /// winding number there.
+    /// Intersections of the vertical line through `(x, z)` with the surface: heights \[m\] in ascending order, each
+    /// with the change of the winding number.
     ///
-    /// A line through an edge or a corner passes exactly one of the triangles that meet there: edges belong to the side of
-    /// greater x, and both triangles compute the same place of the edge.
+    /// A line through an edge or vertex crosses exactly one of the adjacent triangles: edges belong to the side of
+    /// greater x, and both triangles compute the same position on the edge.
     pub fn crossings(&self, x: f64, z: f64, triangles: &[u32]) -> Vec<(f64, i32)> {
         let mut found = Vec::new();
         for &index in triangles {
@@ -212,7 +213,7 @@ impl Mesh {
             for k in 0..3 {
                 let (a, b) = (corners[k], corners[(k + 1) % 3]);
                 if (a[2] <= z) != (b[2] <= z) {
-                    // The same arithmetic whichever way the edge is passed.
+                    // the same arithmetic for both directions of the edge
                     let (low, high) = if a[2] <= b[2] { (a, b) } else { (b, a) };
                     let at = low[0] + (z - low[2]) / (high[2] - low[2]) * (high[0] - low[0]);
                     if x < at {
@@ -228,7 +229,7 @@ impl Mesh {
         found
     }
 
-    /// For each of a row of upright lines at `first + k·step` along x and along z, the triangles that may pass it.
+    /// For each vertical line of the raster `first + k·step` in x and z, the triangles that may intersect it.
     pub(super) fn columns(&self, first: [f64; 2], step: [f64; 2], counts: [usize; 2]) -> Vec<Vec<u32>> {
         let mut columns = vec![Vec::new(); counts[0] * counts[1]];
         for (index, triangle) in self.triangles.iter().enumerate() {
@@ -251,7 +252,7 @@ impl Mesh {
     }
 }
 
-/// The height at which a triangle's plane passes the upright line.
+/// Height of a triangle's plane on the vertical line through `(x, z)`.
 fn height([a, b, c]: [[f64; 3]; 3], x: f64, z: f64) -> f64 {
     let (u, v) = ([b[0] - a[0], b[2] - a[2]], [c[0] - a[0], c[2] - a[2]]);
     let area = u[0] * v[1] - u[1] * v[0];

@@ -1,11 +1,11 @@
-//! The corners and faces of a Wavefront OBJ.
+//! Vertices and faces of a Wavefront OBJ.
 
 use gradreel::Result;
 
 use super::Surface;
 use crate::mesh_files::obj::{self, Item};
 
-/// Reads corners and faces.
+/// Reads vertices and faces.
 pub(super) fn read(bytes: &[u8]) -> Result<Surface> {
     let mut surface = Surface::default();
     let mut places = Vec::new();

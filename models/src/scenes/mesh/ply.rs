@@ -1,5 +1,5 @@
-//! PLY: corners (or particles) and faces or strips of triangles, as text or binary of either byte order. Other elements and
-//! properties are passed over.
+//! PLY: vertices (or particles) and faces or triangle strips, as text or binary in either byte order. Other
+//! elements and properties are skipped.
 
 use gradreel::Result;
 
@@ -7,7 +7,7 @@ use super::{Surface, damaged};
 use crate::mesh_files::text;
 use crate::text::unmarked;
 
-/// Longest line of a header that is looked at.
+/// Maximum length of a header line.
 const LONGEST_HEADER: usize = 1 << 16;
 
 #[derive(Clone, Copy, PartialEq)]
@@ -17,7 +17,7 @@ enum Format {
     Big,
 }
 
-/// A number type: bytes, whether it is a float, whether it has a sign.
+/// A number type: size in bytes, whether it is a float, whether it is signed.
 #[derive(Clone, Copy)]
 struct Number {
     bytes: usize,
@@ -44,7 +44,7 @@ impl Number {
 
 struct Property {
     name: String,
-    /// The type of the length, for a list.
+    /// Type of the list length, for a list property.
     list: Option<Number>,
     number: Number,
 }
@@ -55,18 +55,18 @@ struct Element {
     properties: Vec<Property>,
 }
 
-/// What the list of corners of an element is.
+/// Interpretation of an element's vertex list.
 #[derive(Clone, Copy, PartialEq)]
 enum Corners {
     Polygon,
-    /// Strips, each before a −1 or the end.
+    /// Triangle strips, separated by −1.
     Strips,
-    /// Fans, likewise.
+    /// Triangle fans, separated by −1.
     Fans,
 }
 
 impl Element {
-    /// What its corners are, and the property that lists them.
+    /// The interpretation of its vertices, and the property that lists them.
     fn corners(&self) -> Option<(Corners, usize)> {
         let kind = match self.name.as_str() {
             "face" => Corners::Polygon,
@@ -78,7 +78,7 @@ impl Element {
         self.properties.iter().position(lists).map(|property| (kind, property))
     }
 
-    /// The properties that hold the place of a corner.
+    /// The properties that hold a vertex position.
     fn place(&self) -> Result<Option<[usize; 3]>> {
         if self.name != "vertex" {
             return Ok(None);
@@ -91,7 +91,7 @@ impl Element {
     }
 }
 
-/// Reads corners and faces; a file without faces is a point cloud.
+/// Reads vertices and faces; a file without faces is a point cloud.
 pub(in crate::scenes) fn read(bytes: &[u8]) -> Result<Surface> {
     let (format, elements, body) = header(bytes)?;
     of_elements(format, &elements, body)
@@ -142,7 +142,7 @@ fn of_elements(format: Format, elements: &[Element], body: &[u8]) -> Result<Surf
                 if wanted {
                     Surface::check_count(count as usize)?;
                 }
-                // Beyond the numbers that there are, `next` fails.
+                // beyond the end of the data, `next` fails
                 for _ in 0..count as u64 {
                     let value = next(property.number)?;
                     if wanted {
@@ -164,9 +164,9 @@ fn of_elements(format: Format, elements: &[Element], body: &[u8]) -> Result<Surf
     Ok(surface)
 }
 
-/// Adds the triangles of a list of corners. A face of one or two corners has none.
+/// Adds the triangles of a vertex list. Faces of one or two vertices have none.
 fn add_corners(surface: &mut Surface, kind: Corners, listed: &[f64]) -> Result<()> {
-    // −1 of a list without signs is its greatest number.
+    // in an unsigned list, −1 is the maximum value
     let restarts = |number: &f64| kind != Corners::Polygon && [-1.0, f64::from(u32::MAX)].contains(number);
     for part in listed.split(restarts) {
         let number = |value: &f64| {
@@ -191,7 +191,7 @@ fn short(element: &Element, index: usize) -> gradreel::Error {
         .wanted(format!("{} of them", element.count))
 }
 
-/// The format, the elements and what is behind the header, whose lines end as the first one does.
+/// The format, the elements and the data after the header, whose line ending is that of the first line.
 fn header(bytes: &[u8]) -> Result<(Format, Vec<Element>, &[u8])> {
     let fault = |found: &str| {
         let found = text::shown(found);
@@ -252,7 +252,7 @@ fn header(bytes: &[u8]) -> Result<(Format, Vec<Element>, &[u8])> {
     Ok((format, elements, rest))
 }
 
-/// The numbers of the body, one after the other.
+/// Sequential reader of the numbers in the body.
 struct Values<'a> {
     format: Format,
     rest: &'a [u8],

@@ -1,17 +1,18 @@
-//! STL: facets without shared corners, binary or as text.
+//! STL: facets without shared vertices, binary or as text.
 
 use gradreel::{Error, Result};
 
 use super::{Surface, damaged};
 use crate::mesh_files::text;
 
-/// Bytes before the triangles of a binary file, and of each triangle.
+/// Bytes before the triangles of a binary file, and bytes per triangle.
 const HEADER: usize = 84;
 const TRIANGLE: usize = 50;
 
 /// Reads triangles.
 ///
-/// Either kind may begin with `solid`: text has no zero bytes and says `vertex`; binary files say how long they are.
+/// Either kind may begin with `solid`. Text has no zero bytes and contains `vertex`; binary files state their
+/// length.
 pub(super) fn read(bytes: &[u8]) -> Result<Surface> {
     let count = bytes.get(80..HEADER).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
     let length = count.map(|count| HEADER + TRIANGLE * count);
@@ -35,7 +36,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Surface> {
     }
 }
 
-/// What is behind the last triangle is passed over, unless it is triangles, too: then their number is wrong.
+/// Ignores data after the last triangle, unless it consists of triangles, too: then the stated count is wrong.
 fn check_behind(count: usize, behind: &[u8]) -> Result<()> {
     let triangles = behind.len() / TRIANGLE;
     let is_one = |triangle: &[u8]| {
@@ -63,7 +64,7 @@ fn binary(triangles: &[u8]) -> Result<Surface> {
     Ok(surface)
 }
 
-/// Adds a facet with corners of its own.
+/// Adds a facet with its own vertices.
 fn add_facet(surface: &mut Surface, corners: &[[f64; 3]]) -> Result<()> {
     let first = surface.vertices.len() as u32;
     corners.iter().try_for_each(|corner| surface.add_vertex(*corner))?;
@@ -71,7 +72,8 @@ fn add_facet(surface: &mut Surface, corners: &[[f64; 3]]) -> Result<()> {
     Ok(())
 }
 
-/// Words in large or small letters: `vertex x y z`, three or more between `loop` and `endloop`, and `endsolid` at the end.
+/// Case-insensitive keywords: `vertex x y z`, three or more between `loop` and `endloop`, and `endsolid` at the
+/// end.
 fn ascii(text: &str) -> Result<Surface> {
     let mut surface = Surface::default();
     let mut corners = Vec::new();
@@ -80,14 +82,14 @@ fn ascii(text: &str) -> Result<Surface> {
         let refused = |what: &str, wanted: &str| refused(index, line, what, wanted);
         let mut words = line.split_whitespace().peekable();
         let is = |word: &&str, name: &str| word.eq_ignore_ascii_case(name);
-        // The name of the solid may be anything.
+        // the name of the solid is arbitrary
         if let Some(word) = words.next_if(|word| is(word, "solid") || is(word, "endsolid")) {
             ended = is(&word, "endsolid");
             continue;
         }
         while let Some(word) = words.next() {
             if is(&word, "vertex") {
-                // Through f32, as in a binary file, so that the same corner written twice stays the same.
+                // parsed as f32, as in a binary file, so that repeated vertices stay equal
                 let values: Vec<f64> =
                     words.by_ref().take(3).map_while(|word| word.parse::<f32>().ok()).map(f64::from).collect();
                 let corner = values.try_into();

@@ -1,4 +1,4 @@
-//! The background of a film, from its own frames: what each pixel shows while the object is elsewhere.
+//! The background of a film, estimated from the frames in which the object is elsewhere.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -7,21 +7,22 @@ use rayon::prelude::*;
 
 use crate::video::image::Image;
 
-/// Most frames that are compared with each other.
+/// Maximum number of frames that are compared.
 pub(super) const MOST_FRAMES: usize = 32;
 
-/// Two values closer than this in every channel may be of the same thing.
+/// Values closer than this in every channel count as the same surface.
 const ALIKE: u8 = 26;
 
-/// The frames in which a pixel is taken to show the background, bit by bit.
+/// Bit set of the frames in which a pixel is assumed to show the background.
 type Frames = u32;
 
 /// The background behind a moving object.
 ///
-/// Where a pixel shows the same in all frames, that is the background. Elsewhere there are several candidates: sets of frames in
-/// which it shows the same thing. Neighbouring pixels are covered in the same frames, but where an edge passes between them,
-/// which is an edge in the picture; from the pixels that are known, those around them are decided in the order of how well they agree,
-/// by the set that agrees best. Also a pixel that the object covers for most of the time is found so, if only it is free once.
+/// A pixel that is constant in all frames shows the background. Any other pixel has several candidates: sets of
+/// frames in which it looks the same. Neighbouring pixels are covered in the same frames unless the object's edge
+/// passes between them, which is visible as an edge in the image. Starting from the known pixels, their neighbours
+/// are decided in the order of agreement, each by the set that agrees best. A pixel needs to be uncovered only once
+/// for its background to be found.
 pub(super) fn of(images: &[Image]) -> Image {
     let step = images.len().div_ceil(MOST_FRAMES).max(1);
     let frames: Vec<&Image> = images.iter().step_by(step).collect();
@@ -41,8 +42,8 @@ pub(super) fn of(images: &[Image]) -> Image {
         .into_iter()
         .flatten()
     };
-    // how little a pixel agrees with a neighbour that is free in these frames: an edge passes between them where they differ,
-    // which an edge in the picture must show
+    // disagreement of a pixel with a neighbour that is uncovered in these frames: the frames in which an edge would
+    // have to pass between them, but none is visible
     let best = |i: usize, neighbour: usize, free: Frames| {
         let smooth = frames.iter().enumerate().filter(|(_, f)| is_alike(f.pixels[i], f.pixels[neighbour]));
         let smooth = smooth.fold(0, |set: Frames, (k, _)| set | 1 << k);
@@ -55,7 +56,7 @@ pub(super) fn of(images: &[Image]) -> Image {
     let still = candidates.iter().enumerate().filter(|(_, sets)| sets.contains(&all));
     open.extend(still.map(|(i, _)| (Reverse((0, 0)), Reverse(i), all)));
     if open.is_empty() {
-        // nothing is ever still: what is seen most often
+        // no pixel is constant: take the most frequent appearance
         let most = |sets: &Vec<Frames>| sets.iter().copied().max_by_key(|set| set.count_ones()).unwrap_or(all);
         open.extend(candidates.iter().enumerate().map(|(i, sets)| (Reverse((0, 0)), Reverse(i), most(sets))));
     }
@@ -87,7 +88,7 @@ fn is_alike(a: [u8; 4], b: [u8; 4]) -> bool {
     (0..3).all(|c| a[c].abs_diff(b[c]) <= ALIKE)
 }
 
-/// The sets of frames in which a pixel shows about what it shows in one of them.
+/// The sets of frames in which a pixel looks the same as in one of them.
 pub(super) fn alike(frames: &[&Image], i: usize) -> Vec<Frames> {
     let set = |like: &&Image| {
         let all = frames.iter().enumerate().filter(|(_, other)| is_alike(like.pixels[i], other.pixels[i]));
@@ -103,7 +104,7 @@ pub(super) fn alike(frames: &[&Image], i: usize) -> Vec<Frames> {
 mod tests {
     use super::*;
 
-    /// A patterned square that falls onto a striped floor and stays there for most of the film.
+    /// A patterned square that falls onto a striped floor and rests there for most of the film.
     #[test]
     fn what_is_behind_an_object_that_stays_is_found() {
         let (side, square) = (60, 20);

@@ -1,4 +1,4 @@
-//! The background of a film, corrected by where the object was found.
+//! Refinement of a film's background, given the object's position.
 
 use rayon::prelude::*;
 
@@ -6,23 +6,23 @@ use super::backdrop::{MOST_FRAMES, alike};
 use crate::video::image::Image;
 use crate::video::matte::{self, Matte};
 
-/// How far around the object a pixel is not trusted to be free of it \[pixels\].
+/// Margin around the object in which a pixel is not trusted to show the background \[pixels\].
 const DISTANCE: usize = 3;
 
-/// Of the frames in which a pixel is free, the share of which it shows about the same, at least …
+/// Minimum share of a pixel's uncovered frames in which it must look the same …
 const COMMON: f64 = 0.2;
 
-/// … and which of these, from dark to bright, show it as it is: those in which no shadow falls on it.
+/// … and quantiles of these by brightness that show it unshadowed.
 const LIT: [f64; 2] = [0.6, 0.9];
 
-/// Channels that a shadow darkens differ in their ratios by this factor at most.
+/// Maximum factor between the channel ratios of a shadowed and an unshadowed pixel.
 const SAME_HUE: f64 = 1.1;
 
-/// The background behind an object that was found against a first estimate `empty` of it: what pixels show, unshadowed, while the
-/// object, the largest piece of each matte, is elsewhere.
+/// Refines a first estimate `empty` of the background, against which the object was segmented: each pixel takes its
+/// unshadowed colour from frames in which the object, the largest piece of each matte, is elsewhere.
 ///
-/// A wrong estimate looks like a thing that stands still in every frame where the object is elsewhere, and a shadow that
-/// fell on it like a light that nothing casts; neither is left then.
+/// An error in the estimate appears as a static object in every frame in which the real object is elsewhere; a
+/// shadow in the estimate appears as a light without a source. Both are removed.
 pub(super) fn of(images: &[Image], mattes: &[Matte], empty: &Image) -> Image {
     let step = images.len().div_ceil(MOST_FRAMES).max(1);
     let (width, height) = (empty.width, empty.height);
@@ -41,7 +41,7 @@ pub(super) fn of(images: &[Image], mattes: &[Matte], empty: &Image) -> Image {
     Image { pixels: (0..width * height).into_par_iter().map(pixel).collect(), ..empty.clone() }
 }
 
-/// What a pixel shows in most of some frames, or lit in enough of them; `None` without frames.
+/// Colour of a pixel in most of the given frames, or in enough frames that are unshadowed; `None` without frames.
 fn unshadowed(frames: &[&Image], i: usize) -> Option<[u8; 4]> {
     let sets: Vec<Vec<[u8; 3]>> = alike(frames, i)
         .into_iter()
@@ -65,7 +65,7 @@ fn unshadowed(frames: &[&Image], i: usize) -> Option<[u8; 4]> {
     Some([r, g, b, 255])
 }
 
-/// Whether a colour is brighter than another, as much in all channels: the same thing out of the shadow.
+/// Whether a colour is brighter than another by similar factors in all channels: the same surface without shadow.
 fn is_lit(colour: [usize; 3], shadowed: [usize; 3]) -> bool {
     let ratio = [0, 1, 2].map(|c| (colour[c] + 1) as f64 / (shadowed[c] + 1) as f64);
     let [low, high] = [f64::min, f64::max].map(|of| ratio.into_iter().reduce(of).expect("three"));
@@ -82,7 +82,7 @@ fn mean(colours: &[[u8; 3]]) -> [usize; 3] {
 mod tests {
     use super::*;
 
-    /// A square moves along; in the first estimate something is where nothing is, and a shadow lies where it lies mostly.
+    /// A moving square; the first estimate contains a static error and the shadow's most frequent position.
     #[test]
     fn what_stands_still_or_is_shadowed_is_corrected() {
         let (side, square) = (40, 8);

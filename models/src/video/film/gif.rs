@@ -1,4 +1,4 @@
-//! GIF files, their frames put together.
+//! GIF decoding and frame composition.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -11,16 +11,16 @@ use super::pile::{Pile, check_size, halvings_of};
 use super::{Clock, Decoded, Wanted};
 use crate::video::image::Image;
 
-/// A delay of a hundredth of a second or less is shown as a tenth, as browsers do.
+/// Delays of a hundredth of a second or less are treated as a tenth, as browsers do.
 const SHORTEST: u32 = 2;
 
-/// Delays are counted in this \[s\].
+/// Unit of delays \[s\].
 const UNIT: f64 = 0.01;
 
-/// Most bytes of a frame.
+/// Maximum size of a frame \[bytes\].
 const MOST_BYTES: u64 = 1 << 29;
 
-/// Decodes the wanted frames, each with the time at which it is shown. A file that is cut off has the frames that are whole.
+/// Decodes the wanted frames with their display times. A truncated file yields its complete frames.
 pub(super) fn read(path: &Path, wanted: Wanted) -> Result<Decoded> {
     let broken = |e: DecodingError| {
         Error::new(ErrorKind::Input, "cannot decode the GIF")
@@ -36,7 +36,7 @@ pub(super) fn read(path: &Path, wanted: Wanted) -> Result<Decoded> {
     let mut decoder = options.read_info(BufReader::new(file)).map_err(broken)?;
     let size = (usize::from(decoder.width()), usize::from(decoder.height()));
     check_size(path, size)?;
-    // of a canvas that is too large, one pixel in so many is painted along either side
+    // an oversized canvas is decoded at a reduced resolution by skipping pixels
     let halvings = halvings_of(size);
     let (width, height) = (size.0 >> halvings, size.1 >> halvings);
     let mut canvas = vec![[0u8; 4]; width * height];
@@ -85,7 +85,7 @@ pub(super) fn read(path: &Path, wanted: Wanted) -> Result<Decoded> {
         }
         count += 1;
     }
-    // shrunk pictures have more colours
+    // downscaling adds colours
     let few_colours = pile.halvings == halvings;
     let decoded = Decoded::of(pile);
     said.extend_from_slice(&decoded.said);
@@ -97,7 +97,7 @@ pub(super) fn read(path: &Path, wanted: Wanted) -> Result<Decoded> {
     })
 }
 
-/// Whether the file ends before it should.
+/// Whether the error is a premature end of file.
 fn is_end(error: &DecodingError) -> bool {
     match error {
         DecodingError::UnexpectedEof => true,

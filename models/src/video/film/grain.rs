@@ -1,30 +1,31 @@
-//! The grain of films with few colours: a palette that was made for all films alike shows a colour it does not have as a mixture of
-//! those around it, pixel by pixel (dithering).
+//! Grain of films with few colours: a fixed palette represents missing colours by dithering, a pixelwise mixture of
+//! the available ones.
 
 use rayon::prelude::*;
 
 use crate::video::image::Image;
 
-/// By how much a pixel stands out from all four around it, to be of the grain. Silhouettes and textures have pixels alike on one side or
-/// the other.
+/// Minimum difference of a grain pixel from each of its four neighbours. Pixels of edges and textures resemble a
+/// neighbour on at least one side.
 const STANDS_OUT: u8 = 12;
 
-/// The share of such pixels that makes a film grained, and the share of squares that have some: a speckled object does not.
+/// Minimum share of such pixels, and of squares that contain any, in a grainy picture. The latter excludes pictures
+/// in which only the object is speckled.
 const COARSE: [f64; 2] = [0.02, 0.3];
 
 /// Side of these squares \[pixels\].
 const SQUARE: usize = 16;
 
-/// Width of the Gaussian that mixes the colours again \[pixels\].
+/// Width of the Gaussian that restores mixed colours \[pixels\].
 const WIDTH: f64 = 2.0;
 
-/// The same films without grain, if there is any.
+/// The pictures with grain removed; `None` if there is no grain.
 pub(super) fn removed(images: &[Image]) -> Option<Vec<Image>> {
     let grained = images.par_iter().any(is_grained);
     (grained && !images.iter().any(Image::is_transparent_somewhere)).then(|| images.par_iter().map(smoothed).collect())
 }
 
-/// Whether single pixels stand out in some channel all over the picture.
+/// Whether isolated pixels differ from their surroundings in some channel all over the picture.
 fn is_grained(image: &Image) -> bool {
     let Image { width, height, pixels, .. } = image;
     if *width < 3 || *height < 3 {
@@ -48,7 +49,7 @@ fn is_grained(image: &Image) -> bool {
     share > COARSE[0] && hit > COARSE[1]
 }
 
-/// Each pixel as a mean of those around it.
+/// Gaussian smoothing.
 fn smoothed(image: &Image) -> Image {
     let reach = (3.0 * WIDTH).ceil() as isize;
     let weights: Vec<f32> = (-reach..=reach).map(|d| (-0.5 * (d as f64 / WIDTH).powi(2)).exp() as f32).collect();
@@ -100,7 +101,7 @@ mod tests {
     fn a_texture_is_left_as_it_is() {
         assert!(removed(&[picture(|_, _| 255)]).is_none());
         assert!(removed(&[picture(|x, _| (5 * x) as u8)]).is_none());
-        // nor is a speckled thing in one place
+        // a speckled object in one place is no grain either
         assert!(removed(&[picture(|x, y| if x < 12 && y < 12 { 80 * ((x + y) % 2) as u8 } else { 200 })]).is_none());
         assert!(removed(&[picture(|x, y| 90 + ((x / 3 + y) % 4) as u8)]).is_none());
     }

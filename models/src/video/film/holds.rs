@@ -1,28 +1,28 @@
-//! Frames that are shown for longer than others.
+//! Resampling to an even pace where some frames are shown for several intervals.
 
 use super::lost;
 use super::pace::Pace;
 use crate::video::clip::Frame;
 
-/// A frame that is held for more intervals than this, and for longer than this \[s\], ends the film.
+/// A frame held for more than both limits (intervals, seconds) ends the film.
 const LONGEST: (usize, f64) = (24, 2.0);
 
-/// Intersection over union from which on two silhouettes are of an object that rests.
+/// Minimum intersection over union of the silhouettes of an object at rest.
 const RESTS: f64 = 0.9;
 
-/// Most pixels of all frames, those between included.
+/// Maximum number of pixels of all frames, inserted ones included.
 const MOST: usize = 1 << 26;
 
-/// Frames at an even pace, made of frames that are shown for several intervals here and there.
+/// Frames at an even pace, from frames some of which are shown for several intervals.
 pub(super) struct Even {
-    /// Which of the frames is shown at each interval; `None` between two frames that show an object in motion.
+    /// Index of the frame shown in each interval; `None` between two frames that show an object in motion.
     shown: Vec<Option<usize>>,
-    /// What there is to say.
+    /// Messages.
     pub said: Vec<String>,
 }
 
 impl Even {
-    /// Fills the intervals of frames, the first of which is number `first` of the film.
+    /// Assigns frames to intervals; `first` is the number of the first frame in the film.
     pub fn of(frames: &[Frame], pace: &Pace, first: usize) -> Self {
         let pixels = frames[0].alpha.len();
         let longest = LONGEST.0.max((LONGEST.1 / pace.interval) as usize);
@@ -62,13 +62,13 @@ impl Even {
         self.shown.iter().map(one).collect()
     }
 
-    /// Whether this changes anything for so many frames.
+    /// Whether the result differs from the given number of frames.
     pub fn is_change(&self, count: usize) -> bool {
         self.shown.len() != count || self.shown.contains(&None)
     }
 }
 
-/// Whether two frames show an object in the same place.
+/// Whether two frames show the object in the same place.
 fn alike(a: &Frame, b: &Frame) -> bool {
     let (mut both, mut any) = (0usize, 0usize);
     for (a, b) in a.alpha.iter().zip(&b.alpha) {
@@ -85,7 +85,7 @@ mod tests {
 
     use super::*;
 
-    /// A square of 20 pixels that begins at a column.
+    /// A square of 20 pixels whose left edge is at `column`.
     fn frame(column: usize) -> Frame {
         let alpha = Array2::from_shape_fn((30, 60), |(y, x)| {
             f32::from(u8::from((5..25).contains(&y) && (column..column + 20).contains(&x)))

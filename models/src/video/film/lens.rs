@@ -1,4 +1,4 @@
-//! The lens that a film was taken with, where its file says.
+//! Focal length from the metadata of a film's file.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Seek};
@@ -9,14 +9,14 @@ use exif::{In, Reader, Tag};
 use super::pictures::Series;
 use super::stream;
 
-/// The diagonal of a frame of 35 mm film \[mm\].
+/// Diagonal of a 35 mm film frame \[mm\].
 const DIAGONAL: f64 = 43.27;
 
-/// Focal lengths of 35 mm film that are believed \[mm\].
+/// Accepted 35 mm equivalent focal lengths \[mm\].
 const BELIEVED: std::ops::RangeInclusive<f64> = 5.0..=2000.0;
 
-/// The focal length as a share of the picture's diagonal: from the Exif data of the first picture of a folder, or from the tags of a
-/// video file. Both state the focal length with which 35 mm film shows as much along the diagonal.
+/// The focal length as a share of the picture's diagonal, from the Exif data of a folder's first picture or from
+/// the tags of a video file. Both state the 35 mm equivalent focal length along the diagonal.
 pub(super) fn focal(path: &Path) -> Option<f64> {
     let equivalent = match path.is_dir() {
         true => of_picture(&mut BufReader::new(File::open(Series::of(path).ok()?.files.first()?).ok()?)),
@@ -26,7 +26,7 @@ pub(super) fn focal(path: &Path) -> Option<f64> {
 }
 
 fn of_picture(file: &mut (impl BufRead + Seek)) -> Option<f64> {
-    // a picture without such data, or with damaged data, says nothing
+    // pictures with missing or damaged Exif data are ignored
     let exif = Reader::new().read_from_container(file).ok()?;
     exif.get_field(Tag::FocalLengthIn35mmFilm, In::PRIMARY)?.value.get_uint(0).map(f64::from)
 }
@@ -37,7 +37,7 @@ mod tests {
 
     use super::*;
 
-    /// A JPEG file that holds nothing but a focal length.
+    /// A JPEG file with only a focal length.
     fn picture(focal: u16) -> Vec<u8> {
         let entry = |tag: u16, kind: u16, value: u32| -> Vec<u8> {
             [&tag.to_le_bytes()[..], &kind.to_le_bytes(), &1u32.to_le_bytes(), &value.to_le_bytes()].concat()

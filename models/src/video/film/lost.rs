@@ -10,16 +10,16 @@ use crate::video::clip::{Flight, Frame};
 use crate::video::foreground::Foreground;
 use crate::video::matte::Matte;
 
-/// A frame that shows less than this share of what frames usually show has lost the object.
+/// A frame has lost the object if its silhouette area is below this share of the typical area.
 const LOST: f64 = 0.25;
 
-/// One frame in so many may be lost, but none of the first ones, which show the object and its fall.
+/// At most one frame in this many may be lost, and none of the first frames, which show the ballistic phase.
 const ONE_IN: usize = 8;
 
-/// The numbers of the frames that show far less of an object than frames usually do: a flash, a hand, a matte that failed.
+/// Numbers of the frames whose silhouette is much smaller than usual: a flash, a hand, a failed matte.
 ///
 /// # Errors
-/// [`ErrorKind::Input`] if they are too many, or among the first.
+/// [`ErrorKind::Input`] if there are too many, or if one of the first frames is among them.
 pub(super) fn frames(path: &Path, mattes: &[Matte], foreground: Foreground, wanted: Wanted) -> Result<Vec<usize>> {
     let areas: Vec<usize> = mattes.iter().map(|(_, alpha)| alpha.iter().filter(|a| **a > 0.5).count()).collect();
     let mut sorted = areas.clone();
@@ -52,7 +52,7 @@ pub(super) fn frames(path: &Path, mattes: &[Matte], foreground: Foreground, want
         }))
 }
 
-/// A frame of which no pixel counts.
+/// A frame with zero weight everywhere.
 pub(super) fn nothing(width: usize, height: usize) -> Frame {
     Frame {
         rgb: Array3::ones((height, width, 3)),

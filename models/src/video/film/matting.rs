@@ -1,4 +1,4 @@
-//! What in a film is the object.
+//! Segmentation of the object in a film.
 
 use std::path::Path;
 
@@ -15,40 +15,40 @@ use crate::video::image::Image;
 use crate::video::mask::Mask;
 use crate::video::matte::{self, Light, Matte};
 
-/// How far the border of a plain background may be from its median in every channel, and the share of it that is not further.
+/// Maximum deviation of a plain background's border from its median per channel, and the minimum share of border
+/// pixels within it.
 const PLAIN: (u8, f64) = (12, 0.95);
 
-/// A background that is at least so bright in every channel is white.
+/// Minimum channel value of a white background.
 const WHITE: u8 = 248;
 
-/// How often the background is corrected by where the object is.
+/// Number of background refinements.
 const ROUNDS: usize = 2;
 
-/// What was found in the pictures of a film.
+/// Result of the segmentation.
 pub(super) struct Found {
-    /// What tells the object.
     pub foreground: Foreground,
     /// The frames, with the object alone on white.
     pub frames: Vec<Frame>,
-    /// The same with parts in the background's hue, see [`super::Film::hueless`].
+    /// The same with parts in the background's hue (see [`super::Film::hueless`]).
     pub hueless: Option<Vec<Frame>>,
-    /// Frames in which it was not found; nothing in them counts.
+    /// Frames in which the object was not found; their weight is 0.
     pub lost: Vec<usize>,
-    /// What else there is to say of how it was found.
+    /// Further messages.
     pub said: Vec<String>,
 }
 
-/// What tells the object, and how it is seen by that.
+/// The foreground source and the mattes it yields.
 struct Told {
     foreground: Foreground,
     mattes: Vec<Matte>,
-    /// The mattes with parts in the background's hue.
+    /// The mattes with parts in the background's hue included.
     hueless: Option<Vec<Matte>>,
     said: Vec<String>,
 }
 
-/// The object in the pictures of a film, and what tells it: given masks, a given network, the pictures' own transparency, a given
-/// background, a plain one (white, or a colour), or what stays the same while the object moves.
+/// Segments the object by the first available source: given masks, a given network, the pictures' alpha channel, a
+/// given background, a plain background (white or another colour), or a background estimated from the frames.
 pub(super) fn frames(path: &Path, pictures: Decoded, settings: &FilmSettings, wanted: Wanted) -> Result<Found> {
     let (width, height) = (pictures.images[0].width, pictures.images[0].height);
     let Told { foreground, mut mattes, mut hueless, mut said } = mattes(&pictures, settings, wanted)?;
@@ -77,7 +77,7 @@ pub(super) fn frames(path: &Path, pictures: Decoded, settings: &FilmSettings, wa
     Ok(Found { foreground, frames: frames(mattes), hueless: hueless.map(frames), lost, said })
 }
 
-/// What tells the object in the pictures of a film.
+/// Chooses the foreground source and computes the mattes.
 fn mattes(pictures: &Decoded, settings: &FilmSettings, wanted: Wanted) -> Result<Told> {
     let images = &pictures.images;
     let against = |plate: &Image| {
@@ -119,7 +119,7 @@ fn mattes(pictures: &Decoded, settings: &FilmSettings, wanted: Wanted) -> Result
             None => {
                 let mut empty = backdrop::of(images);
                 for _ in 0..ROUNDS {
-                    // rather too much of the object than too little of it
+                    // prefer an object region that is too large to one that is too small
                     let (without, with) = against(&empty);
                     empty = corrected::of(images, with.as_ref().unwrap_or(&without), &empty);
                 }
@@ -130,7 +130,7 @@ fn mattes(pictures: &Decoded, settings: &FilmSettings, wanted: Wanted) -> Result
     Ok(Told { foreground, mattes, hueless, said: vec![] })
 }
 
-/// The colour of the border of all frames, if it is one.
+/// The border colour of all frames, if it is uniform.
 fn plain(images: &[Image]) -> Option<[u8; 3]> {
     let border = |image: &Image| {
         let (w, h) = (image.width, image.height);
@@ -148,7 +148,7 @@ fn median_of(mut values: Vec<u8>) -> u8 {
     *values.select_nth_unstable(middle).1
 }
 
-/// A mask for each picture, and what there is to say of their names.
+/// A mask for each picture, and messages about their names.
 fn masks(folder: &Path, pictures: &Decoded, wanted: Wanted) -> Result<(Vec<Mask>, Vec<String>)> {
     let count = pictures.images.len();
     let series = Series::of(folder)?;
@@ -169,7 +169,7 @@ fn masks(folder: &Path, pictures: &Decoded, wanted: Wanted) -> Result<(Vec<Mask>
     Ok((chosen.iter().map(read).collect::<Result<_>>()?, series.said))
 }
 
-/// A mask of half the sides.
+/// A mask at half the width and height.
 fn halved(mask: &Mask) -> Mask {
     let mean = |four: [u8; 4]| ((four.iter().map(|v| u32::from(*v)).sum::<u32>() + 2) / 4) as u8;
     let coverage = halved_with(&mask.coverage, (mask.width, mask.height), mean);

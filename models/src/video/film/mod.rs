@@ -1,4 +1,4 @@
-//! Films: a GIF, a video file or a folder of pictures, from one camera of which nothing is known.
+//! Films: a GIF, a video file or a folder of pictures from one uncalibrated camera.
 
 mod backdrop;
 mod corrected;
@@ -33,36 +33,36 @@ use super::foreground::Foreground;
 use super::image::Image;
 use super::layout::Format;
 
-/// Endings of the files that are given to ffmpeg.
+/// Extensions of the files that ffmpeg decodes.
 const VIDEOS: [&str; 13] =
     ["mp4", "mov", "m4v", "mkv", "webm", "avi", "mpg", "mpeg", "ogv", "wmv", "3gp", "ts", "apng"];
 
-/// Frame rates that are believed \[1/s\].
+/// Accepted frame rates \[1/s\].
 const RATES: std::ops::RangeInclusive<f64> = 0.1..=1e6;
 
-/// What is known of a film besides its pictures; what is not given is read from the file or assumed, and said.
+/// Known properties of a film. Missing values are read from the file, or assumed and reported.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FilmSettings {
-    /// Frame rate \[1/s\]; 0 takes the file's.
+    /// Frame rate \[1/s\]; 0 uses the file's.
     pub frames_per_s: f64,
-    /// Angle of view along the image's longer side \[degrees\]; 0 takes what the file says of its lens, or 50.
+    /// Angle of view along the image's longer side \[degrees\]; 0 uses the file's metadata, or else 50.
     pub field_of_view: f64,
-    /// How far the camera looks down \[degrees\]; if not given, found with the free fall, starting from 10.
+    /// Downward pitch of the camera \[degrees\]; if not given, fitted jointly with the free fall, starting from 10.
     pub elevation: Option<f64>,
-    /// A folder with a mask for each frame, white where the object is.
+    /// A folder with one mask per frame, white on the object.
     pub masks: Option<PathBuf>,
-    /// A picture of the background without the object.
+    /// A background plate: a picture without the object.
     pub background: Option<PathBuf>,
-    /// A network that tells the object from the background.
+    /// A network that segments the object.
     pub matting: Option<MattingSettings>,
 }
 
 impl FilmSettings {
-    /// Whether the values make sense.
+    /// Checks that all values are within their ranges.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] naming the first that does not.
+    /// [`ErrorKind::Input`] naming the first that is not.
     pub fn check(&self) -> Result<()> {
         let rules = [
             (self.frames_per_s == 0.0 || RATES.contains(&self.frames_per_s), "frames_per_s", "0, or 0.1 to 1e6 1/s"),
@@ -98,42 +98,42 @@ impl FilmSettings {
 /// A film in memory, the object alone on white.
 #[derive(Debug, Clone)]
 pub struct Film {
-    /// The file's name without its ending, or the folder's.
+    /// Name of the file without its extension, or of the folder.
     pub name: String,
     /// The pictures.
     pub frames: Vec<Frame>,
-    /// In films of few colours whose object is told by difference: the pictures with those parts, too, that have the hue of the
-    /// background. While the object is in the air they are its own; when it has met its shadow they may be that.
+    /// For films of few colours segmented by difference: the frames with those parts included whose hue equals the
+    /// background's. During free flight these parts belong to the object; after contact they may be its shadow.
     pub hueless: Option<Vec<Frame>>,
-    /// Number of the first one in the film.
+    /// Number of the first of `frames` in the film.
     pub first: usize,
-    /// Their rate \[1/s\].
+    /// Frame rate \[1/s\].
     pub frames_per_s: f64,
-    /// The focal length as a share of the pictures' diagonal, if the film says.
+    /// Focal length as a share of the picture's diagonal, if the file states it.
     pub focal: Option<f64>,
-    /// What tells the object from the background.
+    /// Foreground source.
     pub foreground: Foreground,
-    /// What had to be assumed.
+    /// Assumptions made.
     pub assumptions: Vec<String>,
 }
 
-/// Pictures as they were decoded.
+/// Decoded pictures.
 struct Decoded {
     images: Vec<Image>,
     /// Width and height in the file.
     size: (usize, usize),
-    /// How often the sides were halved.
+    /// Number of times the sides were halved.
     halvings: u32,
-    /// When each is shown, if the film says.
+    /// Display times, if the film has any.
     clock: Option<Clock>,
-    /// Whether the pictures have few colours: those of a GIF.
+    /// Whether the pictures have few colours, as in a GIF.
     few_colours: bool,
-    /// What there is to say of the file.
+    /// Messages about the file.
     said: Vec<String>,
 }
 
 impl Decoded {
-    /// Pictures of which nothing else is known.
+    /// Pictures without further metadata.
     fn of(pile: Pile) -> Self {
         let said = pile.said().into_iter().collect();
         let Pile { images, size, halvings, .. } = pile;
@@ -141,7 +141,7 @@ impl Decoded {
     }
 }
 
-/// Which pictures are decoded: so many from this one on.
+/// Range of pictures to decode.
 #[derive(Clone, Copy)]
 struct Wanted {
     first: usize,
@@ -149,7 +149,7 @@ struct Wanted {
 }
 
 impl Film {
-    /// Whether a path is a film: a GIF or video file, or a folder of pictures without a list of cameras.
+    /// Whether `path` is a film: a GIF or video file, or a folder of pictures without a camera list.
     pub fn is_at(path: &Path) -> bool {
         if path.is_dir() {
             return Format::ALL.iter().all(|format| !format.is_at(path)) && pictures::are_in(path);
@@ -157,16 +157,16 @@ impl Film {
         path.is_file() && Self::is_name(path)
     }
 
-    /// Whether a path is called like a GIF or video file.
+    /// Whether `path` has the extension of a GIF or video file.
     pub(crate) fn is_name(path: &Path) -> bool {
         ending(path) == "gif" || VIDEOS.contains(&ending(path).as_str())
     }
 
-    /// Decodes a film and finds the object in every picture.
+    /// Decodes a film and segments the object in every picture.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] with the file concerned and a way out for a film that is damaged, too large, has fewer frames than
-    /// asked for, or in which nothing tells the object from the background; [`ErrorKind::Io`] for files that cannot be read.
+    /// [`ErrorKind::Input`] naming the file and a remedy for a film that is damaged or too large, has fewer frames
+    /// than requested, or offers no way to segment the object; [`ErrorKind::Io`] for unreadable files.
     pub fn read(path: &Path, settings: &FilmSettings, options: &OpenOptions) -> Result<Self> {
         settings.check()?;
         let first = options.first_frame.unwrap_or(0);
@@ -219,7 +219,7 @@ impl Film {
     }
 }
 
-/// The interval of a film's frames \[s\], for how many intervals each is shown if the film says, and what there is to say of it.
+/// The frame interval \[s\], the number of intervals per frame if the film has display times, and messages.
 fn time(path: &Path, settings: &FilmSettings, clock: Option<&Clock>) -> Result<(f64, Option<Pace>, Vec<String>)> {
     if settings.frames_per_s > 0.0 {
         return Ok((1.0 / settings.frames_per_s, None, vec![]));

@@ -1,4 +1,4 @@
-//! Mattes by a network that is given as an ONNX file.
+//! Mattes by a given ONNX network.
 
 use std::path::PathBuf;
 
@@ -10,29 +10,31 @@ use super::runtime::{self, Network, SIDES};
 use crate::video::image::Image;
 use crate::video::mask::Mask;
 
-/// Where a network leaves the size of its pictures open, their sides are multiples of this: networks halve them five times.
+/// Side lengths are multiples of this where a network leaves its input size open: networks halve them five times.
 const MULTIPLE: usize = 32;
 
-/// How far beyond 0 and 1 values are still shares: filters at the end of a network overshoot a little.
+/// Tolerated overshoot of coverage values beyond 0 and 1, caused by the filters at a network's output.
 const OVERSHOOT: f32 = 0.25;
 
-/// A network that tells the object from the background of a picture, such as U²-Net, ISNet, RMBG, BiRefNet or MODNet.
+/// A network that segments the object in a picture, such as U²-Net, ISNet, RMBG, BiRefNet or MODNet.
 ///
-/// It takes one picture `[1, 3, height, width]` of `f32`, and its first output is `[1, 1, height, width]` or `[1, height, width]`: the
-/// object's share of each pixel. Values beyond 0 to 1 are taken for logits if some are negative, and made shares by the logistic
-/// function; otherwise they are stretched to 0 to 1, picture by picture. The file is run as a program is: it takes the time and the memory that
-/// it asks for.
+/// The input is one picture `[1, 3, height, width]` of `f32`; the first output is the object's coverage
+/// `[1, 1, height, width]` or `[1, height, width]`. Values outside 0…1 are taken as logits if some are negative and
+/// passed through the logistic function; otherwise they are rescaled to 0…1 per picture. Running a network takes the
+/// time and memory that its file demands.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MattingSettings {
     /// The ONNX file, weights included.
     pub model: PathBuf,
-    /// What is subtracted from red, green and blue, each from 0 to 1. The default is that of U²-Net and BiRefNet; of ISNet, RMBG-1.4
-    /// and MODNet it is 0.5.
+    /// Subtracted from red, green and blue, each in 0…1. The default is that of U²-Net and BiRefNet; use 0.5 for
+    /// ISNet, RMBG-1.4 and MODNet.
     pub mean: [f64; 3],
-    /// What the difference is divided by. The default is that of U²-Net and BiRefNet; of ISNet and RMBG-1.4 it is 1, of MODNet 0.5.
+    /// Divisor of the difference. The default is that of U²-Net and BiRefNet; use 1 for ISNet and RMBG-1.4, 0.5 for
+    /// MODNet.
     pub deviation: [f64; 3],
-    /// Longer side of the pictures that the network sees, where it leaves their size open \[pixels\]; sides become multiples of 32.
+    /// Longer side of the network's input where it leaves the size open \[pixels\]; sides are rounded to multiples
+    /// of 32.
     pub size: usize,
 }
 
@@ -43,7 +45,7 @@ impl Default for MattingSettings {
 }
 
 impl MattingSettings {
-    /// Whether the values make sense: each rule with the setting that it is about, and what is wanted.
+    /// Validity of the settings: for each rule its result, the setting and the expected value.
     pub(super) fn rules(&self) -> [(bool, &'static str, &'static str); 4] {
         [
             (!self.model.as_os_str().is_empty(), "matting.model", "the path of an ONNX file"),
@@ -57,7 +59,7 @@ impl MattingSettings {
         ]
     }
 
-    /// Width and height of the pictures that a network sees of a film, if it leaves them open.
+    /// Width and height of the network's input, if it leaves them open.
     fn open(&self, film: [usize; 2]) -> [usize; 2] {
         let longer = film[0].max(film[1]) as f64;
         film.map(|side| {
@@ -67,7 +69,7 @@ impl MattingSettings {
     }
 }
 
-/// The masks of pictures of one size, white where the network sees the object, and what there is to say of it.
+/// Masks of equally sized pictures, white on the object, and messages about them.
 pub(super) fn masks(settings: &MattingSettings, images: &[Image]) -> Result<(Vec<Mask>, Vec<String>)> {
     let path = &settings.model;
     runtime::guarded(path, || {
@@ -90,7 +92,7 @@ pub(super) fn masks(settings: &MattingSettings, images: &[Image]) -> Result<(Vec
     })
 }
 
-/// What the numbers of a network are.
+/// Kind of a network's output values.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Scale {
     Shares,
@@ -98,7 +100,7 @@ enum Scale {
     Other,
 }
 
-/// The mask of a picture, and what the network's numbers were.
+/// The mask of a picture, and the kind of the network's output.
 fn mask(network: &Network<'_>, settings: &MattingSettings, image: &Image) -> Result<(Mask, Scale)> {
     let film = [image.width, image.height];
     let plane = |c: usize| {
@@ -116,7 +118,7 @@ fn mask(network: &Network<'_>, settings: &MattingSettings, image: &Image) -> Res
     let share = |value: f32| match scale {
         Scale::Shares => value.clamp(0.0, 1.0),
         Scale::Logits => 1.0 / (1.0 + (-value).exp()),
-        // 0 where all values are the same
+        // 0 where all values are equal
         Scale::Other => (value - low) / (high - low).max(f32::MIN_POSITIVE),
     };
     let shares: Vec<f32> = values.into_iter().map(share).collect();

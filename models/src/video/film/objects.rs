@@ -1,44 +1,45 @@
-//! Several objects in a film: pieces of the mattes followed from frame to frame, and all but one object left out.
+//! Several objects in a film: pieces of the mattes are tracked from frame to frame, and all but one object are
+//! removed.
 
 use gradreel::{Error, ErrorKind, Result};
 
 use crate::video::clip::Flight;
 use crate::video::matte::{self, Matte};
 
-/// A piece smaller than this share of the largest one in its frame is not followed.
+/// Pieces below this share of the largest piece in their frame are not tracked.
 const NOTABLE: f64 = 0.1;
 
-/// An object is another one if it has at least this share of the largest one's area in so many frames.
+/// Minimum area of a second object, as a share of the largest one's, and minimum number of frames with that area.
 const COMPARABLE: (f64, usize) = (0.2, 3);
 
-/// Pieces of the first frame that are nearer than this share of their sides are of one object.
+/// Pieces of the first frame closer than this share of their sides belong to one object.
 const ONE: f64 = 0.1;
 
-/// A new piece that is nearer to an object than this share of the object's side has come off it.
+/// A new piece closer to an object than this share of the object's side is a fragment of it.
 const COME_OFF: f64 = 1.0;
 
-/// Objects that meet are larger by this factor than one of them was.
+/// Growth of a piece's area, as a factor, that indicates that two objects meet.
 const MEETING: f64 = 1.3;
 
-/// Pixels around another object that its blurred silhouette takes.
+/// Width of the blurred edge around another object \[pixels\].
 const EDGE: usize = 3;
 
-/// What was left of the mattes, and what there is to say.
+/// Result of removing the other objects.
 pub(super) struct Alone {
-    /// So many frames, until the objects meet or the object is gone.
+    /// Number of frames until the objects meet or the object is gone.
     pub frames: usize,
     pub said: String,
 }
 
-/// A connected piece of what a matte shows.
+/// A connected piece of a matte.
 struct Piece {
     pixels: Vec<usize>,
     /// Left, top, right and bottom \[pixels\].
     rect: [f64; 4],
     middle: [f64; 2],
-    /// Which object it is of.
+    /// Index of its object.
     object: usize,
-    /// How far it moved since the frame before.
+    /// Displacement since the previous frame.
     moved: [f64; 2],
 }
 
@@ -62,7 +63,7 @@ impl Piece {
         self.area().sqrt()
     }
 
-    /// How far the rectangles around two pieces are apart.
+    /// Gap between the bounding rectangles of two pieces.
     fn gap(&self, other: &Self) -> f64 {
         let along = |axis: usize| {
             (self.rect[axis].max(other.rect[axis]) - self.rect[axis + 2].min(other.rect[axis + 2])).max(0.0)
@@ -70,18 +71,18 @@ impl Piece {
         along(0).hypot(along(1))
     }
 
-    /// How far a piece is from where this one is expected in the next frame.
+    /// Distance of a piece from this one's predicted position in the next frame.
     fn expects(&self, other: &Self) -> f64 {
         let off = |axis: usize| self.middle[axis] + self.moved[axis] - other.middle[axis];
         off(0).hypot(off(1))
     }
 }
 
-/// Leaves one object in the mattes of a film in which several of comparable size are seen apart for some frames: of those in the
-/// first frame the largest. `None` if there is only one.
+/// Keeps one object in the mattes of a film that shows several separate objects of comparable size for some frames:
+/// the largest in the first frame. `None` if there is only one.
 ///
 /// # Errors
-/// [`ErrorKind::Input`] if it meets another one before its flight is seen.
+/// [`ErrorKind::Input`] if it meets another object before its ballistic phase is seen.
 pub(super) fn alone(mattes: &mut [Matte], width: usize, height: usize, place: &str) -> Result<Option<Alone>> {
     let mut frames: Vec<Vec<Piece>> = mattes.iter().map(|(_, alpha)| pieces(alpha, width, height)).collect();
     if frames.iter().filter(|pieces| pieces.len() > 1).count() < COMPARABLE.1 {
@@ -137,7 +138,7 @@ fn most(areas: &[f64]) -> f64 {
     areas.iter().copied().fold(0.0, f64::max)
 }
 
-/// The pieces of a matte that are worth following.
+/// The pieces of a matte that are large enough to track.
 fn pieces(alpha: &[f32], width: usize, height: usize) -> Vec<Piece> {
     let pieces = matte::pieces(alpha, width, height);
     let largest = pieces.iter().map(Vec::len).max().unwrap_or(0) as f64;
@@ -145,7 +146,7 @@ fn pieces(alpha: &[f32], width: usize, height: usize) -> Vec<Piece> {
     notable.map(|pixels| Piece::of(pixels, width)).collect()
 }
 
-/// Says of each piece which object it is of, by those of the frame before; returns how many objects there are.
+/// Assigns each piece to an object, given the pieces of the previous frame; returns the number of objects.
 fn follow(frames: &mut [Vec<Piece>]) -> usize {
     let mut count = 0;
     let mut last: Option<usize> = None;
@@ -180,8 +181,8 @@ fn apart(pieces: &mut [Piece]) -> usize {
     count
 }
 
-/// The objects of the next frame: each piece of the frame before goes on as the piece that is nearest to where it is expected; what
-/// is left came off an object near it, or is new.
+/// The objects of the next frame: each piece of the previous frame continues as the piece nearest to its predicted
+/// position. A remaining piece is a fragment of a nearby object, or a new object.
 fn continued(before: &[Piece], now: &mut [Piece], mut count: usize) -> usize {
     let mut pairs: Vec<(f64, usize, usize)> = before
         .iter()
@@ -210,7 +211,7 @@ fn continued(before: &[Piece], now: &mut [Piece], mut count: usize) -> usize {
     count
 }
 
-/// Which pixels of a matte are of other objects: their pieces, and small ones that are nearer to them than to anything else.
+/// Mask of the pixels of other objects: their pieces, and small pieces that are nearest to them.
 fn others_in(pieces: &[Piece], others: &[usize], alpha: &[f32], [width, height]: [usize; 2]) -> Vec<bool> {
     let mut out = vec![false; alpha.len()];
     for small in matte::pieces(alpha, width, height) {
@@ -224,8 +225,8 @@ fn others_in(pieces: &[Piece], others: &[usize], alpha: &[f32], [width, height]:
     out
 }
 
-/// Leaves out of a matte what was left out of another one of the same picture, which showed `all` and shows what is `left`: pieces
-/// that reach into that only, and those pixels of the others.
+/// Removes from a matte what was removed from another matte of the same picture, whose mask was `all` and is now
+/// `left`: whole pieces that overlap only the removed region, and the removed pixels of other pieces.
 pub(super) fn leave_out_of((rgb, alpha): &mut Matte, left: &[f32], all: &[bool], size: [usize; 2]) {
     let is_left = |pixel: usize| left[pixel] > 0.5;
     let mut out: Vec<bool> = (0..all.len()).map(|pixel| all[pixel] && !is_left(pixel)).collect();
@@ -237,7 +238,7 @@ pub(super) fn leave_out_of((rgb, alpha): &mut Matte, left: &[f32], all: &[bool],
     leave_out(rgb, alpha, &out, size);
 }
 
-/// Makes pixels, and the silhouette around them, white and empty.
+/// Clears pixels and the edge around them to white and transparent.
 fn leave_out(rgb: &mut [[f32; 3]], alpha: &mut [f32], out: &[bool], [width, height]: [usize; 2]) {
     let solid: Vec<bool> = alpha.iter().zip(out).map(|(alpha, out)| *alpha > 0.5 && !out).collect();
     let keep = matte::grown(&solid, width, height, 1);
@@ -253,7 +254,7 @@ mod tests {
 
     const SIZE: [usize; 2] = [120, 90];
 
-    /// Squares with a side, at a column and row.
+    /// Squares given by side, column and row.
     fn matte(squares: &[(usize, usize, usize)]) -> Matte {
         let inside = |i: usize| {
             let (x, y) = (i % SIZE[0], i / SIZE[0]);
@@ -269,7 +270,7 @@ mod tests {
 
     #[test]
     fn the_larger_of_two_is_left_until_they_meet() {
-        // one falls on the left, a smaller one rises on the right; later they touch
+        // a square falls on the left, a smaller one rises on the right; later they touch
         let scene = |k: usize| matte(&[(16, 10 + 6 * k, 5 + 6 * k), (10, 90, 70 - 5 * k)]);
         let mut mattes: Vec<Matte> = (0..8).map(scene).collect();
         let alone = alone(&mut mattes, SIZE[0], SIZE[1], "film").unwrap().unwrap();

@@ -1,15 +1,15 @@
-//! Whether bytes are built as an ONNX file is, before the runtime reads them.
+//! Structural check of an ONNX file before the runtime parses it.
 //!
-//! The runtime sets aside as many bytes as a field claims to have, and goes by recursion as deep as messages nest and as far as
-//! operators follow each other: neither is left to a damaged file.
+//! The runtime allocates as many bytes as a field declares and recurses with the nesting of messages and the length
+//! of operator chains. This check bounds both for damaged files.
 
-/// Messages nest at most so deep: those of one graph by six, and operators that hold graphs are few.
+/// Maximum nesting of messages: one graph takes six levels, and operators that hold graphs rarely nest.
 const DEPTH: usize = 48;
 
-/// Most operators.
+/// Maximum number of operators.
 const OPERATORS: usize = 100_000;
 
-/// The messages of an ONNX file that the runtime looks into.
+/// The messages of an ONNX file that the runtime parses.
 #[derive(Clone, Copy)]
 enum Message {
     Model,
@@ -22,12 +22,12 @@ enum Message {
     TensorType,
     SequenceType,
     Shape,
-    /// One that holds texts and numbers only.
+    /// One with only strings and numbers.
     Plain,
 }
 
 impl Message {
-    /// The message in a field of this number; `None` for texts, numbers and what is skipped.
+    /// The message type of a field number; `None` for strings, numbers and ignored fields.
     fn inside(self, field: u64) -> Option<Self> {
         match (self, field) {
             (Self::Model, 7) | (Self::Attribute, 6) => Some(Self::Graph),
@@ -45,11 +45,11 @@ impl Message {
     }
 }
 
-/// Follows every message of an ONNX file.
+/// Traverses every message of an ONNX file.
 ///
 /// # Errors
-/// What is wrong with it: a field that ends beyond the message that it is in, one of a kind that ONNX does not have, too many operators,
-/// or messages that nest too deep.
+/// A description of the fault: a field that exceeds its message, an unknown wire type, too many operators, or
+/// messages nested too deep.
 pub(super) fn check(bytes: &[u8]) -> Result<(), &'static str> {
     walk(Message::Model, bytes, DEPTH, &mut 0)
 }
@@ -83,7 +83,7 @@ fn walk(message: Message, mut rest: &[u8], depth: usize, operators: &mut usize) 
     Ok(())
 }
 
-/// The next bytes, so many of them.
+/// Splits off the next `length` bytes.
 fn part<'a>(rest: &mut &'a [u8], length: u64) -> Result<&'a [u8], &'static str> {
     let split = usize::try_from(length).ok().and_then(|length| rest.split_at_checked(length));
     let (part, after) = split.ok_or("a field that ends beyond what holds it")?;
@@ -91,7 +91,7 @@ fn part<'a>(rest: &mut &'a [u8], length: u64) -> Result<&'a [u8], &'static str> 
     Ok(part)
 }
 
-/// The next number, seven bits a byte.
+/// The next variable-length integer, seven bits per byte.
 fn number(rest: &mut &[u8]) -> Result<u64, &'static str> {
     let mut value = 0;
     for shift in (0..64).step_by(7) {

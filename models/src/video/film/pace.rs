@@ -1,39 +1,41 @@
-//! How fast a film is: the interval of its frames, and for how many intervals each is shown.
+//! Pace of a film: its frame interval, and for how many intervals each frame is shown.
 
-/// A frame that lies further than this share of the interval off an even pace is off it.
+/// Maximum deviation of a frame from an even pace, as a share of the interval.
 const OFF: f64 = 0.25;
 
-/// How often interval and counts follow from each other.
+/// Number of alternations between estimating the interval and the counts.
 const ROUNDS: usize = 4;
 
-/// When the frames of a film are shown.
+/// Display times of a film's frames.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Clock {
-    /// The time of each frame \[s\].
+    /// Start time of each frame \[s\].
     pub shown: Vec<f64>,
-    /// The time until which the last one is shown, if that is known \[s\].
+    /// End time of the last frame, if known \[s\].
     pub until: Option<f64>,
-    /// Times are counted in this \[s\].
+    /// Resolution of the times \[s\].
     pub unit: f64,
 }
 
-/// An even pace through uneven times.
+/// An even pace fitted to uneven times.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Pace {
     /// Time between frames \[s\].
     pub interval: f64,
-    /// For how many intervals each frame is shown; 1 for the first and for the last, which may be held before and after the film.
+    /// Number of intervals for which each frame is shown; 1 for the first and the last, which may be held before
+    /// and after the action.
     pub steps: Vec<usize>,
-    /// How far a frame lies off this pace after the one before it, at most, as a share of the interval, if that is more than
-    /// counting in units explains.
+    /// Maximum deviation of a frame from this pace relative to the previous frame, as a share of the interval,
+    /// beyond the resolution of the times.
     pub off: f64,
 }
 
 impl Clock {
-    /// The pace of the frames; `None` with fewer than two, and where time does not advance.
+    /// The pace of the frames; `None` with fewer than two frames or if time does not advance.
     ///
-    /// Most frames are shown for one interval. Where frames were merged or left out, one is shown for several. How long the last
-    /// is held says nothing of the film, and the first was taken one interval before the second, however long it is held.
+    /// Most frames are shown for one interval; where frames were merged or dropped, one is shown for several. The
+    /// hold times of the first and the last frame are ignored: the first frame counts as one interval before the
+    /// second.
     pub fn pace(&self) -> Option<Pace> {
         let count = self.shown.len();
         let times: Vec<f64> = self.shown.iter().copied().chain(self.until).collect();
@@ -43,7 +45,7 @@ impl Clock {
         }
         let mut sorted = gaps.clone();
         sorted.sort_by(f64::total_cmp);
-        // the usual gap, or the smallest if others are not multiples of the usual one
+        // the usual gap, or the smallest one if the others are not multiples of the usual one
         let mut found = self.paced(&gaps, sorted[(sorted.len() - 1) / 2]);
         if found.off > OFF {
             let least = self.paced(&gaps, sorted[0]);
@@ -54,7 +56,7 @@ impl Clock {
         Some(Pace { off: if found.off > OFF { found.off } else { 0.0 }, ..found })
     }
 
-    /// The pace of gaps most of which are about this long.
+    /// The pace of gaps, given an estimate of the interval.
     fn paced(&self, gaps: &[f64], about: f64) -> Pace {
         let mut interval = about;
         let mut steps = Vec::new();
@@ -67,7 +69,7 @@ impl Clock {
             }
         }
         let off = |(gap, steps): (&f64, &usize)| (gap - *steps as f64 * interval).abs() - self.unit;
-        // of a long hold the count is known no better than the interval, and the first and the last may be held for any time
+        // the count of a long hold is uncertain, and the first and the last frame may be held arbitrarily long
         let inner = gaps.iter().zip(&steps).take(self.shown.len() - 1).skip(1);
         let near = inner.filter(|(_, steps)| **steps < 4);
         let off = near.map(off).fold(0.0, f64::max) / interval;
@@ -89,7 +91,7 @@ mod tests {
 
     #[test]
     fn holds_and_merged_frames_are_counted() {
-        // 24 1/s in hundredths, three intervals of rest merged, and a first frame held for two seconds
+        // 24 1/s in hundredths, three intervals of rest merged, and the first frame held for two seconds
         let mut gaps = [4, 4, 4, 4, 4, 5].repeat(10);
         gaps[0] = 200;
         gaps[30] = 13;
@@ -101,7 +103,7 @@ mod tests {
         let mut gaps = vec![4; 20];
         gaps[10] = 6000;
         assert_eq!(clock(&gaps).pace().unwrap().steps[10], 1500);
-        // drawn on twos, but for one frame
+        // animated on twos, except for one frame
         let pace = clock(&[8, 8, 8, 4, 8]).pace().unwrap();
         assert!((pace.interval - 0.04).abs() < 1e-12 && pace.steps == [1, 2, 2, 1, 2, 1], "{pace:?}");
     }
@@ -111,7 +113,7 @@ mod tests {
         assert_eq!(clock(&[]).pace(), None);
         assert_eq!(Clock { shown: vec![0.0, 0.1, 0.1], until: None, unit: 0.0 }.pace(), None);
         assert_eq!(Clock { shown: vec![0.0, f64::INFINITY], until: None, unit: 0.0 }.pace(), None);
-        // frames of a phone in the dark
+        // frames of a phone in low light
         let uneven =
             Clock { shown: vec![0.0, 0.033, 0.067, 0.115, 0.148, 0.181, 0.23, 0.263], until: None, unit: 0.001 };
         let pace = uneven.pace().unwrap();

@@ -10,20 +10,20 @@ use super::{Decoded, Wanted};
 use crate::folder::{Part, entries, name, parts};
 use crate::video::image::Image;
 
-/// Pictures whose numbers are times lie at least so far apart, and differ in that by less than this factor.
+/// Numbers are times if their steps are at least this large and differ by less than this factor.
 const TIMES: (u128, u128) = (5, 2);
 
-/// The pictures of a folder that follow each other.
+/// A series of consecutive pictures in a folder.
 pub(super) struct Series {
     /// In order.
     pub files: Vec<PathBuf>,
-    /// What there is to say of the names.
+    /// Messages about the names.
     pub said: Vec<String>,
     /// The numbers that count the pictures, if their names have any.
     numbers: Option<Vec<u128>>,
 }
 
-/// Whether a folder has any pictures.
+/// Whether a folder contains pictures.
 pub(super) fn are_in(folder: &Path) -> bool {
     entries(folder, "the pictures").is_ok_and(|paths| paths.iter().any(|path| is_picture(path) && path.is_file()))
 }
@@ -33,11 +33,11 @@ fn is_picture(path: &Path) -> bool {
 }
 
 impl Series {
-    /// The pictures of a folder whose names differ in numbers only, in the order of these numbers. Other pictures, and hidden
-    /// ones, are none of the series.
+    /// The pictures of a folder whose names differ in numbers only, ordered by these numbers. Other pictures and
+    /// hidden files are ignored.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] for a folder that is none, two pictures of one number, or pictures of several series.
+    /// [`ErrorKind::Input`] for a path that is no folder, two pictures with the same number, or several series.
     pub fn of(folder: &Path) -> Result<Self> {
         let pictures: Vec<PathBuf> = entries(folder, "the pictures")?.into_iter().filter(|p| is_picture(p)).collect();
         let mut kinds: BTreeMap<Vec<String>, Vec<(Vec<u128>, PathBuf)>> = BTreeMap::new();
@@ -49,7 +49,7 @@ impl Series {
         let counted = |kind: &Vec<(Vec<u128>, PathBuf)>| if kind[0].0.is_empty() { 0 } else { kind.len() };
         let largest = kinds.values().map(counted).max().unwrap_or(0);
         if largest < 2 {
-            // names without numbers are as good as any
+            // names without numbers are equivalent
             let mut files: Vec<PathBuf> = kinds.into_values().flatten().map(|(_, path)| path).collect();
             files.sort_by(|a, b| crate::folder::natural(&name(a), &name(b)));
             return Ok(Self { files, said: vec![], numbers: None });
@@ -87,7 +87,7 @@ impl Series {
     /// The wanted pictures.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] where one is missing among them, or is no file.
+    /// [`ErrorKind::Input`] if one of them is missing or is no file.
     pub fn chosen(&self, folder: &Path, wanted: Wanted) -> Result<&[PathBuf]> {
         let first = wanted.first.min(self.files.len());
         let last = first.saturating_add(wanted.count).min(self.files.len());
@@ -112,7 +112,7 @@ impl Series {
     }
 }
 
-/// The text of a name between its numbers, and the numbers; what follows the last dot is neither.
+/// The text parts of a name between its numbers, and the numbers; the extension is ignored.
 fn read_name(path: &Path) -> (Vec<String>, Vec<u128>) {
     let stem = path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
     let (mut text, mut numbers) = (Vec::new(), Vec::new());
@@ -128,14 +128,14 @@ fn read_name(path: &Path) -> (Vec<String>, Vec<u128>) {
     (text, numbers)
 }
 
-/// The places in the names at which the numbers differ, each with the numbers there.
+/// The positions in the names at which the numbers differ, each with its numbers.
 fn varying(numbers: &[Vec<u128>]) -> impl Iterator<Item = Vec<u128>> + '_ {
     let places = numbers.first().map_or(0, Vec::len);
     let columns = (0..places).map(|place| numbers.iter().map(|own| own[place]).collect::<Vec<_>>());
     columns.filter(|column| column.iter().any(|number| *number != column[0]))
 }
 
-/// Where a second series begins, if names have every number of one kind with every one of another: views of several cameras.
+/// Start of a second series, if the names combine two numbers in all pairs: views of several cameras.
 fn repeated(numbers: &[Vec<u128>]) -> Option<usize> {
     let mut columns: Vec<Vec<u128>> = varying(numbers).collect();
     columns.iter_mut().for_each(|column| {
@@ -147,7 +147,7 @@ fn repeated(numbers: &[Vec<u128>]) -> Option<usize> {
     (columns.len() > 1 && product == numbers.len()).then(|| numbers.len() / first.len().max(1))
 }
 
-/// The numbers that count pictures: of those that differ from picture to picture, the most even.
+/// The numbers that count the pictures: of the varying ones, those with the most even steps.
 fn counter(numbers: &[Vec<u128>]) -> Option<Vec<u128>> {
     let rising = |column: &Vec<u128>| column.windows(2).all(|pair| pair[0] < pair[1]);
     let mut columns: Vec<Vec<u128>> = varying(numbers).filter(rising).collect();
@@ -155,7 +155,8 @@ fn counter(numbers: &[Vec<u128>]) -> Option<Vec<u128>> {
     columns.into_iter().next()
 }
 
-/// The first gap among rising numbers: after which of them, and which number is missing. Numbers that are times have none.
+/// The first gap in rising numbers: the index before it and the missing number. Numbers that are times have no
+/// gaps.
 fn gap(numbers: &[u128]) -> Option<(usize, u128)> {
     let steps: Vec<u128> = numbers.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let mut sorted = steps.clone();
@@ -176,7 +177,7 @@ fn several(folder: &Path, one: &Path, other: &Path) -> Error {
         .fix("put the pictures of each camera, and masks, into a folder of their own")
 }
 
-/// Reads the wanted pictures, which do not say how fast they follow each other.
+/// Reads the wanted pictures, which have no frame rate of their own.
 pub(super) fn read(folder: &Path, wanted: Wanted) -> Result<Decoded> {
     let mut series = Series::of(folder)?;
     let mut pile = Pile::default();
@@ -203,7 +204,7 @@ mod tests {
 
     const ALL: Wanted = Wanted { first: 0, count: usize::MAX };
 
-    /// The names of a series, or what is wrong with it.
+    /// The names of a series, or its error.
     fn chosen(folder: &Path, wanted: Wanted) -> Result<String, String> {
         let series = Series::of(folder).map_err(|e| e.to_string())?;
         let files = series.chosen(folder, wanted).map_err(|e| e.to_string())?;
@@ -233,7 +234,7 @@ mod tests {
         order("tens", &["0.png", "20.png", "10.png"], "0.png 10.png 20.png");
         let odd = "f1.png f2.png no frames: background.png; frames are called like f1.png";
         order("odd", &["f1.png", "f2.png", "background.png"], odd);
-        // times in milliseconds, and the time of day
+        // times in milliseconds, and times of day
         order("times", &["t33.png", "t67.png", "t100.png", "t134.png"], "t33.png t67.png t100.png t134.png");
         order("clock", &["9-59.png", "10-00.png", "10-01.png"], "9-59.png 10-00.png 10-01.png");
     }

@@ -1,4 +1,4 @@
-//! Pictures of a film as they are decoded, within the memory set aside for them.
+//! Decoded pictures of a film within a memory budget.
 
 use std::path::Path;
 
@@ -8,41 +8,41 @@ use rayon::prelude::*;
 use super::Wanted;
 use crate::video::image::Image;
 
-/// Most pixels of a picture that is kept: more than this shows nothing more of an object.
+/// Maximum number of pixels per stored picture; higher resolution adds no usable detail.
 const MOST_OF_ONE: usize = 1 << 21;
 
-/// Most pixels of all pictures that are kept. A pixel takes some forty bytes until the object is found.
+/// Maximum number of pixels of all stored pictures. Segmentation needs some forty bytes per pixel.
 const MOST_OF_ALL: usize = 1 << 25;
 
-/// Most pixels that are decoded of a film.
+/// Maximum number of decoded pixels per film.
 const MOST_DECODED: u64 = 1 << 33;
 
-/// Most pixels of a picture in its file.
+/// Maximum number of pixels of a picture in its file.
 const MOST_IN_FILE: u64 = 64 << 20;
 
-/// Pictures are not shrunk below this length of their longer side \[pixels\].
+/// Minimum length of the longer side after shrinking \[pixels\].
 const LEAST_SIDE: usize = 100;
 
-/// The pictures of a film. When they become too many or too large, all are shrunk to half their sides.
+/// The pictures of a film. If they become too many or too large, all are shrunk to half their sides.
 #[derive(Default)]
 pub(super) struct Pile {
     pub images: Vec<Image>,
     /// Width and height of the pictures in the file.
     pub size: (usize, usize),
-    /// How often the sides were halved.
+    /// Number of times the sides were halved.
     pub halvings: u32,
-    /// How often they were before the pictures are added.
+    /// Number of times they were halved before being added.
     before: u32,
     decoded: u64,
 }
 
-/// How often the sides of a picture are halved at once, for it to be one that is kept.
+/// Number of times the sides of a picture must be halved to fit the limit of one picture.
 pub(super) fn halvings_of((width, height): (usize, usize)) -> u32 {
     (0..).find(|halvings| (width >> halvings) * (height >> halvings) <= MOST_OF_ONE).unwrap_or(0)
 }
 
 impl Pile {
-    /// No pictures yet, of films that are of this size in the file and halved so often as they are read.
+    /// An empty pile for pictures of this size in the file that are halved this many times before being added.
     pub fn halved(size: (usize, usize), halvings: u32) -> Self {
         Self { size, halvings, before: halvings, ..Self::default() }
     }
@@ -50,7 +50,8 @@ impl Pile {
     /// Adds a picture.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] for a picture of another size than the first, and for more pictures than there is memory or time for.
+    /// [`ErrorKind::Input`] for a picture whose size differs from the first, or if the pictures exceed the memory
+    /// or time limit.
     pub fn add(&mut self, path: &Path, wanted: Wanted, image: Image) -> Result<()> {
         let size = (image.width, image.height);
         if self.images.is_empty() && self.before == 0 {
@@ -78,17 +79,17 @@ impl Pile {
         Ok(())
     }
 
-    /// Counts a picture that is decoded, kept or not.
+    /// Counts a decoded picture, stored or not.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] if that takes too long.
+    /// [`ErrorKind::Input`] if the decoding limit is exceeded.
     pub fn count(&mut self, path: &Path, (width, height): (usize, usize)) -> Result<()> {
         self.decoded += width as u64 * height as u64;
         let frames = (self.decoded / (width as u64 * height as u64).max(1)) as usize;
         if self.decoded > MOST_DECODED { Err(too_large(path, (width, height), frames)) } else { Ok(()) }
     }
 
-    /// What there is to say of the sizes.
+    /// Messages about the sizes.
     pub fn said(&self) -> Option<String> {
         let (width, height) = self.images.first().map(|image| (image.width, image.height))?;
         let (whole_width, whole_height) = self.size;
@@ -98,10 +99,10 @@ impl Pile {
     }
 }
 
-/// Refuses a picture by the size that its header says.
+/// Checks the size given in a picture's header.
 ///
 /// # Errors
-/// [`ErrorKind::Input`] with that size.
+/// [`ErrorKind::Input`] for a size that is zero or too large.
 pub(super) fn check_size(path: &Path, (width, height): (usize, usize)) -> Result<()> {
     match width > 0 && height > 0 && (width as u64).saturating_mul(height as u64) <= MOST_IN_FILE {
         true => Ok(()),
@@ -121,11 +122,11 @@ fn too_large(path: &Path, (width, height): (usize, usize), count: usize) -> Erro
         .fix("take fewer frames (--first-frame, --frames), or export the film smaller: 480 pixels are plenty")
 }
 
-/// A picture of half the sides, each pixel the mean of four; the last column or row of an odd number is left out.
+/// A picture at half the width and height, each pixel the mean of four; an odd last column or row is dropped.
 fn halved(image: &Image) -> Image {
     let mean = |four: [[u8; 4]; 4]| {
         let alpha: u32 = four.iter().map(|p| u32::from(p[3])).sum();
-        // colour counts as much as it covers
+        // colour is weighted by alpha
         let colour = |c: usize| {
             let sum: u32 = four.iter().map(|p| u32::from(p[c]) * u32::from(p[3])).sum();
             (sum + alpha / 2).checked_div(alpha).unwrap_or(0) as u8
@@ -137,7 +138,7 @@ fn halved(image: &Image) -> Image {
     Image { width, height, pixels, has_alpha: image.has_alpha }
 }
 
-/// Pixels at half the sides, made of four each.
+/// Pixels at half the width and height, each made from four.
 pub(super) fn halved_with<T: Copy>(pixels: &[T], (width, height): (usize, usize), of: impl Fn([T; 4]) -> T) -> Vec<T> {
     let (columns, rows) = ((width / 2).max(1), (height / 2).max(1));
     let places = (0..rows).flat_map(|y| (0..columns).map(move |x| (2 * x, 2 * y)));
@@ -145,7 +146,7 @@ pub(super) fn halved_with<T: Copy>(pixels: &[T], (width, height): (usize, usize)
     places.map(|(x, y)| of([at(x, y), at(x + 1, y), at(x, y + 1), at(x + 1, y + 1)])).collect()
 }
 
-/// A picture at the size that the pictures of a film were shrunk to.
+/// A picture shrunk like the other pictures of its film.
 pub(super) fn shrunk(image: Image, halvings: u32) -> Image {
     (0..halvings).fold(image, |image, _| halved(&image))
 }
@@ -177,7 +178,7 @@ mod tests {
         pile.add("film".as_ref(), wanted, plain(4000, 3000, [9, 9, 9, 255])).unwrap();
         assert_eq!((pile.images[0].width, pile.images[0].height, pile.halvings), (1000, 750, 2));
         assert!(pile.said().unwrap().contains("4000 × 3000"));
-        // the others follow, and all become smaller when they are many
+        // all later ones shrink alike, and all shrink further when there are many
         for _ in 0..48 {
             pile.add("film".as_ref(), wanted, plain(4000, 3000, [9, 9, 9, 255])).unwrap();
         }
@@ -187,7 +188,7 @@ mod tests {
         for size in [(9000, 9000), (0, 4), (usize::MAX, 2)] {
             assert!(check_size("film".as_ref(), size).unwrap_err().to_string().contains("too large"));
         }
-        // so long that nothing would be left of its pictures
+        // too long: nothing would remain of its pictures
         let mut pile = Pile { decoded: MOST_DECODED, ..Pile::default() };
         assert!(
             pile.add("film".as_ref(), wanted, plain(200, 200, [9; 4])).unwrap_err().to_string().contains("too large")

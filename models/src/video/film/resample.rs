@@ -1,10 +1,10 @@
-//! Pictures of another size: bilinear, averaged where they shrink.
+//! Resampling of pictures: bilinear, with averaging when shrinking.
 
-/// The samples that one of the result is made of: the first of them, and the share of each.
+/// The input samples of one output sample: index of the first, and the weights.
 type Taps = (usize, Vec<f32>);
 
-/// How `to` samples are made of `from`, the borders of both meeting: each of those that lie less than a sample away, or less than
-/// the distance of two results where that is more, the nearest the most.
+/// Triangle filter weights from `from` to `to` samples with aligned borders. The filter's half width is one sample,
+/// or the distance of two output samples if that is larger.
 fn taps(from: usize, to: usize) -> Vec<Taps> {
     let scale = from as f64 / to as f64;
     let reach = scale.max(1.0);
@@ -19,7 +19,7 @@ fn taps(from: usize, to: usize) -> Vec<Taps> {
     (0..to).map(one).collect()
 }
 
-/// Values of one channel, row by row, at another `[width, height]`.
+/// Values of one channel, row by row, resampled from `[width, height]` `from` to `to`.
 pub(super) fn resized(values: &[f32], from: [usize; 2], to: [usize; 2]) -> Vec<f32> {
     if from == to {
         return values.to_vec();
@@ -44,7 +44,8 @@ pub(super) fn resized(values: &[f32], from: [usize; 2], to: [usize; 2]) -> Vec<f
 mod tests {
     use super::*;
 
-    /// A plane keeps its slope away from the border where it grows, and where whole pixels become one; one value stays that.
+    /// A plane keeps its slope away from the border when enlarged and when whole pixels are merged; a constant
+    /// stays constant.
     #[test]
     fn slopes_and_values_stay() {
         let from = [24, 12];

@@ -1,4 +1,4 @@
-//! The border to the runtime that runs ONNX files: what comes from a file is checked here, and what goes wrong with it is an error.
+//! Interface to the ONNX runtime: checks its inputs and turns its failures into errors.
 
 use std::any::Any;
 use std::fmt::Display;
@@ -12,25 +12,25 @@ use rten::{DataType, Dimension, LoadErrorKind, Model, Value, ValueType};
 use super::onnx;
 use crate::text;
 
-/// Sides of the pictures that a network may see \[pixels\].
+/// Accepted side lengths of a network's input \[pixels\].
 pub(super) const SIDES: RangeInclusive<usize> = 16..=4096;
 
-/// Most bytes of a network.
+/// Maximum size of a network \[bytes\].
 const MOST_BYTES: u64 = 4 << 30;
 
-/// Memory for the recursion through the largest network that is let through \[bytes\].
+/// Stack size for the recursion through the largest accepted network \[bytes\].
 const STACK: usize = 256 << 20;
 
-/// A network that makes one value a pixel of a picture of three channels.
+/// A network that maps a picture of three channels to one value per pixel.
 pub(super) struct Network<'a> {
     model: Model,
     path: &'a Path,
-    /// Width and height of the pictures that it sees.
+    /// Width and height of its input.
     pub sides: [usize; 2],
 }
 
 impl<'a> Network<'a> {
-    /// Reads a network; `open` says which width and height it sees where it leaves them open.
+    /// Reads a network; `open` is the width and height of the input where the network leaves them open.
     pub fn read(path: &'a Path, open: [usize; 2]) -> Result<Self> {
         let fix = "give the path of an ONNX file (--matting FILE)";
         if path.exists() && !path.is_file() {
@@ -54,7 +54,7 @@ impl<'a> Network<'a> {
         Ok(Self { model, path, sides })
     }
 
-    /// Width, height and values of what it makes of a picture `[3, height, width]`.
+    /// Width, height and values of the output for a picture `[3, height, width]`.
     pub fn run(&self, picture: Vec<f32>) -> Result<([usize; 2], Vec<f32>)> {
         let [width, height] = self.sides;
         let input = Value::from_shape([1, 3, height, width], picture).map_err(|e| unusable(self.path, e))?;
@@ -73,10 +73,10 @@ impl<'a> Network<'a> {
     }
 }
 
-/// Does something with the network at `path`.
+/// Runs `run` with the network at `path`.
 ///
-/// The runtime trusts its file here and there and panics where that was wrong, and it follows operators by recursion. In a thread of its own,
-/// with memory for that, either ends as an error.
+/// The runtime may panic on malformed files and recurses along operator chains. A separate thread with a large
+/// stack turns either into an error.
 pub(super) fn guarded<T: Send>(path: &Path, run: impl FnOnce() -> Result<T> + Send) -> Result<T> {
     std::thread::scope(|scope| {
         let thread = std::thread::Builder::new().name("matting".to_owned()).stack_size(STACK).spawn_scoped(scope, run);
@@ -90,7 +90,7 @@ pub(super) fn guarded<T: Send>(path: &Path, run: impl FnOnce() -> Result<T> + Se
     })
 }
 
-/// Width and height of the pictures that a network sees.
+/// Width and height of a network's input.
 fn sides(model: &Model, path: &Path, open: [usize; 2]) -> Result<[usize; 2]> {
     let wrong = |found: String| {
         Error::new(ErrorKind::Input, "the network is not one for matting")
@@ -165,7 +165,7 @@ fn unusable(path: &Path, found: impl Display) -> Error {
         .fix("copy or export it again, give clip.film.matting.size if it wants another size, or take another network")
 }
 
-/// The words of a panic.
+/// The message of a panic.
 fn words(panic: &(dyn Any + Send)) -> &str {
     let owned = panic.downcast_ref::<String>().map(String::as_str);
     owned.or(panic.downcast_ref::<&str>().copied()).unwrap_or("a fault without a word")

@@ -10,21 +10,22 @@ use super::pile::{Pile, check_size};
 use super::{Clock, Decoded, Wanted};
 use crate::video::image::Image;
 
-/// Rate at which pictures leave the decoder, whose own times count \[1/s\].
+/// Nominal rate at which pictures leave the decoder; their actual times are read separately \[1/s\].
 const RATE: u32 = 25;
 
-/// Times are told in so many parts of a second.
+/// Resolution of the printed times \[1/s\].
 const TICKS: u32 = 1_000_000_000;
 
-/// Times of containers are counted in this, or finer \[s\].
+/// Coarsest time resolution of containers \[s\].
 const UNIT: f64 = 0.001;
 
-/// Most text that is kept of what ffmpeg says besides times \[bytes\].
+/// Maximum length of ffmpeg's messages that is kept \[bytes\].
 const MOST_SAID: usize = 1 << 16;
 
-/// Decodes the wanted frames, each with its own time, turned the way the file says they were filmed.
+/// Decodes the wanted frames with their times, rotated as the file's metadata state.
 pub(super) fn read(path: &Path, wanted: Wanted) -> Result<Decoded> {
-    // every frame of the stream once: its time goes to stderr, and the decoder is given even times, which drop and repeat nothing
+    // pass each frame once: its time is printed to stderr, and even timestamps keep ffmpeg from dropping or
+    // repeating frames
     let print = "metadata=mode=add:key=shown:value=1,metadata=mode=print:file=pipe\\\\:2";
     let filter = format!("select=gte(n\\,{}),settb=1/{TICKS},{print},settb=1/{RATE},setpts=N,fps={RATE}", wanted.first);
     let mut command = decoder("ffmpeg", path);
@@ -58,7 +59,7 @@ pub(super) fn read(path: &Path, wanted: Wanted) -> Result<Decoded> {
     let count = pile.images.len();
     let shown = match times.get(..count).map(|times| times.iter().copied().collect::<Option<Vec<f64>>>()) {
         Some(Some(shown)) => shown,
-        // a stream without times of its own
+        // a stream without timestamps
         _ => {
             let rate = rate(path)?;
             (0..count).map(|k| k as f64 / rate).collect()
@@ -67,11 +68,11 @@ pub(super) fn read(path: &Path, wanted: Wanted) -> Result<Decoded> {
     Ok(Decoded { clock: Some(Clock { shown, until: None, unit: UNIT }), ..Decoded::of(pile) })
 }
 
-/// The times of the frames that are passed on, and what else ffmpeg says.
+/// The times of the decoded frames, and ffmpeg's other messages.
 fn told(mut stderr: impl BufRead) -> (Vec<Option<f64>>, String) {
     let (mut times, mut said) = (Vec::new(), String::new());
     let mut line = Vec::new();
-    // what it has said up to an error is enough
+    // output before a read error is sufficient
     while stderr.by_ref().take(MOST_SAID as u64).read_until(b'\n', &mut line).is_ok_and(|read| read > 0) {
         let text = String::from_utf8_lossy(&line);
         if text.starts_with("frame:") {
@@ -86,7 +87,8 @@ fn told(mut stderr: impl BufRead) -> (Vec<Option<f64>>, String) {
     (times, said)
 }
 
-/// One of ffmpeg's programs on a local file, and nothing but files: a playlist must not open a connection.
+/// One of ffmpeg's programs on a local file, restricted to the file protocol: a playlist must not open a
+/// connection.
 fn decoder(program: &str, path: &Path) -> Command {
     let mut command = Command::new(program);
     let mut file = std::ffi::OsString::from("file:");
@@ -110,7 +112,7 @@ fn rate(path: &Path) -> Result<f64> {
     }
 }
 
-/// A tag of the file or its video stream, by how its name ends.
+/// A tag of the file or its video stream whose name ends with `name`.
 pub(super) fn tag(path: &Path, name: &str) -> Option<String> {
     let entries = "format_tags:stream_tags";
     let output = decoder("ffprobe", path)

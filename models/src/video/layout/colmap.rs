@@ -1,4 +1,4 @@
-//! COLMAP: a model as text (`cameras.txt`, `images.txt`), and a folder of frames for each of its images.
+//! COLMAP: a text model (`cameras.txt`, `images.txt`), and a folder of frames for each of its images.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -16,24 +16,24 @@ use crate::video::matrix::Intrinsic;
 const MODELS: [&str; 3] = ["sparse/0", "sparse", "colmap/sparse/0"];
 /// Folders that hold the cameras' folders of frames, in order of preference; the last is the clip's own.
 const BASES: [&str; 3] = ["frames", "images", ""];
-/// Images without frames that are named.
+/// Maximum number of images without frames that a message names.
 const NAMED: usize = 8;
-/// Frame rate where none is given \[1/s\].
+/// Default frame rate \[1/s\].
 const FRAMES_PER_S: f64 = 24.0;
 
-/// `images.txt` of a folder's model, if it has one as text.
+/// `images.txt` of a folder's text model, if there is one.
 pub(super) fn model(root: &Path) -> Option<PathBuf> {
     let folders = MODELS.iter().map(|folder| root.join(folder));
     let complete = |folder: &PathBuf| folder.join("cameras.txt").is_file() && folder.join("images.txt").is_file();
     folders.into_iter().find(complete).map(|folder| folder.join("images.txt"))
 }
 
-/// Whether the folder has a model in binary form.
+/// Whether the folder has a binary model.
 pub(super) fn has_binary(root: &Path) -> bool {
     MODELS.iter().any(|folder| root.join(folder).join("images.bin").is_file())
 }
 
-/// A camera of `cameras.txt`: focal lengths and principal point with the size of its images, or why it cannot be used.
+/// A camera of `cameras.txt`: intrinsics and image size, or why it is unusable.
 struct Lens {
     line: usize,
     read: Result<(Intrinsic, (usize, usize)), String>,
@@ -46,7 +46,7 @@ struct Registered {
     camera: i64,
 }
 
-/// A folder of frames behind the last number of its name, by which the cameras are sorted.
+/// A folder of frames with the last number of its name, by which the cameras are sorted.
 type FrameFolder = (Option<i64>, PathBuf);
 
 /// Reads the model and lists the folders of frames.
@@ -68,7 +68,7 @@ pub(super) fn read(root: &Path) -> Result<Reading> {
         let Some(lens) = lenses.get(&camera) else {
             return Err(wrong(format!("camera {camera}, which cameras.txt lacks")));
         };
-        // only a camera that is used must be usable
+        // only cameras in use must be valid
         let (intrinsic, size) = lens.read.clone().map_err(|found| broken(&cameras_list, lens.line, found, CAMERA))?;
         let pose = Pose { c2w, intrinsic, size: Some(size) };
         let key = (last_number(&folder), folder);
@@ -130,13 +130,13 @@ pub(super) fn read(root: &Path) -> Result<Reading> {
     })
 }
 
-/// The folder of frames of a registered image: named like the image with or without its extension, or the folder that the image
-/// is in.
+/// The folder of frames of a registered image: named like the image, with or without its extension, or the folder
+/// that contains the image.
 fn folder(root: &Path, image: &Path, known: &mut BTreeMap<PathBuf, bool>) -> Option<PathBuf> {
     let parent = image.parent().filter(|parent| !parent.as_os_str().is_empty()).map(Path::to_path_buf);
     let names = [Some(image.to_path_buf()), Some(image.with_extension("")), parent];
     let mut places = names.into_iter().flatten().flat_map(|name| BASES.map(|base| root.join(base).join(&name)));
-    // many images may be in one folder, which is listed once; what cannot be listed is an error when it is read
+    // a folder shared by many images is listed once; an unlistable folder causes an error when read
     let mut holds_frames = |path: &PathBuf| {
         let listed = || path.is_dir() && numbered(path).map_or(true, |(frames, _)| !frames.is_empty());
         *known.entry(path.clone()).or_insert_with(listed)
@@ -147,12 +147,12 @@ fn folder(root: &Path, image: &Path, known: &mut BTreeMap<PathBuf, bool>) -> Opt
 const CAMERA: &str = "CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS";
 const IMAGE: &str = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME";
 
-/// Lines that are no comments, without the space around them, with their numbers from 1.
+/// Trimmed lines other than comments, with their numbers from 1.
 fn lines(content: &str) -> impl Iterator<Item = (usize, &str)> {
     (1..).zip(content.lines().map(str::trim)).filter(|(_, line)| !line.starts_with('#'))
 }
 
-/// The lines of images. Behind each follows a line of its points, three numbers a point; it may be blank or missing.
+/// The image lines. Each is followed by a line of points, three numbers per point, which may be blank or missing.
 fn image_lines(content: &str) -> impl Iterator<Item = (usize, &str)> {
     let mut behind_image = false;
     lines(content).filter(move |(_, line)| {
@@ -188,7 +188,7 @@ fn lens(words: &[&str]) -> Result<(Intrinsic, (usize, usize)), String> {
     };
     let size = (side(width)?, side(height)?);
     let p: Vec<f64> = parameters.iter().map(|word| number(word)).collect::<Result<_, _>>()?;
-    // how many focal lengths there are, and how many numbers in all
+    // number of focal lengths, and of all parameters
     let (focal, count) = match *model {
         "SIMPLE_PINHOLE" => (1, 3),
         "PINHOLE" => (2, 4),
@@ -234,7 +234,7 @@ fn image(line: &str) -> Result<Registered, String> {
     Ok(Registered { name: rest(line, 9).to_owned(), c2w, camera })
 }
 
-/// The rest of a line behind so many words; a name keeps the space inside it.
+/// The rest of a line after this many words; spaces inside a file name are kept.
 fn rest(line: &str, words: usize) -> &str {
     (0..words).fold(line, |line, _| line.split_once(char::is_whitespace).map_or("", |(_, rest)| rest.trim_start()))
 }

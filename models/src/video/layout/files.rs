@@ -1,4 +1,4 @@
-//! Which file holds which image, and frames in folders by the number in their names.
+//! Mapping of images to files, and frames in folders by the number in their names.
 
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
@@ -8,7 +8,7 @@ use gradreel::{Error, ErrorKind, Result};
 use crate::folder::entries;
 pub(super) use crate::folder::name as last;
 
-/// What an image file shows.
+/// Content of an image file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(in super::super) enum Kind {
     /// A frame, or a plate under the frame number −1 or −2.
@@ -21,10 +21,10 @@ pub(in super::super) enum Kind {
     Mask,
 }
 
-/// Where the files of a clip are.
+/// Locations of a clip's files.
 #[derive(Debug, Clone)]
 pub(super) enum Files {
-    /// `data/r_{camera}_{frame}.png` and so on: only numbers enter the path, whatever the list says.
+    /// `data/r_{camera}_{frame}.png` etc.: the path is built from the numbers only, whatever path the list states.
     Numbered,
     /// As listed or found.
     Listed(BTreeMap<(Kind, i64, i64), PathBuf>),
@@ -50,16 +50,17 @@ impl Files {
 /// File name extensions of images.
 const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
-/// Whether the name is that of an image.
+/// Whether the path has an image extension.
 fn is_image(path: &Path) -> bool {
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
     extension.is_some_and(|e| EXTENSIONS.contains(&e.as_str()))
 }
 
-/// The path of a listed file, relative to a folder. It may be written absolutely or with `..`, but must end inside the folder.
+/// The path of a listed file, relative to `folder`. The listed path may be absolute or contain `..`, but must
+/// resolve inside the folder.
 ///
 /// # Errors
-/// What is wrong with a path that leads out of the folder or names the folder itself.
+/// A description of the fault, for a path that leads out of the folder or is the folder itself.
 pub(super) fn inside(folder: &Path, listed: &str) -> Result<PathBuf, String> {
     let plain = listed.replace('\\', "/");
     let drive = cfg!(not(windows)) && plain.as_bytes().get(1) == Some(&b':');
@@ -75,7 +76,7 @@ pub(super) fn inside(folder: &Path, listed: &str) -> Result<PathBuf, String> {
     }
 }
 
-/// A relative path without `.` and `..`, if it stays inside.
+/// A relative path without `.` and `..`, if it stays inside the folder.
 fn relative(path: &Path) -> Option<PathBuf> {
     let mut inner = PathBuf::new();
     for component in path.components() {
@@ -89,7 +90,7 @@ fn relative(path: &Path) -> Option<PathBuf> {
     Some(inner)
 }
 
-/// What of a path lies below a folder, whose own name may be part of the path.
+/// The part of a path below a folder; the path may include the folder's own name.
 fn below(folder: &Path, path: &Path) -> Option<PathBuf> {
     let written = std::path::absolute(folder).ok().map(|folder| flat(&folder));
     let real = folder.canonicalize().ok();
@@ -97,11 +98,11 @@ fn below(folder: &Path, path: &Path) -> Option<PathBuf> {
         let path = flat(&folder.join(path));
         path.strip_prefix(folder).ok().map(Path::to_path_buf)
     });
-    // the same place by another name, such as /tmp for /private/tmp
+    // the same location by another name, such as /tmp for /private/tmp
     found.or_else(|| path.canonicalize().ok()?.strip_prefix(real?).ok().map(Path::to_path_buf))
 }
 
-/// A path whose `.` and `..` are resolved by its words alone.
+/// A path with `.` and `..` resolved lexically.
 fn flat(path: &Path) -> PathBuf {
     let mut flat = PathBuf::new();
     for component in path.components() {
@@ -114,7 +115,7 @@ fn flat(path: &Path) -> PathBuf {
     flat
 }
 
-/// The image that a listed path means, which may lack its extension.
+/// The image file of a listed path, which may lack its extension.
 pub(super) fn with_extension(path: PathBuf) -> PathBuf {
     if path.is_file() {
         return path;
@@ -128,7 +129,8 @@ pub(super) fn with_extension(path: PathBuf) -> PathBuf {
     if is_image(&path) { path } else { added("png") }
 }
 
-/// The mask of an image: `masks/` and the image's path, with or without its first folder, as `.png` or with `.png` added.
+/// The mask of an image: `masks/` and the image's path, with or without its first folder, as `.png` or with `.png`
+/// added.
 pub(super) fn mask_beside(root: &Path, image: &Path) -> Option<PathBuf> {
     let relative = image.strip_prefix(root).ok()?;
     let below: PathBuf = relative.components().skip(1).collect();
@@ -143,7 +145,7 @@ pub(super) fn mask_beside(root: &Path, image: &Path) -> Option<PathBuf> {
         .find(|path| path.is_file())
 }
 
-/// The images of a folder by the last number in their names, and how many have none.
+/// The images of a folder by the last number in their names, and the count of images without a number.
 pub(super) fn numbered(folder: &Path) -> Result<(BTreeMap<i64, PathBuf>, usize)> {
     let (mut found, mut without) = (BTreeMap::new(), 0);
     for path in entries(folder, "the folder of frames")? {
@@ -167,7 +169,7 @@ pub(super) fn numbered(folder: &Path) -> Result<(BTreeMap<i64, PathBuf>, usize)>
     Ok((found, without))
 }
 
-/// The last number in the name of a file without its extension; `None` also for a number below zero.
+/// The last number in a file name without its extension; `None` if it is negative or missing.
 pub(super) fn last_number(path: &Path) -> Option<i64> {
     let stem = path.file_stem()?.to_string_lossy().into_owned();
     let end = stem.rfind(|c: char| c.is_ascii_digit())? + 1;
@@ -178,16 +180,16 @@ pub(super) fn last_number(path: &Path) -> Option<i64> {
     stem[before.len()..end].parse().ok()
 }
 
-/// Frames of cameras whose files are numbered alike: per camera the frames and their times in frame intervals, the files
-/// with their masks, and what was assumed about the numbers.
+/// Frames of cameras with numbered files: per camera the frames and their times in frame intervals, the files with
+/// their masks, and the assumptions made about the numbers.
 pub(super) struct Counted {
     pub times: Vec<BTreeMap<i64, f64>>,
     pub files: Files,
     pub said: Option<String>,
 }
 
-/// Counts the frames of all cameras by the numbers of their files; numbers that are all a step apart are taken together. `mask` is
-/// the mask of an image.
+/// Numbers the frames of all cameras by their file numbers; a common stride is divided out. `mask` returns the mask
+/// of an image.
 pub(super) fn count(cameras: &[BTreeMap<i64, PathBuf>], mask: impl Fn(&Path) -> Option<PathBuf>) -> Counted {
     let numbers = || cameras.iter().flat_map(|camera| camera.keys().copied());
     let first = numbers().min().unwrap_or(0);

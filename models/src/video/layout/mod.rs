@@ -1,7 +1,7 @@
-//! What a clip's folder says before any image is decoded: cameras, frames, times, and which file belongs to which.
+//! The contents of a clip's folder before any image is decoded: cameras, frames, times and files.
 //!
-//! Each layout has a reader of its own, which returns a [`Reading`] in the layout's own coordinates and times. The side
-//! file `clip.toml` ([`side`]) and [`world`] then turn it into metres, y up and seconds, and say what they assumed.
+//! Each layout has its own reader, which returns a [`Reading`] in the layout's coordinates and times. The side file
+//! `clip.toml` ([`side`]) and [`world`] then convert it to metres, y up and seconds, and report their assumptions.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -28,12 +28,12 @@ pub(super) use files::Kind;
 pub(super) use pac_nerf::{EXCLUDED, PLATE};
 use world::{Clock, Up};
 
-/// Largest list that is read into memory \[bytes\].
+/// Maximum size of a list \[bytes\].
 const MAX_LIST_BYTES: u64 = 256 << 20;
-/// Most cameras of a clip; more poses than that are a camera that moves.
+/// Maximum number of cameras of a clip; more poses indicate a moving camera.
 const MAX_CAMERAS: usize = 1024;
 
-/// How a clip's folder is laid out.
+/// Layout of a clip's folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
@@ -44,18 +44,19 @@ pub enum Format {
     SpringGaus,
     /// `dynamic/cameras_calib.json` and `dynamic/sequences/{object}/{number}.json`, as in Spring-Gaus' real captures.
     RealCapture,
-    /// `transforms.json`, or `transforms_train.json`, `…_val.json` and `…_test.json`, as in NeRF, D-NeRF and their kin.
+    /// `transforms.json`, or `transforms_train.json`, `…_val.json` and `…_test.json`, as in NeRF, D-NeRF and
+    /// derivatives.
     Transforms,
-    /// A COLMAP model as text, and a folder of frames for each camera.
+    /// A COLMAP text model, and a folder of frames for each camera.
     Colmap,
 }
 
 impl Format {
-    /// In order of precedence where a folder holds the files of several.
+    /// All layouts, in order of precedence where a folder matches several.
     pub(in crate::video) const ALL: [Format; 5] =
         [Format::PacNerf, Format::SpringGaus, Format::RealCapture, Format::Transforms, Format::Colmap];
 
-    /// Whether a folder has the file by which the layout is recognised.
+    /// Whether a folder has the file that identifies the layout.
     pub(in crate::video) fn is_at(self, root: &Path) -> bool {
         self.list(root).is_some()
     }
@@ -71,7 +72,7 @@ impl Format {
         }
     }
 
-    /// The file by which the layout is recognised, if the folder has it.
+    /// The file that identifies the layout, if the folder has it.
     fn list(self, root: &Path) -> Option<PathBuf> {
         match self {
             Format::PacNerf => [root.join(pac_nerf::LIST)].into_iter().find(|path| path.is_file()),
@@ -95,39 +96,39 @@ impl fmt::Display for Format {
     }
 }
 
-/// What image lists are looked for, for messages.
+/// The image lists that are searched for, for messages.
 const KNOWN: &str = "all_data.json (PAC-NeRF), camera.json or dynamic/cameras_calib.json (Spring-Gaus), transforms.json \
                      (NeRF, D-NeRF), or sparse/0/cameras.txt and images.txt (COLMAP)";
 
 /// One camera.
 #[derive(Debug, Clone)]
 pub(super) struct View {
-    /// Where its images are, in words; empty if its number says it.
+    /// Where its images are; empty if its number identifies them.
     pub name: String,
     pub c2w: [[f64; 4]; 3],
     pub intrinsic: matrix::Intrinsic,
-    /// Width and height that the intrinsics are for, if the layout says so.
+    /// Width and height that the intrinsics refer to, if the layout states them.
     pub size: Option<(usize, usize)>,
     /// Time \[s\] of every listed frame ≥ 0.
     pub times: BTreeMap<i64, f64>,
 }
 
-/// What a reader found, in the layout's own coordinates and times.
+/// Result of a layout's reader, in the layout's own coordinates and times.
 struct Reading {
     views: BTreeMap<i64, View>,
     files: Files,
     /// The file that lists the cameras.
     list: PathBuf,
-    /// Camera axes of the layout, in words.
+    /// Camera axes of the layout, for messages.
     axes: &'static str,
     up: Up,
-    /// Whether the layout's unit is the metre by definition.
+    /// Whether the layout's unit is defined as the metre.
     metres: bool,
     clock: Clock,
     assumptions: Vec<String>,
 }
 
-/// What a clip's folder says.
+/// A clip's folder as described by its lists.
 #[derive(Debug, Clone)]
 pub(super) struct Layout {
     pub root: PathBuf,
@@ -135,16 +136,16 @@ pub(super) struct Layout {
     pub views: BTreeMap<i64, View>,
     /// The file that lists the cameras.
     pub list: PathBuf,
-    /// What had to be assumed about axes, unit and times.
+    /// Assumptions made about axes, unit and times.
     pub assumptions: Vec<String>,
-    /// Cameras that nobody filmed with.
+    /// Cameras whose images were synthesized.
     pub imagined: Vec<i64>,
     files: Files,
     name: String,
 }
 
 impl Layout {
-    /// Recognises the layout, and reads and checks its lists.
+    /// Recognises the layout; reads and checks its lists.
     pub fn read(path: &Path) -> Result<Layout> {
         let (root, sequence) = match real_capture::sequence_file(path) {
             Some(root) => (root, Some(path)),
@@ -192,15 +193,15 @@ impl Layout {
         Ok(Layout { root, format, views, list, assumptions, imagined, files, name })
     }
 
-    /// Path of an image or mask, whether or not it exists; `None` if the layout has no place for it.
+    /// Path of an image or mask, existing or not; `None` if the layout has no such file.
     pub fn path(&self, kind: Kind, camera: i64, frame: i64) -> Option<PathBuf> {
         self.files.path(&self.root, kind, camera, frame)
     }
 
-    /// Path of a file that [`Layout::has`], or of the image of a listed frame.
+    /// Path of a file for which [`Layout::has`] is true, or of the image of a listed frame.
     ///
     /// # Panics
-    /// If the layout has no place for it.
+    /// If the layout has no such file.
     pub fn file(&self, kind: Kind, camera: i64, frame: i64) -> PathBuf {
         self.path(kind, camera, frame).expect("a listed image, or a file that was found")
     }
@@ -215,12 +216,12 @@ impl Layout {
         self.name.clone()
     }
 
-    /// The frames that are both listed and on disk.
+    /// Frames that are listed and whose image exists.
     pub fn usable_frames(&self, camera: i64) -> Vec<i64> {
         self.views[&camera].times.keys().copied().filter(|&frame| self.has(Kind::Image, camera, frame)).collect()
     }
 
-    /// Refuses images of another size than the camera's intrinsics are for.
+    /// Rejects images whose size differs from that of the camera's intrinsics.
     pub fn check_size(&self, camera: i64, image: &Path, (width, height): (usize, usize)) -> Result<()> {
         match self.views[&camera].size {
             Some((w, h)) if (w, h) != (width, height) => Err(Error::new(
@@ -236,7 +237,7 @@ impl Layout {
     }
 }
 
-/// The layout of a folder by the files present, and what to say about others that it could be.
+/// The layout of a folder by the files present, and notes about other layouts that it matches.
 fn recognise(root: &Path, wanted: Option<Format>) -> Result<(Format, Vec<String>)> {
     let found: Vec<Format> = Format::ALL.into_iter().filter(|format| format.list(root).is_some()).collect();
     let chosen = match wanted {

@@ -1,4 +1,4 @@
-//! PAC-NeRF: `all_data.json` lists every image with its camera and time, `data/` holds them by number.
+//! PAC-NeRF: `all_data.json` lists every image with its camera and time; `data/` holds the numbered images.
 
 use std::collections::BTreeMap;
 use std::path::Path;

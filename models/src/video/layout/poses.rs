@@ -1,4 +1,4 @@
-//! Cameras by pose: images taken from the same place with the same lens are one camera.
+//! Cameras by pose: images with equal pose and intrinsics belong to one camera.
 
 use gradreel::{Error, ErrorKind, Result};
 
@@ -6,10 +6,10 @@ use super::MAX_CAMERAS;
 use crate::vector::times;
 use crate::video::matrix::Intrinsic;
 
-/// Share by which two numbers of a pose may differ and still be the same, written with few digits.
+/// Relative tolerance between two numbers of a pose, which allows for few written digits.
 const TOLERANCE: f64 = 1e-6;
 
-/// Camera to world (OpenGL axes) and lens of an image.
+/// Pose (camera to world, OpenGL axes) and intrinsics of an image.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pose {
     pub c2w: [[f64; 4]; 3],
@@ -18,7 +18,7 @@ pub(super) struct Pose {
 }
 
 impl Pose {
-    /// Whether both are the same camera.
+    /// Whether both belong to the same camera.
     pub fn same(&self, other: &Pose) -> bool {
         let near = |a: f64, b: f64| (a - b).abs() <= TOLERANCE * a.abs().max(1.0);
         let place = self.c2w.iter().flatten().zip(other.c2w.iter().flatten()).all(|(&a, &b)| near(a, b));
@@ -27,10 +27,10 @@ impl Pose {
     }
 }
 
-/// The position of a pose in a list of different ones, where it is added if it is new.
+/// The index of a pose in a list of distinct poses; a new pose is appended.
 ///
 /// # Errors
-/// More poses than a clip has cameras.
+/// [`ErrorKind::Input`] if there are more poses than a clip may have cameras.
 pub(super) fn position(known: &mut Vec<Pose>, pose: Pose, list: &std::path::Path) -> Result<usize> {
     if let Some(at) = known.iter().position(|other| other.same(&pose)) {
         return Ok(at);
@@ -42,7 +42,7 @@ pub(super) fn position(known: &mut Vec<Pose>, pose: Pose, list: &std::path::Path
     Ok(known.len() - 1)
 }
 
-/// The error for a list whose images have a pose of their own each.
+/// The error for a list in which every image has its own pose.
 pub(super) fn moving(list: &std::path::Path, found: String) -> Error {
     Error::new(ErrorKind::Input, "the camera moves")
         .at(list.display())
@@ -51,8 +51,8 @@ pub(super) fn moving(list: &std::path::Path, found: String) -> Error {
         .fix("film with several cameras that stand still; clips of one moving camera cannot be used")
 }
 
-/// Camera to world with OpenGL axes (y up, looking along −z) from world to camera with OpenCV's (y down, along z):
-/// `x_camera = rotation x_world + translation`.
+/// Converts world to camera with OpenCV axes (y down, looking along z), `x_camera = rotation x_world + translation`,
+/// to camera to world with OpenGL axes (y up, looking along −z).
 pub(super) fn from_opencv(rotation: &[[f64; 3]; 3], translation: [f64; 3]) -> [[f64; 4]; 3] {
     let back = std::array::from_fn(|i| [rotation[0][i], rotation[1][i], rotation[2][i]]);
     let centre = times(&back, translation).map(|x| -x);

@@ -19,7 +19,7 @@ pub(super) const LIST: &str = "dynamic/cameras_calib.json";
 /// Frame rate of the data set \[1/s\].
 const FRAMES_PER_S: f64 = 120.0;
 
-/// The data set's folder, if the path is that of a sequence: `…/dynamic/sequences/{object}/{number}.json`.
+/// The data set's folder, if `path` is a sequence: `…/dynamic/sequences/{object}/{number}.json`.
 pub(super) fn sequence_file(path: &Path) -> Option<PathBuf> {
     let part = |up: usize| path.ancestors().nth(up)?.file_name();
     let fits = path.is_file() && part(2)? == "sequences" && part(3)? == "dynamic";
@@ -27,7 +27,7 @@ pub(super) fn sequence_file(path: &Path) -> Option<PathBuf> {
     fits.then(|| if root.as_os_str().is_empty() { PathBuf::from(".") } else { root.to_path_buf() })
 }
 
-/// Reads the calibration and a sequence, and returns a name for the clip as well.
+/// Reads the calibration and a sequence; also returns a name for the clip.
 pub(super) fn read(root: &Path, sequence: Option<&Path>) -> Result<(Reading, String)> {
     let sequence = sequence.map_or_else(|| only_sequence(root), |path| Ok(path.to_path_buf()))?;
     let list = root.join(LIST);
@@ -38,7 +38,7 @@ pub(super) fn read(root: &Path, sequence: Option<&Path>) -> Result<(Reading, Str
     };
     let mut intrinsic =
         matrix::intrinsic(&calibration["camera_matrix"], "camera_matrix").map_err(|found| wrong(&list, found))?;
-    // OpenCV's pixel centres have whole numbers
+    // OpenCV's pixel centres are at whole numbers
     intrinsic[2] += 0.5;
     intrinsic[3] += 0.5;
     let Value::Object(entries) = &frames else {
@@ -60,7 +60,7 @@ pub(super) fn read(root: &Path, sequence: Option<&Path>) -> Result<(Reading, Str
         let (mut times, mut listed) = (BTreeMap::new(), BTreeSet::new());
         for (frame, file) in (0..).zip(names) {
             let file = file.as_str().ok_or_else(|| format!("the file name {file} of camera {name}"));
-            // joined to a folder, an absolute path stays what it is
+            // joining a folder and an absolute path yields the absolute path
             let path = |file: &str| Path::new(name).join(file).to_string_lossy().into_owned();
             let image = file.and_then(|file| inside(&images, &path(file))).map_err(|found| wrong(&sequence, found))?;
             if !listed.insert(image.clone()) {
@@ -99,7 +99,7 @@ pub(super) fn read(root: &Path, sequence: Option<&Path>) -> Result<(Reading, Str
     Ok((reading, name))
 }
 
-/// The sequence of a folder that has only one.
+/// The sequence of a folder that has exactly one.
 fn only_sequence(root: &Path) -> Result<PathBuf> {
     let folder = root.join("dynamic/sequences");
     let inside = |folder: &Path| entries(folder, "the sequences").map_err(|e| e.fix("give the whole data set"));
@@ -118,7 +118,7 @@ fn only_sequence(root: &Path) -> Result<PathBuf> {
         .fix("give the path of the sequence's file, …/dynamic/sequences/{object}/{number}.json, as the clip"))
 }
 
-/// Three finite numbers, however deep they lie in lists.
+/// Three finite numbers, at any depth of nested lists.
 fn vector(value: &Value) -> Option<[f64; 3]> {
     fn numbers(value: &Value, depth: usize, found: &mut Vec<f64>) {
         match value {

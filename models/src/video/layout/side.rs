@@ -1,4 +1,4 @@
-//! `clip.toml`: what a layout leaves open about a clip.
+//! `clip.toml`: supplies what a layout leaves open about a clip.
 
 use std::fs;
 use std::path::Path;
@@ -13,7 +13,7 @@ use crate::vector::dot;
 
 /// Name of the side file.
 pub(super) const NAME: &str = "clip.toml";
-/// Largest side file that is read \[bytes\].
+/// Maximum size of the side file \[bytes\].
 const MAX_BYTES: u64 = 1 << 20;
 
 /// The side file as written.
@@ -36,12 +36,12 @@ enum Direction {
     Vector([f64; 3]),
 }
 
-/// What the side file says, checked; nothing if there is none.
+/// The checked contents of the side file; empty if there is none.
 #[derive(Default)]
 pub(super) struct Side {
-    /// The layout to read, where the folder could be several.
+    /// The layout to read, where the folder matches several.
     pub layout: Option<Format>,
-    /// Unit vector that points up, in the layout's coordinates.
+    /// Unit vector pointing up, in the layout's coordinates.
     pub up: Option<[f64; 3]>,
     /// Length of the layout's unit \[m\].
     pub metres_per_unit: Option<f64>,
@@ -49,9 +49,9 @@ pub(super) struct Side {
     pub origin: Option<[f64; 3]>,
     /// Frame rate \[1/s\].
     pub frames_per_s: Option<f64>,
-    /// Time from the first frame to the last, or from 0 to 1 in times that are shares \[s\].
+    /// Time from the first frame to the last, or the duration that normalised times 0…1 refer to \[s\].
     pub duration_s: Option<f64>,
-    /// Numbers of the cameras that nobody filmed with.
+    /// Numbers of the cameras whose images were synthesized.
     pub imagined: Vec<i64>,
 }
 

@@ -1,4 +1,4 @@
-//! Spring-Gaus, synthetic: `camera.json` lists the cameras, a folder of each holds its frames.
+//! Spring-Gaus, synthetic: `camera.json` lists the cameras; each has a folder of frames.
 
 use std::collections::BTreeSet;
 use std::path::Path;

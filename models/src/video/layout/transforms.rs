@@ -1,4 +1,4 @@
-//! NeRF and D-NeRF: `transforms.json`, or one such file per split, with a pose and perhaps a time for every image.
+//! NeRF and D-NeRF: `transforms.json`, or one file per split, with a pose and an optional time for every image.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -13,16 +13,17 @@ use super::{Reading, View, json, malformed};
 use crate::video::image::Image;
 use crate::video::matrix;
 
-/// The file, or the files of the splits, read together.
+/// The single file, and the files of the splits, which are read together.
 const LISTS: [&str; 4] = ["transforms.json", "transforms_train.json", "transforms_val.json", "transforms_test.json"];
-/// Camera models that are a pinhole if their distortion is zero.
+/// Camera models that reduce to a pinhole at zero distortion.
 const PINHOLES: [&str; 7] =
     ["PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "FULL_OPENCV", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
 /// Names of distortion coefficients.
 const DISTORTION: [&str; 8] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
-/// Frame rate where neither times nor a rate are given \[1/s\].
+/// Default frame rate, without times or a given rate \[1/s\].
 const FRAMES_PER_S: f64 = 24.0;
-/// Share of the shortest interval of a camera within which times of different cameras are the same frame.
+/// Times of different cameras that differ by less than this share of a camera's shortest interval belong to one
+/// frame.
 const SAME_FRAME: f64 = 0.25;
 
 /// One image of the list.
@@ -33,7 +34,7 @@ struct Entry {
     mask: Option<PathBuf>,
 }
 
-/// The lists that a folder has.
+/// The lists that exist in a folder.
 pub(super) fn lists(root: &Path) -> Vec<PathBuf> {
     LISTS.iter().map(|name| root.join(name)).filter(|path| path.is_file()).collect()
 }
@@ -149,7 +150,7 @@ fn assemble(root: &Path, list: PathBuf, poses: Vec<Pose>, entries: &[Entry]) -> 
     })
 }
 
-/// Frames by time: times nearer than a share of the shortest interval of any camera are one frame.
+/// Frames by time: times closer than a share of the shortest interval of any camera form one frame.
 fn by_time(list: &Path, cameras: usize, entries: &[Entry]) -> Result<(Vec<BTreeMap<i64, f64>>, Files)> {
     let mut order: Vec<(f64, &Entry)> = entries.iter().map(|entry| (entry.time.unwrap_or(0.0), entry)).collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -198,7 +199,7 @@ fn paths(root: &Path, frame: &Value) -> Result<(PathBuf, Option<PathBuf>), Strin
     Ok((image, mask))
 }
 
-/// Width and height of the first image that exists.
+/// Width and height of the first existing image.
 fn first_size(root: &Path, frames: &[Value]) -> Result<(usize, usize), String> {
     let exists = frames.iter().filter_map(|frame| paths(root, frame).ok()).find(|(image, _)| image.is_file());
     let (image, _) = exists.ok_or("no width \"w\", and none of the listed images exists to take it from")?;

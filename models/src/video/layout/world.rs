@@ -1,4 +1,4 @@
-//! From a layout's own coordinates and times to metres, y up and seconds.
+//! Conversion from a layout's coordinates and times to metres, y up and seconds.
 
 use gradreel::{Error, ErrorKind, Result};
 
@@ -6,25 +6,26 @@ use super::side::{NAME, Side};
 use super::{Reading, View};
 use crate::vector::{cross, dot, minus, product, times};
 
-/// Which way is up in a layout.
+/// The up direction of a layout.
 pub(super) enum Up {
-    /// This direction, by the custom of the layout.
+    /// This direction, by the layout's convention.
     Custom([f64; 3]),
-    /// Not known: the mean of the cameras' upward directions is the best guess.
+    /// Unknown: estimated by the mean of the cameras' up directions.
     Cameras,
 }
 
-/// What the times of a layout mean.
+/// Meaning of a layout's times.
 pub(super) enum Clock {
     /// Seconds.
     Seconds,
-    /// Between 0 and 1: seconds, or shares of a duration; `whole` if they reach from 0 to 1.
+    /// Between 0 and 1: seconds or normalised; `whole` if they span 0 to 1.
     Unit { whole: bool },
-    /// Frames counted from 0, at this rate if none is given \[1/s\].
+    /// Frames counted from 0, with the default rate `per_s` \[1/s\].
     Counted { per_s: f64 },
 }
 
-/// Turns cameras and times as `clip.toml` says; what it does not say is taken from the layout's custom, and said.
+/// Converts cameras and times as `clip.toml` states; missing values follow the layout's convention and are
+/// reported.
 pub(super) fn settle(reading: &mut Reading, side: &Side) -> Result<()> {
     let (up, mut said) = match (side.up, &reading.up) {
         (Some(up), _) => (up, format!("up is {} ({NAME})", direction(up))),
@@ -55,7 +56,7 @@ pub(super) fn settle(reading: &mut Reading, side: &Side) -> Result<()> {
     retime(reading, side)
 }
 
-/// The rotation that turns a unit vector to y by the shortest way; half a turn about x if it points down.
+/// The shortest rotation of a unit vector to +y; half a turn about x if it points down.
 fn upright(up: [f64; 3]) -> [[f64; 3]; 3] {
     let cosine = up[1];
     if cosine < -1.0 + 1e-12 {
@@ -69,7 +70,7 @@ fn upright(up: [f64; 3]) -> [[f64; 3]; 3] {
     })
 }
 
-/// The camera after `x ↦ scale · turn (x − origin)`.
+/// The camera after the transformation `x ↦ scale · turn (x − origin)`.
 fn moved(c2w: &[[f64; 4]; 3], turn: &[[f64; 3]; 3], scale: f64, origin: [f64; 3]) -> [[f64; 4]; 3] {
     let column = |j: usize| c2w.map(|row| row[j]);
     let axes = [0, 1, 2].map(|j| times(turn, column(j)));
@@ -117,7 +118,7 @@ fn retime(reading: &mut Reading, side: &Side) -> Result<()> {
             .wanted("times in seconds")
             .fix(fix))
     };
-    // t ↦ (t − start) · factor, exact where nothing changes
+    // t ↦ (t − start) · factor, the identity if nothing changes
     let (start, factor, said) = match (&reading.clock, side.frames_per_s, side.duration_s) {
         (_, Some(rate), _) if span > 0.0 => {
             (first, intervals / span / rate, format!("{rate} frames per second ({NAME})"))

@@ -1,35 +1,37 @@
-//! How much each pixel changed against the plate, beyond what a shadow does.
+//! Change of each pixel against the plate, discounting shadows.
 
-/// Light added before taking ratios, so that dark pixels do not drown in noise (share of full scale).
+/// Added to linear light before taking ratios, so that noise does not dominate dark pixels (share of full scale).
 pub(super) const FLOOR: f32 = 0.04;
 /// A shadow leaves at least this share of the plate's light …
 const DARKEST_SHADOW: f32 = 0.12;
 /// … and light reflected by the object adds at most this share.
 const BRIGHTEST_REFLECTION: f32 = 1.08;
 
-/// The log ratios of three channels without their mean, in an orthonormal basis of what is left: red to green, and both to blue.
+/// Log ratios of the three channels minus their mean, in an orthonormal basis of that plane: red against green, and
+/// both against blue.
 pub(super) type Hue = [f32; 2];
 
-/// The hue that shadows have.
+/// The hue of shadows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Tint {
     /// Its direction, of length 1.
     pub axis: Hue,
-    /// The least and the most of it, in shares of the brightness that they take.
+    /// Minimum and maximum of the hue along the axis, as shares of the loss of brightness.
     pub shares: [f32; 2],
 }
 
-/// The log ratio of image and plate, `ln((I + ε)/(P + ε))` in linear light, split in brightness and hue.
+/// The log ratio of image and plate, `ln((I + ε)/(P + ε))` in linear light, split into brightness and hue.
 ///
-/// A shadow multiplies all channels by about the same factor: it moves the brightness, and the hue in one direction only.
+/// A shadow multiplies all channels by nearly the same factor: it changes the brightness, and the hue in one
+/// direction only.
 pub(super) struct Change {
     /// Mean of the three log ratios.
     pub brightness: Vec<f32>,
-    /// The log ratios without their mean.
+    /// The log ratios minus their mean.
     pub hue: Vec<Hue>,
-    /// Evidence for the object ([`evidence`]).
+    /// Evidence for the object (see [`evidence`]).
     pub evidence: Vec<f32>,
-    /// Standard deviation of the hue, per dimension, where nothing happened.
+    /// Standard deviation of the hue of unchanged pixels, per dimension.
     pub noise: f32,
 }
 
@@ -54,8 +56,9 @@ impl Change {
     }
 }
 
-/// Evidence for the object, `sqrt(h² + 3 e²)`: `e` is by how much the brightness leaves the range of shadows, and `h` the hue; where that of shadows
-/// is known, what is across its direction, and what along it is beyond that of a shadow of this darkness.
+/// Evidence for the object, `sqrt(h² + 3 e²)`. `e` is the excess of the brightness beyond the range of shadows; `h`
+/// is the hue. If the hue of shadows is known, only two parts of the hue count: the component perpendicular to its
+/// axis, and the component along it beyond that of a shadow of this brightness.
 pub(super) fn evidence(brightness: f32, [x, y]: Hue, tint: Option<Tint>) -> f32 {
     let (low, high) = (DARKEST_SHADOW.ln(), BRIGHTEST_REFLECTION.ln());
     let excess = (brightness - high).max(0.0) + (low - brightness).max(0.0);
@@ -70,8 +73,8 @@ pub(super) fn evidence(brightness: f32, [x, y]: Hue, tint: Option<Tint>) -> f32 
     (along * along + across * across + 3.0 * excess * excess).sqrt()
 }
 
-/// From differences of neighbouring pixels, of which only few cross an edge. Pixels equal to the plate to the last
-/// bit (a rendered sky) say nothing about noise.
+/// Estimated from differences of neighbouring pixels, few of which cross an edge. Pixels exactly equal to the plate
+/// (a rendered sky) are ignored.
 fn noise(hue: &[Hue]) -> f32 {
     let changed = |h: &Hue| *h != [0.0; 2];
     let step = |pair: &[Hue]| (pair[0][0] - pair[1][0]).hypot(pair[0][1] - pair[1][1]);
@@ -80,6 +83,6 @@ fn noise(hue: &[Hue]) -> f32 {
         return 0.0;
     }
     let middle = steps.len() / 2;
-    // Hue has two dimensions: the length of a difference of two samples has its median at 1.18 √2 σ.
+    // In two dimensions the median length of a difference of two samples is 1.18 √2 σ.
     *steps.select_nth_unstable_by(middle, f32::total_cmp).1 / 1.67
 }

@@ -1,22 +1,22 @@
-//! Coverage and colour of the pixels along the silhouette.
+//! Coverage and colour of the pixels along the contour.
 //!
-//! A pixel on the silhouette mixes object and background, `I = α F + (1 − α) B` in linear light. `F` is the mean colour of
-//! nearby pixels well inside, `B` the plate darkened as nearby pixels well outside are; `α` is the projection of `I` on
-//! the line from `B` to `F`, and the colour that remains after taking `(1 − α) B` away is the object's.
+//! A pixel on the contour mixes object and background, `I = α F + (1 − α) B` in linear light. `F` is the mean
+//! colour of nearby interior pixels; `B` is the plate, darkened like nearby exterior pixels. `α` is the projection
+//! of `I` on the line from `B` to `F`; the object's colour is what remains after subtracting `(1 − α) B`.
 
 use super::Mask;
 use super::change::FLOOR;
 
-/// Reach of the means \[pixels\] and their Gaussian width \[pixels\].
+/// Radius and Gaussian width of the local means \[pixels\].
 const REACH: isize = 4;
 const SPREAD: f32 = 1.5;
-/// Distance of `F` and `B` in linear light from which the projection is trusted fully.
+/// Distance of `F` and `B` in linear light above which the projection is fully trusted.
 const TRUSTED: f32 = 0.03;
 
-/// Colour in linear light where it had to be un-mixed (`None`: the image's own colour) and alpha, per pixel.
+/// Per pixel, the unmixed colour in linear light (`None`: the image's own colour), and alpha.
 pub(super) fn refine(mask: &Mask, seen: &[[f32; 3]], empty: &[[f32; 3]]) -> (Vec<Option<[f32; 3]>>, Vec<f32>) {
     let (width, height) = (mask.width as isize, mask.height as isize);
-    // A pixel is on the silhouette if its 3×3 neighbourhood is mixed.
+    // A pixel is on the contour if its 3×3 neighbourhood is mixed.
     let mixed: Vec<bool> = (0..seen.len())
         .map(|pixel| {
             let inside = mask.inside[pixel];
@@ -40,14 +40,14 @@ pub(super) fn refine(mask: &Mask, seen: &[[f32; 3]], empty: &[[f32; 3]]) -> (Vec
             }
         }
         let Some(object) = object.value() else {
-            // Thin parts have no inside; the image's own colour is the best there is.
+            // Thin parts have no interior: keep the image's own colour.
             continue;
         };
         let light = light.value().unwrap_or([1.0; 3]);
         let back = [0, 1, 2].map(|c| (light[c] * (empty[pixel][c] + FLOOR) - FLOOR).max(0.0));
         let a = coverage(seen[pixel], object, back, alpha[pixel]);
         alpha[pixel] = a;
-        // Below one half the division amplifies noise: fade over to the colour inside.
+        // Below one half the division amplifies noise: blend towards the interior colour.
         let trust = (2.0 * a - 1.0).clamp(0.0, 1.0);
         let clean = [0, 1, 2].map(|c| (seen[pixel][c] - (1.0 - a) * back[c]) / a.max(0.5));
         colour[pixel] = Some([0, 1, 2].map(|c| (trust * clean[c] + (1.0 - trust) * object[c]).clamp(0.0, 1.0)));
@@ -55,7 +55,7 @@ pub(super) fn refine(mask: &Mask, seen: &[[f32; 3]], empty: &[[f32; 3]]) -> (Vec
     (colour, alpha)
 }
 
-/// Projection of a colour on the line from background to object; where both are alike, the silhouette's own verdict.
+/// Projection of a colour on the line from background to object; if these are alike, the mask's own value.
 fn coverage(seen: [f32; 3], object: [f32; 3], back: [f32; 3], verdict: f32) -> f32 {
     let span = [0, 1, 2].map(|c| object[c] - back[c]);
     let length2: f32 = span.iter().map(|s| s * s).sum();

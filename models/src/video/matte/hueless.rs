@@ -1,30 +1,30 @@
-//! Parts of an object that a palette of few colours gave the background's hue.
+//! Parts of an object whose hue equals the background's after quantisation to a small palette.
 //!
-//! Such a part looks like a shadow: darker or brighter than the background, in the same hue. But it is of one piece with the
-//! object, and its silhouette is sharp, while that of the shadow which an extended light leaves behind something in the air is not.
-//! The shadow under something that touches the ground has a sharp silhouette, too: there the two cannot be told apart.
+//! Such a part resembles a shadow: darker or brighter than the background, in the same hue. But it is connected
+//! with the object and has a sharp edge, unlike the shadow of an airborne object under an extended light. A contact
+//! shadow has a sharp edge, too, and cannot be distinguished.
 
 use super::Mask;
 use super::change::Change;
 use super::silhouette::fill_holes;
 
-/// Change of brightness from which a pixel may be of such a part.
+/// Minimum change of brightness for a pixel to belong to such a part.
 const CHANGED: f32 = 0.1;
-/// Step of brightness between neighbours within a part, at most.
+/// Maximum step of brightness between neighbours within a part.
 const SMOOTH: f32 = 0.06;
-/// Share of a part's silhouette, where it does not touch the object, that must be sharp.
+/// Minimum share of a part's contour that must be sharp, apart from where it touches the object.
 const SHARP: f64 = 0.75;
-/// Share of its whole silhouette that must touch the object.
+/// Minimum share of the whole contour that must touch the object.
 const TOUCHING: f64 = 0.2;
 
-/// Adds the parts to the object.
+/// Adds such parts to the mask.
 pub(super) fn add(mask: &mut Mask, change: &Change) {
     let smallest = (mask.inside.len() / 8500).max(4);
     let level = CHANGED.max(6.0 * change.noise);
     let step = |a: usize, b: usize| (change.brightness[a] - change.brightness[b]).abs();
     let open: Vec<bool> =
         mask.inside.iter().zip(&change.brightness).map(|(inside, b)| !inside && b.abs() > level).collect();
-    // the part that a pixel is of, from 1 on
+    // index of the part that a pixel belongs to, from 1
     let mut part = vec![0usize; open.len()];
     let mut found = Vec::new();
     for start in 0..open.len() {
@@ -46,7 +46,7 @@ pub(super) fn add(mask: &mut Mask, change: &Change) {
         let (mut touching, mut sharp, mut soft) = (0, 0, 0);
         for &pixel in &pixels {
             for neighbour in mask.neighbours(pixel).filter(|n| part[*n] != number) {
-                // silhouettes are blurred over a pixel or two
+                // edges are blurred over a pixel or two
                 let beyond = (2 * neighbour).checked_sub(pixel).filter(|b| *b < open.len()).unwrap_or(neighbour);
                 match step(pixel, neighbour).max(step(pixel, beyond)) >= level {
                     _ if mask.inside[neighbour] || mask.inside[beyond] => touching += 1,
@@ -68,7 +68,7 @@ pub(super) fn add(mask: &mut Mask, change: &Change) {
 mod tests {
     use super::*;
 
-    /// A square that is half red, half of the floor's hue, above a shadow that grows darker towards its middle.
+    /// A square, half red and half of the floor's hue, above a shadow that darkens towards its middle.
     #[test]
     fn what_has_a_sharp_silhouette_is_of_the_object() {
         let side = 60;

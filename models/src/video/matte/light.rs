@@ -1,10 +1,12 @@
-//! What the light of a clip does to the hue of shadows.
+//! Effect of a clip's illumination on the hue of shadows.
 //!
-//! Where an object takes a lamp's light away, a sky's is left, and the shadow is bluer than what surrounds it; where it takes the sky's, redder.
-//! In each channel `s a + t (1 − a)` is left, with the share `a` of one light and how much, `s` and `t`, the shadow leaves of either. Shares of
-//! channels differ little, so the hue of the log ratio moves along `a` without its mean: how far differs from place to place, the direction
-//! does not. It is found from what the pictures of a camera show beside the object. Hue across it speaks for the object far more clearly
-//! than hue alone: dark undersides of a body in the floor's colours differ from shadows in that only.
+//! Where an object blocks a lamp, skylight remains and the shadow is bluer than its surroundings; where it blocks
+//! the sky, the shadow is redder. Each channel keeps `s a + t (1 − a)`, where `a` is the share of the first light,
+//! and `s` and `t` are the shares of either light that the shadow leaves. As `a` differs little between channels,
+//! the log ratio minus its mean moves along one direction for all shadows; only the distance varies from place to
+//! place. This direction is estimated from the pixels around the object. Hue perpendicular to it is much stronger
+//! evidence for the object than hue alone: dark undersides of an object in the floor's colours differ from shadows
+//! in this component only.
 
 use rayon::prelude::*;
 
@@ -12,35 +14,35 @@ use super::change::{Hue, Tint, evidence};
 use super::{Difference, grown};
 use crate::video::image::Image;
 
-/// Margin around what may be the object \[pixels of an image of 320\].
+/// Margin around the candidate object region \[pixels in an image of 320\].
 const MARGIN: f32 = 4.0;
-/// Pixels of an image that are looked at, about.
+/// Approximate number of sampled pixels per image.
 const SAMPLES: usize = 25_000;
-/// Changes of brightness of what is taken for a shadow here.
+/// Changes of brightness that count as shadow in this estimate.
 const SHADOWS: std::ops::Range<f32> = -1.5..-0.1;
-/// As many of them show a direction, at least.
+/// Minimum number of shadow samples needed to estimate the direction.
 const LEAST: usize = 200;
-/// How far from the direction hues of shadows are: light that the object reflects tints some of them.
+/// Expected scatter of shadow hues around the axis; light reflected by the object tints some of them.
 const ACROSS: f32 = 0.02;
-/// How often those far from it are weighed anew.
+/// Number of reweighting rounds that suppress outliers.
 const ROUNDS: usize = 4;
 
-/// The share of shadows that have less of the hue than the most that counts as a shadow's.
+/// Quantile of the shadows' hue that bounds what counts as a shadow.
 const MOST: f32 = 0.98;
 
-/// Evidence at which a pixel is as likely object as not, where nothing is known of the light …
+/// Evidence at which object and background are equally likely, if the illumination is unknown …
 const UNKNOWN: f32 = 0.2;
-/// … where it is, at least …
+/// … the minimum if it is known …
 const LEAST_EVEN: f32 = 0.075;
-/// … and in shares of that which nine in ten of the pixels beside the object do not reach.
+/// … and the factor applied to the 90 % quantile of the evidence around the object.
 const BESIDE: f32 = 3.0;
 
-/// The light of a camera's pictures.
+/// The illumination in a camera's images.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Light {
-    /// The hue of shadows; `None` where too few of them were seen.
+    /// The hue of shadows; `None` if too few were seen.
     pub tint: Option<Tint>,
-    /// Evidence at which a pixel is as likely object as not.
+    /// Evidence at which object and background are equally likely.
     pub even: f32,
 }
 
@@ -51,7 +53,7 @@ impl Default for Light {
 }
 
 impl Light {
-    /// The light of the pictures of one camera; pixels of weight 0 say nothing.
+    /// Estimates the illumination in the images of one camera; pixels of weight 0 are ignored.
     pub fn of(images: &[Image], plate: &Image, weight: &[f32]) -> Self {
         let beside: Vec<(f32, Hue)> =
             images.par_iter().flat_map_iter(|image| beside_the_object(image, plate, weight)).collect();
@@ -67,7 +69,7 @@ impl Light {
     }
 }
 
-/// Brightness and hue of the change of some pixels well away from what is the object by hue alone.
+/// Change of brightness and hue of sampled pixels well away from the object (as segmented by hue alone).
 fn beside_the_object(image: &Image, plate: &Image, weight: &[f32]) -> Vec<(f32, Hue)> {
     let difference = Difference::between(image, plate, &Light::default());
     let mask = difference.mask(image, weight);
@@ -85,7 +87,7 @@ fn quantile(values: &mut [f32], share: f32) -> f32 {
     *values.select_nth_unstable_by(rank, f32::total_cmp).1
 }
 
-/// The direction along which hues lie, of length 1: the main axis of their second moments, those that are far across counting less.
+/// Unit vector along which the hues lie: the principal axis of their second moments, with outliers downweighted.
 fn direction(shadows: &[(f32, Hue)]) -> Hue {
     let main = |weight: &dyn Fn(Hue) -> f32| {
         let mut moments = [0.0f64; 3];

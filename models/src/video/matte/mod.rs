@@ -1,16 +1,18 @@
-//! Matting: where the object is, how much of each pixel it covers, and its colour without the background.
+//! Matting: position, coverage and colour of the object without the background.
 //!
-//! Against a background plate there are three things to tell apart: pixels that did not change, pixels that changed
-//! because the object's *shadow* or reflected light falls on them, and the object. Colour alone does not do it: a patch
-//! of the object may have the floor's hue, and light reflected by a bright object tints the floor beside it. But a
-//! shadow of an extended light fades in over many pixels, and an edge does not. So
+//! Against a background plate, three kinds of pixels must be distinguished: unchanged ones, those changed by the
+//! object's *shadow* or reflected light, and those of the object. Colour alone is not sufficient: part of the
+//! object may have the floor's hue, and light reflected by a bright object tints the floor beside it. But the
+//! shadow of an extended light fades in over many pixels, whereas an edge is sharp. Hence:
 //!
-//! 1. [`change`] compares image and plate in linear light, discounting what a shadow does, in the [`light`] of the camera's pictures;
+//! 1. [`change`] compares image and plate in linear light and discounts shadows, given the [`light`] of the
+//!    camera's images;
 //! 2. [`walk`] spreads this evidence to neighbouring pixels except across sharp edges of the change;
-//! 3. [`silhouette`] cuts the result at the level whose contour is sharpest and drops specks and pinholes;
-//! 4. [`edge`] estimates coverage in the pixels along the silhouette and removes the background from their colour.
+//! 3. [`silhouette`] thresholds the result at the level with the sharpest contour and removes specks and pinholes;
+//! 4. [`edge`] estimates coverage along the contour and removes the background from the colour there.
 //!
-//! In images of few colours, parts of the object may have got the background's hue: [`hueless`] finds them by their silhouette.
+//! In images of few colours, parts of the object may share the background's hue: [`hueless`] finds them by their
+//! contour.
 
 mod change;
 mod edge;
@@ -48,14 +50,14 @@ impl Mask {
     }
 }
 
-/// Matte of an image by difference against its plate; pixels of weight 0 take part without an opinion.
+/// Matte of an image by difference against its plate; pixels of weight 0 contribute no evidence.
 pub(super) fn against_plate(image: &Image, plate: &Image, weight: &[f32], light: &Light) -> Matte {
     let difference = Difference::between(image, plate, light);
     difference.matte(image, &difference.mask(image, weight))
 }
 
-/// Matte of an image of few colours by difference against its plate, and the same with those parts that have the background's
-/// hue but are of one piece with the object.
+/// Matte of an image of few colours by difference against its plate, and the same with those parts of the object
+/// that share the background's hue.
 pub(super) fn of_few_colours(image: &Image, plate: &Image) -> (Matte, Matte) {
     let difference = Difference::between(image, plate, &Light::default());
     let mut mask = difference.mask(image, &vec![1.0; image.pixels.len()]);
@@ -69,7 +71,7 @@ struct Difference {
     seen: Vec<[f32; 3]>,
     empty: Vec<[f32; 3]>,
     change: Change,
-    /// Evidence at which a pixel is as likely object as not.
+    /// Evidence at which object and background are equally likely.
     even: f32,
 }
 
@@ -81,7 +83,7 @@ impl Difference {
         Self { change: Change::between(&seen, &empty, light.tint), even: light.even, seen, empty }
     }
 
-    /// Where the object is.
+    /// Mask of the object.
     fn mask(&self, image: &Image, weight: &[f32]) -> Mask {
         let belief = walk::spread(&self.change, self.even, weight, image.width, image.height);
         silhouette::cut(&belief, image.width, image.height)
@@ -100,8 +102,8 @@ impl Difference {
     }
 }
 
-/// Matte of an image that already shows the object on white: coverage is distance from white, and white pixels enclosed
-/// by the object (highlights) belong to it when they are few.
+/// Matte of an image that shows the object on white: coverage is the distance from white. Small enclosed white
+/// regions (highlights) belong to the object.
 pub(crate) fn from_white(image: &Image) -> Matte {
     let darkness = |p: &[u8; 4]| 255 - p[0].min(p[1]).min(p[2]);
     let mut alpha: Vec<f32> =
@@ -116,12 +118,12 @@ pub(crate) fn from_white(image: &Image) -> Matte {
     (rgb, alpha)
 }
 
-/// The connected pieces of what a matte shows, as lists of pixels.
+/// Connected pieces of a matte, as lists of pixels.
 pub(super) fn pieces(alpha: &[f32], width: usize, height: usize) -> Vec<Vec<usize>> {
     silhouette::pieces(&Mask { width, height, inside: alpha.iter().map(|a| *a > 0.5).collect() }, true)
 }
 
-/// The largest connected piece of what a matte shows.
+/// The largest connected piece of a matte.
 pub(super) fn largest_piece(alpha: &[f32], width: usize, height: usize) -> Vec<bool> {
     let largest = pieces(alpha, width, height).into_iter().max_by_key(Vec::len).unwrap_or_default();
     let mut inside = vec![false; alpha.len()];
@@ -129,9 +131,9 @@ pub(super) fn largest_piece(alpha: &[f32], width: usize, height: usize) -> Vec<b
     inside
 }
 
-/// A map and what is within a square of this margin around it.
+/// Dilates a map by a square of this margin.
 pub(super) fn grown(inside: &[bool], width: usize, height: usize, margin: usize) -> Vec<bool> {
-    // along lines of this length, whose pixels are so far apart
+    // along lines of this length with this pixel stride
     let along = |inside: &[bool], length: usize, step: usize| {
         let mut near = inside.to_vec();
         for i in (0..inside.len()).filter(|&i| inside[i]) {

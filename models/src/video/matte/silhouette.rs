@@ -1,18 +1,18 @@
-//! From belief to a clean silhouette: the level with the sharpest contour, without specks and pinholes.
+//! From belief to a clean silhouette: the level with the sharpest contour, with specks and pinholes removed.
 
 use super::Mask;
 
-/// Specks below this share of the largest piece are dropped.
+/// Pieces below this share of the largest piece are dropped.
 const SMALLEST_PIECE: f32 = 0.1;
 
-/// Cuts the belief into object and background.
+/// Thresholds the belief into object and background.
 pub(super) fn cut(belief: &[f32], width: usize, height: usize) -> Mask {
     let smallest = (belief.len() / 8500).max(4);
     let mut best = (f32::NEG_INFINITY, 0.5);
     for step in 0..12 {
         let level = 0.3 + 0.05 * step as f32;
         if let Some(sharpness) = sharpness(belief, width, height, level) {
-            // Among equally sharp contours the middle one.
+            // Of equally sharp contours prefer the middle level.
             let score = sharpness - 0.05 * (level - 0.5).abs();
             if score > best.0 {
                 best = (score, level);
@@ -25,7 +25,7 @@ pub(super) fn cut(belief: &[f32], width: usize, height: usize) -> Mask {
     mask
 }
 
-/// Mean jump of the belief, over two pixels, along the contour of a level; `None` without a contour worth the name.
+/// Mean jump of the belief, over two pixels, along the contour of a level; `None` if the contour is negligible.
 fn sharpness(belief: &[f32], width: usize, height: usize, level: f32) -> Option<f32> {
     let (mut sum, mut count) = (0.0f64, 0usize);
     for y in 1..height.saturating_sub(1) {
@@ -54,7 +54,7 @@ fn drop_specks(mask: &mut Mask, smallest: usize) {
     }
 }
 
-/// Fills enclosed holes of at most `largest` pixels and returns the pixels filled; larger ones are real (a torus).
+/// Fills enclosed holes of at most `largest` pixels and returns the filled pixels; larger holes are real (a torus).
 pub(super) fn fill_holes(mask: &mut Mask, largest: usize) -> Vec<usize> {
     let (width, height) = (mask.width, mask.height);
     let border = |pixel: &usize| {

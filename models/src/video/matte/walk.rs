@@ -1,30 +1,31 @@
-//! Spreading the evidence: a random walker with priors on the pixel grid.
+//! Spreading the evidence: random walker with priors on the pixel grid.
 //!
 //! The belief `z` that a pixel shows the object minimises
 //! `Σ w_ab (z_a − z_b)² + Σ λ_a (z_a − p_a)²` over neighbouring pixels `a, b`, with the prior `p` from the evidence and
 //! weights `w` that vanish across sharp changes. (Grady, *Random walks for image segmentation*, 2006, with a prior
-//! instead of seeds.) Within an edge a patch with the floor's hue takes the belief of what surrounds it; a shadow,
+//! instead of seeds.) A patch of the floor's hue inside an edge takes the belief of its surroundings; a shadow,
 //! which joins the unchanged floor without an edge, takes the floor's.
 
 use super::change::Change;
 
 /// Step of the change between neighbours that counts as an edge.
 const EDGE: f32 = 0.1;
-/// A step in brightness counts this much of one in hue: shadows have such steps, too.
+/// Weight of a step in brightness relative to one in hue: shadows have steps in brightness, too.
 const BRIGHTNESS_SHARE: f32 = 0.5;
-/// Least coupling of neighbours, so that nothing is cut off altogether.
+/// Minimum coupling of neighbours, which keeps the system connected.
 const LEAK: f32 = 1e-3;
-/// Strength of the prior in an image of 320 pixels; its square root is the reciprocal of the reach in pixels.
+/// Strength of the prior in an image of 320 pixels; the inverse of its square root is the range in pixels.
 const PRIOR: f32 = 0.01;
 /// Over-relaxation of the sweeps.
 const OVER: f32 = 1.8;
 
-/// Share of the evidence that makes a pixel as likely object as not from which it is worth a thought, and margin around such pixels (share of
-/// the image).
+/// Minimum evidence of the pixels that are solved for, as a share of the evidence at which object and background
+/// are equally likely, and the margin around them (share of the image).
 const NOTICEABLE: f32 = 0.5;
 const MARGIN: f32 = 0.06;
 
-/// Belief of every pixel, 0 (background) … 1 (object); with as much evidence as `even`, and more than noise, either is as likely.
+/// Belief of every pixel, 0 (background) … 1 (object). Evidence equal to `even`, or to the noise level if that is
+/// larger, gives one half.
 pub(super) fn spread(change: &Change, even: f32, weight: &[f32], width: usize, height: usize) -> Vec<f32> {
     let even = even.max(6.0 * change.noise);
     let mut belief = vec![0.0; width * height];
@@ -48,7 +49,7 @@ pub(super) fn spread(change: &Change, even: f32, weight: &[f32], width: usize, h
         let step = BRIGHTNESS_SHARE * (change.brightness[a] - change.brightness[b]);
         (-(hue + 3.0 * step * step) / edge2).exp() + LEAK
     };
-    // Coupling to the right and downwards; zero beyond the border of the window.
+    // Coupling to the right and downwards; zero beyond the window.
     let right: Vec<f32> =
         pixels.iter().map(|&i| if i % width + 1 == right { 0.0 } else { coupling(i, i + 1) }).collect();
     let down: Vec<f32> =
@@ -66,7 +67,7 @@ pub(super) fn spread(change: &Change, even: f32, weight: &[f32], width: usize, h
     belief
 }
 
-/// The rectangle `[left, top, right, bottom]` around all pixels that, like one of their neighbours, reach the level.
+/// The rectangle `[left, top, right, bottom]` around all pixels that reach the level together with a neighbour.
 fn window(change: &Change, level: f32, width: usize, height: usize) -> Option<[usize; 4]> {
     let reaches = |i: usize| change.evidence[i] > level;
     let mut window: Option<[usize; 4]> = None;

@@ -1,4 +1,4 @@
-//! Bodies: a few solids joined, carved, mirrored and bent.
+//! Bodies: a few solids, joined, carved, mirrored and bent.
 
 use gradreel::Key;
 
@@ -8,10 +8,10 @@ use crate::vector::{minus, plus, product, rotation, times};
 
 type Matrix = [[f64; 3]; 3];
 
-/// A solid in its place.
+/// A placed solid.
 struct Part {
     solid: Solid,
-    /// From the body's axes to the solid's.
+    /// Rotation from the body's axes to the solid's.
     turn: Matrix,
     centre: [f64; 3],
 }
@@ -22,22 +22,22 @@ impl Part {
     }
 }
 
-/// Some solids as one.
+/// A union of solids.
 pub(crate) struct Body {
     parts: Vec<Part>,
-    /// What is taken away.
+    /// The solid that is subtracted.
     carved: Option<Part>,
     /// Width of the fillets.
     fillet: f64,
-    /// Left and right are alike.
+    /// Whether it is symmetric in x.
     mirrored: bool,
-    /// Radians per unit of height, relative width per unit of height, bending, height of waves.
+    /// Twist per unit of height, relative taper per unit of height, bending, amplitude of waves.
     bends: [f64; 4],
-    /// From the world's axes to the body's.
+    /// Rotation from the world's axes to the body's.
     turn: Matrix,
 }
 
-/// Half the side of the cube in which a body lies for sure.
+/// Half the side of a cube that contains every body.
 pub(super) const CUBE: f64 = 2.4;
 
 impl Body {
@@ -68,7 +68,7 @@ impl Body {
                 *bend = dice.within(-most, most);
             }
         }
-        // mostly upright, as things stand
+        // mostly upright
         let upright = rotation([0.0, 0.0, dice.within(0.0, std::f64::consts::TAU)]);
         let tilt = if dice.chance(0.4) { any_turn(&mut dice) } else { rotation(dice.three(-0.2, 0.2)) };
         Self {
@@ -99,7 +99,7 @@ impl Body {
         self.parts.len()
     }
 
-    /// A point of the world in the body's own, unbent space.
+    /// Maps a world point to the body's undeformed space.
     pub fn inside(&self, x: [f64; 3]) -> [f64; 3] {
         let [mut x, mut y, mut z] = times(&self.turn, x);
         let [twist, taper, bend, wave] = self.bends;
@@ -122,7 +122,7 @@ impl Body {
         [if self.mirrored { x.abs() } else { x }, y, z]
     }
 
-    /// About the distance of a point of the world to the surface, negative inside.
+    /// Approximate signed distance of a world point, negative inside.
     pub fn distance(&self, x: [f64; 3]) -> f64 {
         let x = self.inside(x);
         let each = self.parts.iter().map(|part| part.distance(x));
@@ -130,7 +130,7 @@ impl Body {
         self.carved.as_ref().map_or(whole, |part| whole.max(-part.distance(x)))
     }
 
-    /// The part to which a point of the body's own space belongs.
+    /// Index of the part that contains a point of the undeformed space.
     pub fn part_at(&self, x: [f64; 3]) -> usize {
         let each = self.parts.iter().map(|part| part.distance(x)).enumerate();
         each.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(part, _)| part)

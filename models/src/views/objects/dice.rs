@@ -1,8 +1,8 @@
-//! Numbers one after the other from a key.
+//! A sequence of random numbers from a key.
 
 use gradreel::Key;
 
-/// A key and how many numbers it has given.
+/// A key, and the count of numbers drawn from it.
 pub(crate) struct Dice {
     key: Key,
     thrown: u64,
@@ -18,12 +18,12 @@ impl Dice {
         self.key.fold(self.thrown)
     }
 
-    /// Uniform between two numbers.
+    /// Uniform in a range.
     pub fn within(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.next().uniform(1).next().expect("one number")
     }
 
-    /// Below a count.
+    /// Uniform integer below `count`.
     pub fn below(&mut self, count: usize) -> usize {
         self.next().below(count, 1).next().expect("one number")
     }
@@ -33,7 +33,7 @@ impl Dice {
         self.within(0.0, 1.0) < probability
     }
 
-    /// Three numbers, each within the same range.
+    /// Three numbers, uniform in the same range.
     pub fn three(&mut self, low: f64, high: f64) -> [f64; 3] {
         [0; 3].map(|_| self.within(low, high))
     }

@@ -1,37 +1,37 @@
-//! A body sampled on a grid, and where rays meet it.
+//! A body sampled on a grid, and its intersection with rays.
 
 use rayon::prelude::*;
 
 use super::body::{Body, CUBE};
 use crate::vector::dot;
 
-/// Nodes along each side when the body is looked for.
+/// Nodes along each side of the coarse grid that locates the body.
 const COARSE: usize = 34;
-/// Shortest step along a ray, and the share of the distance that is gone otherwise.
+/// Minimum step along a ray in grid spacings, and the share of the distance otherwise advanced.
 const STEP: [f64; 2] = [0.3, 0.8];
-/// Least share of its longest side that a body must measure along the shortest.
+/// Minimum ratio of a body's shortest to its longest side.
 const THICK: f64 = 0.15;
 
-/// Distances to the surface at the nodes of a grid around the body. The longest side of the body's box is 1, its middle 0.
+/// Signed distances at the nodes of a grid around the body, whose box is centred at the origin with longest side 1.
+    /// Half sides of the box.
 pub(crate) struct Field {
     pub low: [f64; 3],
     pub spacing: f64,
     pub dims: [usize; 3],
     pub nodes: Vec<f32>,
-    /// Half the sides of the box.
     pub half: [f64; 3],
-    /// To the world in which the body was made: middle and size of the box.
+    /// Centre and size of the box in the world in which the body was made.
     pub made: ([f64; 3], f64),
 }
 
-/// Where a ray enters.
+/// Entry point of a ray.
 pub(super) struct Entry {
     pub place: [f64; 3],
-    /// Outwards, of length 1.
+    /// Outward unit normal.
     pub normal: [f64; 3],
 }
 
-/// Distances at the nodes of a grid.
+/// Signed distances at the nodes of a grid.
 fn sampled(body: &Body, low: [f64; 3], spacing: f64, dims: [usize; 3]) -> Vec<f32> {
     let mut nodes = vec![0.0f32; dims.iter().product()];
     nodes.par_chunks_mut(dims[1] * dims[2]).enumerate().for_each(|(i, plane)| {
@@ -44,7 +44,7 @@ fn sampled(body: &Body, low: [f64; 3], spacing: f64, dims: [usize; 3]) -> Vec<f3
 }
 
 impl Field {
-    /// Samples a body with so many nodes along its longest side. `None` for one that is empty or too thin.
+    /// Samples a body with `count` nodes along its longest side. `None` if it is empty or too thin.
     pub fn of(body: &Body, count: usize) -> Option<Self> {
         let coarse = 2.0 * CUBE / (COARSE - 1) as f64;
         let nodes = sampled(body, [-CUBE; 3], coarse, [COARSE; 3]);
@@ -71,7 +71,7 @@ impl Field {
         field.normalised()
     }
 
-    /// With the box of what is inside around the origin, its longest side 1.
+    /// Centres the box of the interior at the origin with longest side 1.
     fn normalised(mut self) -> Option<Self> {
         let [mut low, mut high] = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
         let steps = [self.dims[1] * self.dims[2], self.dims[2], 1];
@@ -81,7 +81,7 @@ impl Field {
                 if place == 0 || place + 1 == self.dims[axis] {
                     return None;
                 }
-                // where the distance is 0 on the way to a node outside
+                // zero crossing of the distance towards an exterior node
                 let to = |next: usize| if self.nodes[next] > 0.0 { inside / (inside - self.nodes[next]) } else { 0.0 };
                 let at = |share: f64| self.low[axis] + self.spacing * (place as f64 + share);
                 low[axis] = low[axis].min(at(-f64::from(to(i - steps[axis]))));
@@ -101,7 +101,7 @@ impl Field {
         Some(self)
     }
 
-    /// Trilinear between the nodes; beyond them that of the nearest.
+    /// Trilinear interpolation.
     pub fn at(&self, x: [f64; 3]) -> f64 {
         let (mut corner, mut share) = ([0; 3], [0.0f32; 3]);
         for axis in 0..3 {
@@ -116,7 +116,7 @@ impl Field {
         f64::from(plane(first) + share[0] * (plane(first + sx) - plane(first)))
     }
 
-    /// The first point of a ray that is inside; the direction has length 1.
+    /// The first interior point of a ray; the direction has length 1.
     pub fn entry(&self, origin: [f64; 3], along: [f64; 3]) -> Option<Entry> {
         let [mut near, mut far] = [0.0f64, f64::INFINITY];
         for axis in 0..3 {

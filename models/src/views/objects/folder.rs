@@ -1,4 +1,4 @@
-//! A folder of meshes: which of them are trained on, which are kept to look at, and those that are in memory.
+//! A folder of meshes: training split, held-out split, and a cache of loaded meshes.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -16,9 +16,9 @@ use crate::folder::entries;
 /// How a folder of meshes is used.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FolderSettings {
-    /// Share of the meshes that are never trained on.
+    /// Share of meshes held out from training.
     pub held_out: f64,
-    /// Memory of the meshes that are kept between two uses \[bytes\].
+    /// Size of the mesh cache \[bytes\].
     pub memory: usize,
 }
 
@@ -32,19 +32,19 @@ impl Default for FolderSettings {
 /// A file of a [`MeshFolder`].
 #[derive(Debug)]
 pub struct MeshFile {
-    /// Path in the folder, its parts parted by `/`.
+    /// Path relative to the folder, separated by `/`.
     pub name: String,
-    /// Its length \[bytes\].
+    /// File size \[bytes\].
     pub length: u64,
-    /// The number of its triangles, or why it cannot be used.
+    /// Number of triangles, or why the file is unusable.
     pub triangles: Result<usize>,
-    /// Whether it is trained on.
+    /// Whether it is in the training split.
     pub trained: bool,
-    /// Whether it is shown where unseen objects are.
+    /// Whether it is in the held-out split.
     pub shown: bool,
 }
 
-/// Textured meshes in the place of procedural objects.
+/// Textured meshes that replace procedural objects.
 pub struct MeshFolder {
     root: PathBuf,
     files: Vec<MeshFile>,
@@ -53,7 +53,7 @@ pub struct MeshFolder {
     kept: Mutex<Kept>,
 }
 
-/// Meshes in memory, and when each was last used.
+/// Loaded meshes with the time of their last use.
 #[derive(Default)]
 struct Kept {
     meshes: HashMap<usize, (Arc<TexturedMesh>, u64)>,
@@ -63,14 +63,15 @@ struct Kept {
 }
 
 impl MeshFolder {
-    /// Looks for `.obj`, `.glb` and `.gltf` files in a folder and all below it (but for links to folders and hidden ones), and
-    /// reads each once, calling `read` after every one: those that cannot be used are told by [`MeshFolder::files`].
+    /// Searches a folder recursively for `.obj`, `.glb` and `.gltf` files (except hidden files and links to
+    /// folders) and reads each once, calling `read` after each; [`MeshFolder::files`] reports unusable ones.
     ///
-    /// On which side of the split a file is follows from its path in the folder without its ending, so that it stays there
-    /// when others come, and an object in two formats is not on both. Each side has at least one file if there are two.
+    /// The split of a file follows from its relative path without extension, so that it does not change when files
+    /// are added, and an object in two formats is not in both splits. Each split has at least one file if there are
+    /// two.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] for something that is no folder, and when there are no meshes, or none that can be used.
+    /// [`ErrorKind::Input`] if `root` is no folder, or holds no usable mesh.
     pub fn open(root: &Path, settings: FolderSettings, read: &(dyn Fn() + Sync)) -> Result<Self> {
         if root.exists() && !root.is_dir() {
             return Err(Error::new(ErrorKind::Input, "the meshes are looked for in a folder")
@@ -115,34 +116,34 @@ impl MeshFolder {
         Ok(Self { root: root.to_owned(), files, trained, unseen, kept })
     }
 
-    /// All files that were found, in the order of their names.
+    /// All files found, ordered by name.
     pub fn files(&self) -> &[MeshFile] {
         &self.files
     }
 
-    /// The files that are trained on.
+    /// The files of the training split.
     pub fn trained(&self) -> impl ExactSizeIterator<Item = &MeshFile> {
         self.trained.iter().map(|file| &self.files[*file])
     }
 
-    /// The files that are kept to look at, in the order in which they are shown.
+    /// The files of the held-out split, in display order.
     pub fn unseen(&self) -> impl ExactSizeIterator<Item = &MeshFile> {
         self.unseen.iter().map(|file| &self.files[*file])
     }
 
-    /// Whether no file is on both sides of the split: where there is one file only, or nothing is held out, the same files
-    /// are trained on and shown.
+    /// Whether the splits are disjoint. If there is only one file, or nothing is held out, both contain the same
+    /// files.
     pub fn is_divided(&self) -> bool {
         self.files.iter().all(|file| !(file.trained && file.shown))
     }
 
-    /// The object of a key: a file to train on, a turn about the vertical, and a lamp.
+    /// The training object of a key: a file, a rotation about the vertical, and a lamp.
     ///
     /// # Errors
-    /// When the file cannot be read any more.
+    /// If the file can no longer be read.
     ///
     /// # Panics
-    /// When all files are held out.
+    /// If all files are held out.
     #[track_caller]
     pub fn object(&self, key: Key) -> Result<Object> {
         let [which, about, light] = key.split();
@@ -150,10 +151,10 @@ impl MeshFolder {
         self.turned(self.trained[Dice::new(which).below(self.trained.len())], about, light)
     }
 
-    /// An object that is not trained on, by its number: all files in turn, then all of them turned otherwise.
+    /// The held-out object with an index: cycles through the files, with another rotation in every cycle.
     ///
     /// # Errors
-    /// When the file cannot be read any more.
+    /// If the file can no longer be read.
     pub fn unseen_object(&self, number: usize, key: Key) -> Result<Object> {
         let [_, about, light] = key.split();
         self.turned(self.unseen[number % self.unseen.len()], about, light)
@@ -173,7 +174,7 @@ impl MeshFolder {
         Ok(mesh)
     }
 
-    /// Tells this folder from one with other files: their number, and FNV-1a of their names and lengths.
+    /// A fingerprint of the folder: the number of files, and FNV-1a of their names and sizes.
     pub fn mark(&self) -> String {
         let text: String = self.files.iter().map(|file| format!("{}\n{}\n", file.name, file.length)).collect();
         format!("{}-{:016x}", self.files.len(), fnv1a(text.as_bytes()))
@@ -181,7 +182,7 @@ impl MeshFolder {
 }
 
 impl MeshFile {
-    /// Why it cannot be used: what is wrong, where in the file, and what was found.
+    /// Why the file is unusable: the fault, its position, and what was found.
     pub fn why(&self) -> Option<String> {
         self.triangles.as_ref().err().map(Error::in_short)
     }
@@ -195,7 +196,8 @@ impl Kept {
         Some(mesh.clone())
     }
 
-    /// Keeps a mesh, in place of those that were not used for longest if `instead`, or only where there is room.
+    /// Caches a mesh; with `instead`, it evicts the least recently used ones, otherwise it is kept only if there is
+    /// room.
     fn keep(&mut self, file: usize, mesh: &Arc<TexturedMesh>, instead: bool) {
         let bytes = mesh.bytes();
         if bytes > self.most || (!instead && self.bytes + bytes > self.most) || self.meshes.contains_key(&file) {
@@ -212,12 +214,12 @@ impl Kept {
     }
 }
 
-/// Adds the names and lengths of the meshes below a folder.
+/// Appends the names and sizes of the meshes below a folder.
 fn list(root: &Path, below: &str, found: &mut Vec<(String, u64)>) -> Result<()> {
     let folder = root.join(below);
     let io = |e: std::io::Error| Error::io(&folder, "list the folder of meshes", &e).fix("give a folder with meshes");
     for path in entries(&folder, "the meshes")? {
-        // a name that is no text could not be told to anyone
+        // names that are not valid text are skipped
         let Some(own) = path.file_name().and_then(|name| name.to_str()) else { continue };
         let name = if below.is_empty() { own.to_owned() } else { format!("{below}/{own}") };
         if std::fs::symlink_metadata(&path).map_err(io)?.is_dir() {
@@ -230,7 +232,7 @@ fn list(root: &Path, below: &str, found: &mut Vec<(String, u64)>) -> Result<()> 
     Ok(())
 }
 
-/// The files to train on and those to look at, the latter in an order that says nothing of their names.
+/// Splits the files into training and held-out; the latter are in an order independent of their names.
 fn divided(files: &[MeshFile], mut usable: Vec<usize>, held_out: f64) -> (Vec<usize>, Vec<usize>) {
     let share = |file: &usize| {
         let name = &files[*file].name;
@@ -250,7 +252,7 @@ fn divided(files: &[MeshFile], mut usable: Vec<usize>, held_out: f64) -> (Vec<us
     (trained, usable)
 }
 
-/// What another thread that panicked left is as good: meshes are put there whole.
+/// A poisoned lock is harmless, since meshes are inserted complete.
 fn lock(kept: &Mutex<Kept>) -> std::sync::MutexGuard<'_, Kept> {
     kept.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }

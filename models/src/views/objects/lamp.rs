@@ -1,20 +1,20 @@
-//! The light in which an object stands.
+//! Illumination of an object.
 
 use gradreel::Key;
 
 use super::dice::Dice;
 use crate::vector::dot;
 
-/// A lamp far away, above the object, and light from everywhere.
+/// A distant lamp above the object, and ambient light.
 pub(super) struct Lamp {
     /// Of length 1.
     towards: [f64; 3],
-    /// Share of the light that comes from everywhere.
+    /// Share of ambient light.
     everywhere: f64,
 }
 
 impl Lamp {
-    /// The lamp of a key.
+    /// Draws a lamp.
     pub fn draw(key: Key) -> Self {
         let mut dice = Dice::new(key);
         let towards = dice.direction();
@@ -23,7 +23,7 @@ impl Lamp {
         Self { towards: towards.map(|x| x / norm), everywhere: dice.within(0.5, 0.8) }
     }
 
-    /// How bright a surface with this normal is, 0 to 1.
+    /// Brightness of a surface with this normal, 0 to 1.
     pub fn brightness(&self, normal: [f64; 3]) -> f64 {
         self.everywhere + (1.0 - self.everywhere) * dot(normal, self.towards).max(0.0)
     }

@@ -1,4 +1,4 @@
-//! Procedural objects: a body, what is painted on it, and its grid.
+//! Procedural objects: a body, its texture, and its grid.
 
 use gradreel::Key;
 
@@ -7,7 +7,7 @@ use super::body::Body;
 use super::field::Field;
 use super::texture::Texture;
 
-/// A body with a pattern.
+/// A body with a texture.
 pub(crate) struct Made {
     body: Body,
     texture: Texture,
@@ -15,13 +15,12 @@ pub(crate) struct Made {
 }
 
 impl Made {
-    /// The one of a key for its shape and one for its paint, with so many nodes along the longest side.
+    /// Built from a key for its shape and a key for its texture, with `nodes` grid nodes along the longest side.
+        // empty and paper-thin bodies are redrawn
     pub fn new(keys: [Key; 2], nodes: usize) -> Self {
         Self::of(Body::new, keys, nodes)
     }
 
-    /// The first of the bodies that `draw` makes of the keys that follow from one for its shape, which is neither empty nor as
-    /// thin as paper.
     pub fn of(draw: impl Fn(Key) -> Body, [shape, paint]: [Key; 2], nodes: usize) -> Self {
         let made = (0..).find_map(|turn| {
             let body = draw(shape.fold(turn));
@@ -31,17 +30,16 @@ impl Made {
         Self { texture: Texture::new(paint, body.parts()), body, field }
     }
 
-    /// Half the sides of its box.
+    /// Half sides of its box.
     pub fn half(&self) -> [f64; 3] {
         self.field.half
     }
 
-    /// Distances to its surface, negative inside.
+    /// Intersection with a ray; the direction has length 1.
     pub fn field(&self) -> &Field {
         &self.field
     }
 
-    /// Its colour at a point, 0 to 1 as shown on a screen.
     pub fn colour(&self, place: [f64; 3]) -> [f64; 3] {
         let (middle, size) = self.field.made;
         let made: [f64; 3] = std::array::from_fn(|axis| middle[axis] + size * place[axis]);
@@ -49,7 +47,6 @@ impl Made {
         self.texture.colour(self.body.part_at(own), own)
     }
 
-    /// Where a ray meets it; the direction has length 1.
     pub fn met(&self, origin: [f64; 3], along: [f64; 3]) -> Option<Met> {
         let entry = self.field.entry(origin, along)?;
         Some(Met { normal: entry.normal, colour: self.colour(entry.place) })

@@ -1,8 +1,8 @@
-//! Objects that nobody has seen before: procedural shapes with patterns, filmed by the cameras of the model. They are what the
-//! built-in model is trained on. Textured meshes from a folder can take their place ([`MeshFolder`]).
+//! Training objects: procedural shapes with patterns, rendered by the model's cameras. The built-in model is
+//! trained on them. Textured meshes from a folder can replace them ([`MeshFolder`]).
 //!
-//! A body is a few implicit solids (superquadrics, boxes, rings, cylinders, letters, blobs), joined with fillets, carved,
-//! mirrored, twisted, tapered, bent. Everything follows from a key.
+//! A body consists of a few implicit solids (superquadrics, boxes, tori, cylinders, letters, blobs), joined with
+//! fillets, carved, mirrored, twisted, tapered, bent. It is determined by a key.
 //!
 //! ```
 //! use gradreel::Key;
@@ -49,7 +49,7 @@ use self::made::Made;
 use self::mesh::Turned;
 use crate::vector::{dot, minus};
 
-/// An object. The longest side of its box is 1, the middle of the box is the origin.
+/// An object whose box is centred at the origin and has longest side 1.
 pub struct Object {
     form: Form,
     lamp: Lamp,
@@ -60,38 +60,39 @@ enum Form {
     Mesh(Turned),
 }
 
-/// Where a ray meets an object.
+/// Intersection of a ray with an object.
 struct Met {
-    /// Towards the outside, of length 1.
+    /// Outward unit normal.
     normal: [f64; 3],
-    /// In the light of a lamp straight above the surface.
+    /// Colour under a lamp directly above the surface.
     colour: [f64; 3],
 }
 
-/// What a camera sees: a square image on white.
+/// A rendered view: a square image on white.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
     /// Pixels along a side.
     pub size: usize,
-    /// Red, green and blue one after the other, `3 · size²` in −1..1, in steps of a byte.
+    /// Red, green and blue planes, `3 · size²` values in −1..1, quantised to 8 bits.
     pub colours: Vec<f32>,
-    /// The object's share of each pixel.
+    /// Coverage of each pixel by the object.
     pub coverage: Vec<f32>,
 }
 
 impl Object {
-    /// The procedural object of a key, with so many nodes of its grid along the longest side (48 suit images of 64 pixels).
+    /// The procedural object of a key, with `nodes` grid nodes along its longest side (48 suit images of 64
+    /// pixels).
     pub fn new(key: Key, nodes: usize) -> Self {
         let [shape, paint, light] = key.split();
         Self { form: Form::Made(Box::new(Made::new([shape, paint], nodes))), lamp: Lamp::draw(light) }
     }
 
-    /// A mesh, turned about the vertical by `turn` radians, in the light of a key.
+    /// A mesh rotated about the vertical by `turn` radians, with illumination from a key.
     pub fn of_mesh(mesh: Arc<TexturedMesh>, turn: f64, light: Key) -> Self {
         Self { form: Form::Mesh(Turned::new(mesh, turn)), lamp: Lamp::draw(light) }
     }
 
-    /// Half the sides of its box.
+    /// Half sides of its box.
     pub fn half(&self) -> [f64; 3] {
         match &self.form {
             Form::Made(made) => made.half(),
@@ -99,8 +100,8 @@ impl Object {
         }
     }
 
-    /// What the object looks like in its place from a camera of the ring's kind with this pose (world to camera), with
-    /// `rays²` rays a pixel.
+    /// Renders the placed object with a camera of the ring's kind at this pose (world to camera), with `rays²` rays
+    /// per pixel.
     pub fn seen(&self, placement: &Placement, pose: &[[f64; 4]; 3], focal: f64, size: usize, rays: usize) -> View {
         let mut pixels = vec![[0.0f32; 4]; size * size];
         let centre: [f64; 3] =

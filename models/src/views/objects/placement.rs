@@ -1,28 +1,29 @@
-//! Where an object is put, and how large: somewhere in the cube, whole in every view (training data of the paper).
+//! Random position and size of an object: inside the cube and completely visible in every view (training data of
+//! the paper).
 
 use gradreel::Key;
 
 use super::dice::Dice;
 use crate::views::Ring;
 
-/// How near to the edge of a view an object comes at most, in shares of the image.
+/// Minimum distance of an object from the edge of a view, as a share of the image.
 const EDGE: f64 = 4.0 / 256.0;
-/// Places that are tried before the object is made smaller.
+/// Number of positions tried before the object is shrunk.
 const TRIES: usize = 60;
 
-/// A size and a place: `world = scale · object + shift`.
+/// Scale and translation: `world = scale · object + shift`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
     /// The longest side of the object's box in units of the model.
     pub scale: f64,
-    /// The middle of the box.
+    /// Centre of the box.
     pub shift: [f64; 3],
 }
 
 impl Placement {
-    /// Draws a size within a range, and a place: uniform in the cube as far as the object stays in it, times `reach` (0: in
-    /// the middle), and such that the object's box lies within the images of all cameras. Where there is none, the object is
-    /// made smaller.
+    /// Draws a size from a range and a position: uniform over those that keep the object in the cube, multiplied by
+    /// `reach` (0: centred), and such that the object's box is within the images of all cameras. If there is none,
+    /// the object is shrunk.
     pub fn draw(key: Key, half: [f64; 3], ring: &Ring, scale: [f64; 2], reach: f64) -> Self {
         let mut dice = Dice::new(key);
         let mut scale = dice.within(scale[0], scale[1]);
@@ -41,7 +42,7 @@ impl Placement {
         }
     }
 
-    /// Whether a box of these half sides is within all images.
+    /// Whether a box with these half sides is within all images.
     pub fn is_seen(&self, half: [f64; 3], ring: &Ring) -> bool {
         let corner = |number: usize| -> [f64; 3] {
             std::array::from_fn(|axis| {

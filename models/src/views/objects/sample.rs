@@ -1,4 +1,4 @@
-//! One object in its place, seen by all cameras.
+//! One placed object, rendered by all cameras.
 
 use gradreel::{Error, ErrorKind, Key, Result};
 use rayon::prelude::*;
@@ -7,34 +7,34 @@ use serde::{Deserialize, Serialize};
 use super::{Object, Placement, View};
 use crate::views::{Detection, ImageBox, Ring};
 
-/// How objects are put and filmed.
+/// Placement and rendering of training objects.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SampleSettings {
-    /// Least and greatest longest side of an object, in units of the model (the cube has side 1).
+    /// Range of an object's longest side, in units of the model (the cube has side 1).
     pub scale: [f64; 2],
-    /// How far from the middle objects are put: 0 not at all, 1 as far as all cameras see all of them.
+    /// Spread of the objects' positions: 0 centred, 1 up to the limit of full visibility in all cameras.
     pub reach: f64,
-    /// Least and greatest elevation of the input image's camera \[°\].
+    /// Range of the input camera's elevation \[°\].
     pub elevation_deg: [f64; 2],
     /// Rays per pixel along each side.
     pub rays: usize,
-    /// Nodes of an object's grid along its longest side.
+    /// Grid nodes along an object's longest side.
     pub nodes: usize,
 }
 
 impl Default for SampleSettings {
-    /// Scales of a quarter to about a half, everywhere, the input at the elevation of the ring.
+    /// Scales from a quarter to about a half, full spread, the input at the ring's elevation.
     fn default() -> Self {
         Self { scale: [0.25, 0.55], reach: 1.0, elevation_deg: [30.0, 30.0], rays: 2, nodes: 48 }
     }
 }
 
 impl SampleSettings {
-    /// Whether objects can be filmed like this.
+    /// Validates the settings.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] with the setting that makes no sense.
+    /// [`ErrorKind::Input`] naming the invalid setting.
     pub fn check(&self) -> Result<()> {
         let ordered = |[low, high]: [f64; 2], least: f64, most: f64| least <= low && low <= high && high <= most;
         for (name, fits, wanted) in [
@@ -56,16 +56,16 @@ impl SampleSettings {
     }
 }
 
-/// An object in its place, in the views of a ring and in the input image.
+/// A placed object, in the views of a ring and in the input image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sample {
-    /// One for each camera.
+    /// One view per camera.
     pub views: Vec<View>,
-    /// The input image: the first view, where its camera is that one.
+    /// The input image; equal to the first view if the cameras coincide.
     pub input: View,
     /// Elevation of the input image's camera in radians.
     pub elevation: f64,
-    /// Where the object is.
+    /// Position and scale of the object.
     pub placement: Placement,
 }
 
@@ -75,13 +75,13 @@ impl Sample {
         Self::of(&Object::new(Self::object_key(key), settings.nodes), key, ring, size, settings)
     }
 
-    /// The key that decides which object is in the sample of a key.
+    /// The key of the object in a sample.
     pub fn object_key(key: Key) -> Key {
         let [object, _, _] = key.split();
         object
     }
 
-    /// An object where the key of a sample puts it, in images of `size²` pixels.
+    /// A given object placed by the key of a sample, in images of `size²` pixels.
     pub fn of(object: &Object, key: Key, ring: &Ring, size: usize, settings: &SampleSettings) -> Self {
         let [_, place, above] = key.split();
         let placement = Placement::draw(place, object.half(), ring, settings.scale, settings.reach);
@@ -90,14 +90,15 @@ impl Sample {
         let elevation = (low + (high - low) * chance).to_radians();
         let seen = |pose: [[f64; 4]; 3]| object.seen(&placement, &pose, ring.focal, size, settings.rays);
         let views: Vec<View> = (0..ring.views).into_par_iter().map(|view| seen(ring.pose(view))).collect();
-        // degrees lose a bit on their way
+        // conversion from degrees rounds
         let same = (elevation - ring.elevation).abs() < 1e-9;
         let elevation = if same { ring.elevation } else { elevation };
         let input = if same { views[0].clone() } else { seen(ring.input_pose(elevation)) };
         Self { views, input, elevation, placement }
     }
 
-    /// Where the object is: its box in the input image, and the depth of its middle before the input camera of a ring.
+    /// Ground-truth detection: the object's box in the input image, and the depth of its centre in the input camera
+    /// of a ring.
     pub fn seen(&self, ring: &Ring) -> Option<Detection> {
         let bounds = ImageBox::of_coverage(&self.input.coverage, self.input.size)?;
         let [_, _, depth] = ring.project(&ring.input_pose(self.elevation), self.placement.shift, 1);

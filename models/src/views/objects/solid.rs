@@ -1,25 +1,26 @@
-//! Implicit solids: about the distance to the surface, negative inside.
+//! Implicit solids: approximate signed distances, negative inside.
 
 use super::dice::Dice;
 use crate::vector::{dot, minus};
 
-/// A solid around the origin, about one unit large.
+/// A solid around the origin, of about unit size.
 pub(super) enum Solid {
-    /// `((|x/a|^(2/e₂) + |y/b|^(2/e₂))^(e₂/e₁) + |z/c|^(2/e₁)) = 1` (Barr 1981): from boxes over ellipsoids to octahedra.
+    /// `((|x/a|^(2/e₂) + |y/b|^(2/e₂))^(e₂/e₁) + |z/c|^(2/e₁)) = 1` (Barr 1981): from boxes and ellipsoids to
+    /// octahedra.
     Superquadric { radii: [f64; 3], exponents: [f64; 2] },
     /// A box with rounded edges.
     Box { half: [f64; 3], round: f64 },
-    /// A ring around z.
+    /// A torus around z.
     Torus { ring: f64, tube: f64 },
     /// Along z, with rounded edges.
     Cylinder { radius: f64, half: f64, round: f64 },
     /// A letter in the plane of x and z.
     Letter { rows: [u8; 7], depth: f64 },
-    /// Balls that flow into each other.
+    /// Blended balls.
     Blob { balls: Vec<([f64; 3], f64)> },
 }
 
-/// Letters of five columns and seven rows, the top row first, the left column in the highest bit.
+/// Glyphs of five columns and seven rows, from the top row; the left column is the highest bit.
 const LETTERS: [[u8; 7]; 14] = [
     [14, 17, 17, 31, 17, 17, 17],
     [30, 17, 17, 30, 17, 17, 30],
@@ -36,11 +37,11 @@ const LETTERS: [[u8; 7]; 14] = [
     [17, 10, 10, 4, 10, 10, 17],
     [31, 1, 2, 4, 8, 16, 31],
 ];
-/// Side of a cell of a letter.
+/// Side of a glyph cell.
 const CELL: f64 = 0.2;
 
 impl Solid {
-    /// Any of them.
+    /// Draws a random solid.
     pub fn draw(dice: &mut Dice) -> Self {
         match dice.below(12) {
             0..=3 => {
@@ -86,7 +87,7 @@ impl Solid {
         Self::Blob { balls: (0..count).map(|_| ball(dice)).collect() }
     }
 
-    /// About its radius.
+    /// Approximate radius.
     pub fn reach(&self) -> f64 {
         match self {
             Self::Superquadric { radii, .. } => radii.iter().sum::<f64>() / 3.0,
@@ -97,7 +98,7 @@ impl Solid {
         }
     }
 
-    /// About the distance of a point to the surface, negative inside.
+    /// Approximate signed distance of a point to the surface, negative inside.
     pub fn distance(&self, x: [f64; 3]) -> f64 {
         match self {
             Self::Superquadric { radii, exponents: [e1, e2] } => {
@@ -132,7 +133,7 @@ impl Solid {
     }
 }
 
-/// The distance to a box in any number of dimensions, its edges rounded.
+/// Signed distance to a rounded box in any number of dimensions.
 fn boxed<const N: usize>(x: &[f64; N], half: &[f64; N], round: f64) -> f64 {
     let (mut outside, mut inside) = (0.0, f64::NEG_INFINITY);
     for axis in 0..N {
@@ -156,7 +157,7 @@ pub(super) fn joined(a: f64, b: f64, width: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// The surfaces in closed form, and distances that a march along a ray can trust.
+    /// Closed-form surfaces, and distances that are safe for ray marching.
     #[test]
     fn surfaces_are_where_they_should_be() {
         let ball = Solid::Superquadric { radii: [0.5; 3], exponents: [1.0; 2] };
@@ -174,7 +175,7 @@ mod tests {
             (&ring, [0.0, 0.0, 0.0], 0.3),
             (&tin, [0.0, 0.0, 0.7], 0.5),
             (&tin, [0.5, 0.0, 0.0], 0.2),
-            // the foot of a T, its missing corner and its face
+            // the base of a T, its empty corner and its face
             (&letter, [0.0, 0.0, -0.6 - 0.11 - 0.3], 0.3),
             (&letter, [0.0, 0.5, 0.0], 0.3),
         ] {

@@ -1,17 +1,17 @@
-//! Colours of a body: two for each part, in a pattern.
+//! Surface colours of a body: two per part, in a pattern.
 
 use gradreel::Key;
 
 use super::dice::Dice;
 use crate::vector::dot;
 
-/// What is painted on a body.
+/// The texture of a body.
 pub(super) struct Texture {
-    /// Of each part.
+    /// Colours of each part.
     colours: Vec<[[f64; 3]; 2]>,
     pattern: Pattern,
     direction: [f64; 3],
-    /// Radians per unit.
+    /// Spatial frequency in radians per unit.
     waves: f64,
 }
 
@@ -40,7 +40,7 @@ impl Texture {
         Self { colours, pattern, direction: dice.direction(), waves: dice.within(6.0, 16.0) }
     }
 
-    /// The colour of a part at a point of the body's own space.
+    /// Colour of a part at a point of the undeformed space.
     pub fn colour(&self, part: usize, x: [f64; 3]) -> [f64; 3] {
         let wave = |axis: usize| (self.waves * x[axis]).sin();
         let along = dot(self.direction, x);
@@ -57,7 +57,7 @@ impl Texture {
     }
 }
 
-/// A colour that cannot be taken for the white behind.
+/// A colour that differs from the white background.
 fn colour(dice: &mut Dice) -> [f64; 3] {
     let (hue, saturation, value) = (dice.within(0.0, 6.0), dice.within(0.3, 1.0), dice.within(0.2, 0.9));
     let channel = |shift: f64| {

@@ -1,4 +1,4 @@
-//! Attention of every view to the epipolar lines in its neighbours (eq. 1 of the paper).
+//! Attention of every view to its epipolar lines in neighbouring views (eq. 1 of the paper).
 
 use gradreel::ops::{Conv, GridSampling, Interpolation, Padding};
 use gradreel::{Result, Tensor, Var};
@@ -8,28 +8,28 @@ use super::{SpatialAwareSizes, places_in};
 use crate::layers::{Init, Scope, Segment};
 use crate::views::{Ring, constant};
 
-/// Places of −1 and 1 are the centres of the first and the last cell.
+/// Coordinates −1 and 1 are the centres of the first and the last cell.
 pub(super) const ALIGNED: GridSampling =
     GridSampling { interpolation: Interpolation::Linear, padding: Padding::Zeros, align_corners: true };
 
-/// What is added to the score of a sample that must not count.
+/// Added to the score of an invalid sample.
 const NEVER: f64 = -3e4;
 
-/// Bytes of samples that are made at once.
+/// Memory of the samples that are processed at once \[bytes\].
 const AT_ONCE: usize = 64 << 20;
 
-/// The epipolar lines of all cells of one view in another: samples of the ray behind each cell, projected into the other
-/// view.
+/// The epipolar lines in another view of all cells of one view: samples of the ray through each cell, projected
+/// into the other view.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EpipolarLines {
     /// Columns and rows in cells of the other map, in the order sample, row, column.
     pub places: Vec<[f64; 2]>,
-    /// Whether a sample lies within the cube of voxels and within the other map.
+    /// Whether a sample lies within the cube of voxels and the other map.
     pub valid: Vec<bool>,
 }
 
 impl EpipolarLines {
-    /// The lines of `view` in `other`, for maps of `width²` cells and so many samples from the near to the far end.
+    /// The lines of `view` in `other`, for maps of `width²` cells and `samples` samples from near to far.
     pub fn new(ring: &Ring, [view, other]: [usize; 2], samples: usize, width: usize) -> Self {
         let pose = ring.pose(other);
         let last = (width - 1) as f64;
@@ -45,15 +45,15 @@ impl EpipolarLines {
     }
 }
 
-/// The attention. Its query is the cell's feature, its keys are what the other view has along the line, with the place on
-/// the line told, and its values are what the other view has there.
+/// Epipolar attention. Queries are the features of a cell; keys and values are the other view's features along the
+/// line, keys with a positional encoding along it.
 pub struct EpipolarAttention {
     maps: Segment<Maps>,
     out: Segment<Var>,
     sizes: SpatialAwareSizes,
 }
 
-/// Square maps of the features, without constant terms.
+/// Square projection matrices of the features, without bias.
 struct Maps {
     query: Var,
     key: Var,
@@ -61,22 +61,22 @@ struct Maps {
 }
 
 impl Maps {
-    /// The maps of features and of places on a line to keys, as matrices of each head: `[heads, c, features + 2 octaves]`, for
-    /// products with `x`.
+    /// The projections from features and positional encodings to keys, as one matrix per head:
+    /// `[heads, c, features + 2 octaves]`, on the tape and in the dtype of `x`.
     #[track_caller]
     fn keys(&self, heads: usize, x: &Var) -> Var {
         let both = self.key.to_dtype(x.dtype()).concat(&[&self.depth.to_dtype(x.dtype())], 1);
         let [features, inputs] = both.dims()[..] else { unreachable!("two matrices side by side") };
         let both = both.reshape([heads, features / heads, inputs]);
         match both.value() {
-            // a constant may come from another tape; what is made of it belongs to that of `x`
+            // a constant may belong to another tape; its derivatives belong to that of `x`
             Ok(value) if !both.is_differentiable() => x.tape().constant(value.clone()),
             _ => both,
         }
     }
 }
 
-/// A square map applied to every cell.
+/// Applies a square matrix to every cell.
 #[track_caller]
 fn pointwise(x: &Var, weight: &Var) -> Var {
     let [outputs, inputs] = weight.dims()[..] else { panic!("a map is [outputs, inputs]") };
@@ -84,10 +84,10 @@ fn pointwise(x: &Var, weight: &Var) -> Var {
 }
 
 impl EpipolarAttention {
-    /// The attention at a scope.
+    /// Builds the attention from the weights at a scope.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// If a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, sizes: &SpatialAwareSizes) -> Result<Self> {
         let (features, encoding) = (sizes.features, 2 * sizes.octaves);
         let square =
@@ -105,13 +105,13 @@ impl EpipolarAttention {
         })
     }
 
-    /// Features `[b, views, f, w, w]` to features of the same shape, each with what was found in the neighbours added.
+    /// Adds the attention output to features `[b, views, f, w, w]`; the shape is unchanged.
     ///
     /// # Errors
-    /// When places cannot be moved where the features are.
+    /// If positions cannot be moved to the features' device.
     ///
     /// # Panics
-    /// When the sizes are not those of the attention.
+    /// If the shapes do not match the sizes of the attention.
     #[track_caller]
     pub fn forward(&self, ring: &Ring, features: &Var) -> Result<Var> {
         let [batch, views, channels, height, width] = features.dims()[..] else {
@@ -130,7 +130,8 @@ impl EpipolarAttention {
         Ok(features + &out.reshape(features.shape().clone()))
     }
 
-    /// What some of the views find, the mean over those neighbours in which they see anything: `[b, group, f, w, w]`.
+    /// Attention output of some views, the mean over those neighbours in which each cell has valid samples:
+    /// `[b, group, f, w, w]`.
     #[track_caller]
     fn found(&self, ring: &Ring, features: &Var, group: std::ops::Range<usize>) -> Result<Var> {
         let [batch, views, channels, height, width] = features.dims()[..] else { unreachable!("checked before") };
@@ -143,7 +144,7 @@ impl EpipolarAttention {
                 group.clone().map(of).collect()
             })
             .collect();
-        // how many neighbours each cell finds anything in
+        // number of neighbours in which each cell has valid samples
         let meets = |line: &EpipolarLines, cell: usize| (0..samples).any(|s| line.valid[s * cells + cell]);
         let met = |view: usize, cell: usize| lines.iter().filter(|of| meets(&of[view], cell)).count();
         let encoding = self.encoding();
@@ -168,10 +169,11 @@ impl EpipolarAttention {
                 let (all, each) = (batch * count, channels / heads);
                 let [own, other] = [first, first + offset]
                     .map(|first| ring_slice(features, first % views, count).reshape([all, channels, height, width]));
-                // q · (K f + D γ) = (Kᵀ q) · f + (Dᵀ q) · γ: the many samples need no keys, and all heads share them
+                // q · (K f + D γ) = (Kᵀ q) · f + (Dᵀ q) · γ avoids computing keys for the many samples, and all
+                // heads share them
                 let query = pointwise(&own, &maps.query).reshape([all, heads, each, cells]);
                 let asked = maps.keys(heads, &query).transposed_matmul(&query);
-                // one channel more carries what is added to the scores
+                // one extra channel carries the score offset
                 let one = constant_channel(&asked, 1.0);
                 let asked = asked.concat(&[&one], 2);
                 let line = asked.dims()[2];
@@ -199,7 +201,7 @@ impl EpipolarAttention {
         Ok(total.expect("there are neighbours"))
     }
 
-    /// How far round the ring each neighbour is; none twice, and not the view itself.
+    /// Distinct offsets of the neighbours around the ring, without the view itself.
     fn offsets(&self, views: usize) -> Vec<usize> {
         let mut offsets: Vec<usize> =
             self.sizes.neighbours.iter().map(|offset| offset.rem_euclid(views as i64) as usize).collect();
@@ -209,7 +211,7 @@ impl EpipolarAttention {
         if offsets.is_empty() { vec![0] } else { offsets }
     }
 
-    /// Where on the line each sample is: for each sample pairs of sine and cosine of growing frequency.
+    /// Positional encoding of each sample: pairs of sine and cosine at increasing frequencies.
     fn encoding(&self) -> Vec<Vec<f64>> {
         let (samples, octaves) = (self.sizes.samples, self.sizes.octaves);
         let pair = |sample: usize, octave: usize| {
@@ -220,7 +222,7 @@ impl EpipolarAttention {
         (0..samples).map(|sample| (0..octaves).flat_map(|octave| pair(sample, octave)).collect()).collect()
     }
 
-    /// What is told of the samples beside the features: their encoding, and what is added to their scores;
+    /// Inputs of the samples besides the features: their positional encoding and score offset,
     /// `[1, lines, 2 octaves + 1, samples, h, w]`.
     fn told(&self, encoding: &[Vec<f64>], lines: &[EpipolarLines], [height, width]: [usize; 2]) -> Tensor {
         let (cells, samples, channels) = (height * width, self.sizes.samples, 2 * self.sizes.octaves);
@@ -235,13 +237,13 @@ impl EpipolarAttention {
     }
 }
 
-/// A channel of one value for every cell that `x [n, heads, c, cells]` has.
+/// A constant channel for every cell of `x [n, heads, c, cells]`.
 #[track_caller]
 fn constant_channel(x: &Var, value: f64) -> Var {
     &(&x.slice(2, 0..1).detach() * 0.0) + value
 }
 
-/// `count` views from `first` on, round the ring.
+/// `count` views from `first` on, cyclically.
 #[track_caller]
 fn ring_slice(x: &Var, first: usize, count: usize) -> Var {
     let views = x.dims()[1];

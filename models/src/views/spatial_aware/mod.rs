@@ -1,5 +1,5 @@
-//! The spatial-aware module of the paper (section III.A): a correction of the spatial volume that puts the object where the
-//! input image shows it.
+//! The spatial-aware module of the paper (section III.A): a correction of the spatial volume that aligns the object
+//! with the input image.
 //!
 //! ```text
 //! noised views → encoder → epipolar attention → features in space G ─┐
@@ -7,8 +7,8 @@
 //! box in the input image → covered voxels → φ ∈ {ε, 1} ───────────────↗
 //! ```
 //!
-//! The last convolution starts at zero: an untrained module changes nothing. All of the model itself stays as it is; its
-//! depth-wise attention reads the corrected volume.
+//! The last convolution is initialised to zero, so that an untrained module changes nothing. The model itself is
+//! not changed; its depth-wise attention reads the corrected volume.
 
 mod epipolar;
 mod region;
@@ -23,25 +23,25 @@ use self::region::NEAR;
 use super::{Detection, EncoderSizes, Ring, SpatialNet, SpatialSizes, TargetEncoder, VolumeSizes, constant};
 use crate::layers::{Convolution, GroupNorm, Kernel, Scope};
 
-/// The sizes of the module. Its features are as many as the channels of the spatial volume.
+/// Sizes of the module. The number of features equals the channels of the spatial volume.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SpatialAwareSizes {
-    /// Channels of an encoded view and of the features in space.
+    /// Channels of an encoded view and of the gathered features.
     pub features: usize,
     /// Heads of the epipolar attention.
     pub heads: usize,
-    /// Samples of an epipolar line.
+    /// Samples per epipolar line.
     pub samples: usize,
-    /// Views attended to: how far round the ring from each view.
+    /// Attended views, as offsets around the ring.
     pub neighbours: Vec<i64>,
-    /// Frequencies of the encoding of a place on a line.
+    /// Frequencies of the positional encoding along a line.
     pub octaves: usize,
     /// Channels of the 3D network's levels.
     pub widths: [usize; 4],
-    /// ε: the weight of what lies outside the box.
+    /// ε: the weight outside the box.
     pub least: f64,
-    /// How much wider than given the box is taken on every side, in shares of the image.
+    /// Margin added to every side of the box, as a share of the image.
     pub margin: f64,
 }
 
@@ -60,16 +60,16 @@ impl SpatialAwareSizes {
         }
     }
 
-    /// For a model with these volumes, in proportion to that for the published one.
+    /// For a model with these volumes, scaled from the published sizes.
     pub fn suiting(volume: &VolumeSizes) -> Self {
         let (features, samples) = (volume.spatial[0], volume.voxels);
         Self { features, samples, widths: [features, features, 2 * features, 2 * features], ..Self::published() }
     }
 
-    /// Whether a module for a model with these volumes can be made.
+    /// Checks that the module fits a model with these volumes.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] with the size that does not fit.
+    /// [`ErrorKind::Input`] naming the size that does not fit.
     pub fn check(&self, volume: &VolumeSizes) -> Result<()> {
         let by = |count: usize, divisor: usize| count > 0 && divisor > 0 && count.is_multiple_of(divisor);
         for (name, fits, found, wanted) in [
@@ -99,7 +99,7 @@ impl SpatialAwareSizes {
     }
 }
 
-/// What the module is given beside the volume that it corrects.
+/// Inputs of the module besides the volume that it corrects.
 pub struct Surroundings<'a> {
     /// All noised views `[b, views, latent, w, w]`.
     pub noised: &'a Var,
@@ -109,7 +109,7 @@ pub struct Surroundings<'a> {
     pub viewpoints: &'a Var,
     /// Elevations of the input cameras in radians.
     pub elevations: &'a [f64],
-    /// Where the objects are: one for each of the batch, or none at all. A sample without is weighed alike everywhere.
+    /// Detections: one per sample, or none at all. Without one, all voxels of a sample have equal weight.
     pub boxes: &'a [Option<Detection>],
 }
 
@@ -127,10 +127,10 @@ pub struct SpatialAware {
 }
 
 impl SpatialAware {
-    /// The module at a scope, for a model with these cameras and volumes.
+    /// Builds the module from the weights at a scope, for a model with these cameras and volumes.
     ///
     /// # Errors
-    /// When a weight is missing or mis-shaped.
+    /// If a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, sizes: &SpatialAwareSizes, volume: &VolumeSizes, ring: &Ring) -> Result<Self> {
         let SpatialAwareSizes { features, widths, .. } = *sizes;
         let VolumeSizes { latent, time, .. } = *volume;
@@ -148,13 +148,13 @@ impl SpatialAware {
         })
     }
 
-    /// A spatial volume `[b, features, v, v, v]` with the object where the box is.
+    /// Corrects a spatial volume `[b, features, v, v, v]` such that the object lies in the box.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] for a box that is none; when places cannot be moved where the views are.
+    /// [`ErrorKind::Input`] for an invalid box; if positions cannot be moved to the views' device.
     ///
     /// # Panics
-    /// When the sizes are not those of the module.
+    /// If the shapes do not match the sizes of the module.
     #[track_caller]
     pub fn correct(&self, volume: &Var, given: &Surroundings<'_>) -> Result<Var> {
         let [batch, views, _, height, width] = given.noised.dims()[..] else {
@@ -175,14 +175,14 @@ impl SpatialAware {
     }
 }
 
-/// What the 3D network sees: `φ (S + G)`, with the spatial volumes `S [b, f, v, v, v]` and the features of the views
-/// `[b, views, f, w, w]` gathered in space as `G`.
+/// Input of the 3D network: `φ (S + G)`, where `S` are the spatial volumes `[b, f, v, v, v]` and `G` is gathered
+/// from the view features `[b, views, f, w, w]`.
 ///
 /// # Errors
-/// [`ErrorKind::Input`] for a box that is none; when places cannot be moved where the features are.
+/// [`ErrorKind::Input`] for an invalid box; if positions cannot be moved to the features' device.
 ///
 /// # Panics
-/// When the shapes do not fit.
+/// If the shapes do not match.
 #[track_caller]
 pub fn combine(
     ring: &Ring,
@@ -207,14 +207,14 @@ pub fn combine(
     Ok(&sum * &constant(volume, Tensor::from_vec(weights, [batch, 1, size, size, size]))?)
 }
 
-/// Features of the views `[b, views, f, w, w]` in space: each voxel gets the mean of what the views that see it have where
-/// it falls, `[b, f, size, size, size]`.
+/// Gathers view features `[b, views, f, w, w]` in space: each voxel gets the mean of the features at its
+/// projections into the views that see it, `[b, f, size, size, size]`.
 ///
 /// # Errors
-/// When places cannot be moved where the features are.
+/// If positions cannot be moved to the features' device.
 ///
 /// # Panics
-/// When the features have not five axes.
+/// If the features do not have five axes.
 #[track_caller]
 pub fn gather(ring: &Ring, maps: &Var, size: usize) -> Result<Var> {
     let [batch, views, channels, height, width] = maps.dims()[..] else {
@@ -244,7 +244,7 @@ pub fn gather(ring: &Ring, maps: &Var, size: usize) -> Result<Var> {
     Ok(total.expect("there are views").reshape([batch, channels, size, size, size]))
 }
 
-/// Cells of a map as places in −1..1 with aligned corners.
+/// Cells of a map as positions in −1..1 with aligned corners.
 fn places_in(cells: impl Iterator<Item = [f64; 2]>, width: usize) -> impl Iterator<Item = f64> {
     let middle = (width - 1) as f64 / 2.0;
     cells.flat_map(move |[u, v]| [u / middle - 1.0, v / middle - 1.0])

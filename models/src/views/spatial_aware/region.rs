@@ -1,18 +1,19 @@
-//! The box in the input image lifted into space, and the weights that it gives to voxels.
+//! The box in the input image lifted into space, and the resulting voxel weights.
 
 use crate::views::{Detection, Ring};
 
-/// Nearest depth that a camera sees.
+/// Minimum depth in front of a camera.
 pub(super) const NEAR: f64 = 1e-4;
 
 impl Ring {
-    /// Which of `size³` voxels the object may fill, in the order of [`Ring::voxels`]: the part of the cube that the input
-    /// camera at this elevation (radians, azimuth 0) sees through the box, as far away as the object is, if that is known.
+    /// Mask of the `size³` voxels that the object may occupy, in the order of [`Ring::voxels`]: the part of the
+    /// cube inside the frustum of the box, seen from the input camera at this elevation (radians, azimuth 0),
+    /// limited to the object's depth range if known.
     pub fn covered(&self, size: usize, elevation: f64, seen: &Detection) -> Vec<bool> {
         self.covered_widely(size, elevation, seen, 0.0)
     }
 
-    /// As [`Ring::covered`], with a margin on all sides, in shares of the image.
+    /// As [`Ring::covered`], with a margin on all sides, as a share of the image.
     fn covered_widely(&self, size: usize, elevation: f64, seen: &Detection, margin: f64) -> Vec<bool> {
         let (pose, bounds) = (self.input_pose(elevation), seen.bounds.padded(margin));
         let [near, far] = seen.depths(self, margin).unwrap_or([NEAR, f64::INFINITY]);
@@ -26,7 +27,7 @@ impl Ring {
     }
 }
 
-/// φ of every voxel: 1 in the box, `least` outside, and 1 everywhere where there is no box.
+/// φ of every voxel: 1 in the box, `least` outside, and 1 everywhere without a box.
 pub(super) fn weights(
     ring: &Ring,
     size: usize,

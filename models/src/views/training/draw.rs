@@ -1,4 +1,4 @@
-//! Samples of a training step, and what chance adds to each.
+//! Samples of a training step, and the random draws for each.
 
 use gradreel::{DType, Error, ErrorKind, Key, Result, Tensor};
 
@@ -7,19 +7,19 @@ use crate::views::Detection;
 use crate::views::denoiser::Told;
 use crate::views::schedule::TIMES;
 
-/// Some training samples: the views of objects, and what the model is told of each.
+/// A batch of training samples: views of objects, and their conditioning.
 #[derive(Debug, Clone)]
 pub struct Batch {
-    /// Latents of all views, times [`crate::views::Coding::scale`]: `[b, views, latent, w, w]`. View 0 has the azimuth of the
-    /// input image.
+    /// Latents of all views, scaled by [`crate::views::Coding::scale`]: `[b, views, latent, w, w]`. View 0 has the
+    /// azimuth of the input image.
     pub latents: Tensor,
     /// CLIP embeddings of the input images `[b, 1, context]`.
     pub embeddings: Tensor,
-    /// Samples of the input images' latents, not scaled: `[b, latent, w, w]`.
+    /// Sampled, unscaled latents of the input images: `[b, latent, w, w]`.
     pub images: Tensor,
     /// Elevations of the input cameras in radians.
     pub elevations: Vec<f64>,
-    /// Where the objects are, for the spatial-aware module: one for each sample, or none at all.
+    /// Detections for the spatial-aware module: one per sample, or none at all.
     pub boxes: Vec<Option<Detection>>,
 }
 
@@ -29,7 +29,7 @@ impl Batch {
         self.elevations.len()
     }
 
-    /// Whether there are none.
+    /// Whether there are no samples.
     pub fn is_empty(&self) -> bool {
         self.elevations.is_empty()
     }
@@ -64,25 +64,26 @@ impl Batch {
     }
 }
 
-/// What chance decides for one sample of a batch.
+/// Random draws for one sample of a batch.
 #[derive(Debug, Clone)]
 pub struct Draw {
     /// Diffusion time, below [`TIMES`].
     pub time: usize,
     /// The views whose noise is predicted.
     pub views: Vec<usize>,
-    /// What the model is told.
+    /// Conditions given to the model.
     pub told: Told,
     /// The noise of all views: `[views, latent, w, w]`, standard normal.
     pub noise: Tensor,
 }
 
 impl Draw {
-    /// It depends on key and place in the batch alone, so that a training that was interrupted goes on with the same numbers.
+    /// A draw that depends only on the key and the sample's index, so that a resumed training uses the same
+    /// numbers.
     pub(super) fn new(key: Key, sample: usize, noise: &[usize], plan: &Plan) -> Self {
         let [times, view, told, numbers] = key.fold(sample as u64).split();
         let one = |key: Key, below: usize| key.below(below, 1).next().expect("one number");
-        // the first of a shuffled ring
+        // the first views of a shuffled ring
         let mut views: Vec<usize> = (0..noise[0]).collect();
         for place in 0..plan.targets.min(noise[0]) {
             let key = if place == 0 { view } else { view.fold(place as u64) };
@@ -100,7 +101,7 @@ impl Draw {
         }
     }
 
-    /// Refuses what the model does not have.
+    /// Rejects a draw that does not fit the model.
     pub(super) fn check(&self, noise: &[usize]) -> Result<()> {
         let views = !self.views.is_empty() && self.views.iter().all(|view| *view < noise[0]);
         if self.time < TIMES && views && self.noise.dims() == noise {

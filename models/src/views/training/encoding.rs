@@ -1,4 +1,4 @@
-//! From samples of objects to batches of latents.
+//! Encoding samples of objects as batches of latents.
 
 use gradreel::{Device, Key, Result, Tape, Tensor};
 use serde::{Deserialize, Serialize};
@@ -10,25 +10,25 @@ use crate::views::objects::{Sample, View};
 use crate::views::subject::embed;
 use crate::views::{Detection, FileWeights, Model, ModelSizes, Subject, on_cpu};
 
-/// What a detector might do to a box and a film to a distance: how far both are off, and how often they are not known.
+/// Simulated errors of detected boxes and depths during training: noise and missing detections.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Detector {
-    /// Deviation of each side, in shares of the box.
+    /// Standard deviation of each side, relative to the box.
     pub jitter: f64,
-    /// Probability that there is no box.
+    /// Probability that the box is missing.
     pub missed: f64,
-    /// Deviation of the distance, in shares of it.
+    /// Relative standard deviation of the depth.
     pub depth_jitter: f64,
-    /// Probability that the distance of what was found is not known.
+    /// Probability that the depth of a detected object is unknown.
     pub depth_missed: f64,
 }
 
 impl Detector {
-    /// Finds every box and every distance exactly.
+    /// Exact boxes and depths.
     pub const EXACT: Self = Self { jitter: 0.0, missed: 0.0, depth_jitter: 0.0, depth_missed: 0.0 };
 
-    /// Finds every box exactly, and no distance.
+    /// Exact boxes without depths.
     pub const FLAT: Self = Self { depth_missed: 1.0, ..Self::EXACT };
 
     fn finds(self, seen: Option<Detection>, key: Key) -> Option<Detection> {
@@ -47,13 +47,13 @@ fn images(views: &[&View]) -> Tensor {
     Tensor::from_vec(values, [views.len(), 3, size, size])
 }
 
-/// Encodes samples for a training step of a model with these weights. Chance depends on the key alone.
+/// Encodes samples for a training step of a model with these weights. Random numbers depend on `key` only.
 ///
 /// # Errors
-/// When a weight is missing or mis-shaped, or the device fails.
+/// If a weight is missing or has the wrong shape, or the device fails.
 ///
 /// # Panics
-/// When there are no samples, or their images have not the size of the model.
+/// If there are no samples, or their images do not have the size of the model.
 #[track_caller]
 pub fn encode(
     weights: &FileWeights,
@@ -99,7 +99,7 @@ pub fn encode(
     })
 }
 
-/// What the sampler is given of one sample's input image.
+/// The sampler's conditioning on one sample's input image.
 ///
 /// # Errors
 /// As [`encode`].

@@ -1,5 +1,5 @@
-//! Training of the multi-view model: the noise of one view is predicted from all, with most of the published weights frozen
-//! (Liu et al. 2023).
+//! Training of the multi-view model: the noise in some views is predicted from all views, with most of the
+//! published weights frozen (Liu et al. 2023).
 
 mod draw;
 mod encoding;
@@ -25,10 +25,10 @@ use super::weights::File;
 use super::{Condition, Denoiser, DenoiserSizes, Ensemble, FileWeights, ModelSizes, Schedule, Target, Told};
 use crate::layers::{Scope, Weights, initialise, listing};
 
-/// A training that can be interrupted: the trained weights, the optimiser's moments, and the number of steps.
+/// A resumable training: the trained weights, the optimiser's moments, and the number of steps.
 ///
-/// Frozen weights stay in their file ([`FileWeights`]). Checkpoints ([`Training::save`]) are safetensors with the trained
-/// weights under the published names, and the optimiser's state under `optimizer.`.
+/// Frozen weights stay in their file ([`FileWeights`]). Checkpoints ([`Training::save`]) are safetensors with the
+/// trained weights under the published names, and the optimiser's state under `optimizer.`.
 ///
 /// ```no_run
 /// use gradreel::Device;
@@ -56,33 +56,33 @@ pub struct Training {
     schedule: Schedule,
 }
 
-/// What one step of a training did.
+/// Result of one training step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Step {
-    /// Mean squared error of what the model predicts ([`super::Output`]).
+    /// Mean squared error of the prediction ([`super::Output`]).
     pub loss: f64,
     /// The optimiser's update.
     pub update: Update,
-    /// What the tapes of the step held for their backward passes.
+    /// Memory that the tapes of the step held for their backward passes.
     pub memory: Memory,
 }
 
 /// The gradients of a batch.
 pub struct BatchGradients {
-    /// Mean squared error of what the model predicts ([`super::Output`]).
+    /// Mean squared error of the prediction ([`super::Output`]).
     pub loss: f64,
     /// Gradients by path.
     pub by_path: BTreeMap<String, Tensor>,
-    /// What the tapes held at most.
+    /// Peak memory of the tapes.
     pub memory: Memory,
 }
 
 impl Training {
-    /// A training that starts from a file. Trained weights that it does not have start afresh, as those of the volume side do
-    /// when the file is that of a single-view model.
+    /// Starts a training from a weights file. Trained weights missing in the file are initialised, such as those of
+    /// the volume path if the file is that of a single-view model.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] for frozen weights that are missing, weights of another shape, or a plan that cannot be followed.
+    /// [`ErrorKind::Input`] for missing frozen weights, weights of the wrong shape, or an invalid plan.
     pub fn new(weights: FileWeights, sizes: DenoiserSizes, plan: Plan) -> Result<Self> {
         let all = listing(|scope| Denoiser::new(scope, &sizes))?;
         for (prefix, _) in &plan.trained {
@@ -122,7 +122,7 @@ impl Training {
         Ok(Self { plan, sizes, frozen: weights.file().clone(), params, adam, average, schedule: Schedule::published() })
     }
 
-    /// Steps made so far.
+    /// Number of completed steps.
     pub fn steps(&self) -> u64 {
         self.adam.steps()
     }
@@ -135,7 +135,8 @@ impl Training {
     /// One step: gradients of the batch, then the optimiser's update.
     ///
     /// # Errors
-    /// As [`Training::gradients`]; [`ErrorKind::NonFinite`] for a gradient that is not finite: nothing is changed then.
+    /// As [`Training::gradients`]; [`ErrorKind::NonFinite`] for a non-finite gradient, which leaves the training
+    /// unchanged.
     pub fn step(&mut self, batch: &Batch) -> Result<Step> {
         let BatchGradients { loss, by_path, memory } = self.gradients(batch)?;
         let update = self.adam.step(&mut self.params, &by_path)?;
@@ -145,16 +146,16 @@ impl Training {
         Ok(Step { loss, update, memory })
     }
 
-    /// The loss of a batch at this step and its gradients: the mean over the samples, whatever the number evaluated at once.
+    /// Loss and gradients of a batch at the current step: means over the samples, independent of the group size.
     ///
     /// # Errors
-    /// [`ErrorKind::Shape`] for a batch that does not fit the model; [`ErrorKind::Device`] when a device fails.
+    /// [`ErrorKind::Shape`] for a batch that does not fit the model; [`ErrorKind::Device`] if a device fails.
     pub fn gradients(&self, batch: &Batch) -> Result<BatchGradients> {
         let key = Key::new(self.plan.seed).fold(TRAINING).fold(self.steps());
         self.gradients_at(batch, &self.draws(batch, key, &self.plan)?)
     }
 
-    /// As [`Training::gradients`], with times, views and noise of the caller's choice: one draw for each sample.
+    /// As [`Training::gradients`], with given times, views and noise: one draw per sample.
     ///
     /// # Errors
     /// As [`Training::gradients`]; [`ErrorKind::Input`] for a draw that does not fit the batch.
@@ -167,7 +168,7 @@ impl Training {
             let [held, peak] = [|m: &Memory| m.held, |m: &Memory| m.peak]
                 .map(|of| each.iter().map(|found| of(&found.memory)).sum::<usize>());
             sum.memory = Memory { held, peak: peak.max(sum.memory.peak) };
-            // in their order, whichever was ready first
+            // summed in fixed order, whichever finishes first
             for found in each {
                 sum.loss += found.loss;
                 for (path, gradient) in found.by_path {
@@ -185,7 +186,7 @@ impl Training {
         Ok(sum)
     }
 
-    /// The part of some samples in the loss of their batch and its gradients.
+    /// Contribution of some samples to the loss and gradients of their batch.
     fn gradients_of(&self, batch: &Batch, draws: &[Draw], group: Range<usize>) -> Result<BatchGradients> {
         let tape = Tape::new();
         let bound = self.params.bind(&tape);
@@ -196,8 +197,8 @@ impl Training {
         Ok(BatchGradients { loss: value, by_path, memory: tape.memory() })
     }
 
-    /// The loss of a batch without a step, told all. The same `turn` draws the same times, views and noise however far the
-    /// training is, so that numbers can be compared.
+    /// The loss of a batch with all conditions, without a step. Equal values of `turn` draw equal times, views and
+    /// noise at any stage of the training, so that losses are comparable.
     ///
     /// # Errors
     /// As [`Training::gradients`].
@@ -214,14 +215,14 @@ impl Training {
         Ok(sum)
     }
 
-    /// What chance decides for each sample of a batch.
+    /// Random draws for each sample of a batch.
     fn draws(&self, batch: &Batch, key: Key, plan: &Plan) -> Result<Vec<Draw>> {
         batch.check(self.sizes.ring.views, self.sizes.volume.latent, self.sizes.unet.context)?;
         let noise = &batch.latents.dims()[1..];
         Ok((0..batch.len()).map(|sample| Draw::new(key, sample, noise, plan)).collect())
     }
 
-    /// The samples that are evaluated at once.
+    /// The groups of samples that are evaluated together.
     fn groups(&self, batch: &Batch, draws: &[Draw]) -> Result<impl Iterator<Item = Range<usize>> + use<>> {
         batch.check(self.sizes.ring.views, self.sizes.volume.latent, self.sizes.unet.context)?;
         draws.iter().try_for_each(|draw| draw.check(&batch.latents.dims()[1..]))?;
@@ -234,7 +235,7 @@ impl Training {
         Ok((0..count).step_by(at_once).map(move |first| first..(first + at_once).min(count)))
     }
 
-    /// The mean loss of some samples of a batch.
+    /// Contribution of some samples to the batch's mean loss.
     fn loss(
         &self,
         tape: &Tape,
@@ -271,8 +272,7 @@ impl Training {
         Ok(loss)
     }
 
-    /// The model as it is now (with the average of the trained weights, if there is one), to sample with; so many views at
-    /// once.
+    /// The current model (with averaged trained weights, if any) for sampling with `at_once` concurrent views.
     ///
     /// # Errors
     /// As [`Ensemble::new`].
@@ -284,16 +284,17 @@ impl Training {
         Ensemble::new(&source, &self.sizes, self.frozen.device(), at_once)
     }
 
-    /// The average of the trained weights, if there is one yet.
+    /// The averaged trained weights, if any.
     fn averaged(&self) -> Option<Params> {
         self.average.as_ref().filter(|_| self.steps() > 0).map(|average| average.averaged(&self.params))
     }
 
-    /// Writes the trained weights under the published names, the optimiser's state, the average if there is one, and the
-    /// number of steps. Whoever opens the file, even after a crash, finds the old content or the new.
+    /// Saves the trained weights under the published names, the optimiser's state, the average if there is one, and
+    /// the number of steps. The file is replaced atomically: even after a crash it holds either the old or the new
+    /// content.
     ///
     /// # Errors
-    /// [`ErrorKind::Io`] or [`ErrorKind::Input`] when the file cannot be written.
+    /// [`ErrorKind::Io`] or [`ErrorKind::Input`] if the file cannot be written.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
         let mut file = TensorFile::default();
         self.params.save(&mut file)?;
@@ -305,11 +306,11 @@ impl Training {
         file.write(path)
     }
 
-    /// Goes on from a checkpoint, bit for bit as if there had been no interruption.
+    /// Resumes from a checkpoint, bitwise identical to an uninterrupted training.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] for a file that is not the checkpoint of a training of these weights with this seed; nothing is
-    /// changed then.
+    /// [`ErrorKind::Input`] for a file that is not a checkpoint of a training with these weights and this seed,
+    /// which leaves the training unchanged.
     pub fn resume(&mut self, path: impl AsRef<Path>) -> Result<()> {
         let path = path.as_ref();
         let file = TensorFile::read(path)?;
@@ -334,11 +335,11 @@ impl Training {
         Ok(())
     }
 
-    /// Writes a whole model: the file the training started from with the trained weights (their average, if there is one) in
-    /// place of its own. It is loaded like any other file of weights, also by PyTorch programs.
+    /// Writes a complete model: the original file with its trained weights replaced (by their average, if there is
+    /// one). It can be loaded like any other weights file, also by PyTorch programs.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] for an entry of the first file that cannot be read; [`ErrorKind::Io`] when writing fails.
+    /// [`ErrorKind::Input`] for an unreadable entry of the original file; [`ErrorKind::Io`] if writing fails.
     pub fn export(&self, path: impl AsRef<Path>) -> Result<()> {
         let frozen = FileWeights::of(&self.frozen, &Tape::new());
         let archive = frozen.archive();
@@ -350,7 +351,7 @@ impl Training {
             file.metadata.insert(ModelSizes::METADATA.to_owned(), ModelSizes { denoiser, ..before }.to_json());
         }
         for name in archive.names() {
-            // what lies in a mapped file takes no memory here
+            // mapped weights take no memory here
             file.tensors.insert(name.to_owned(), archive.map(name)?);
         }
         for (path, value) in self.averaged().as_ref().unwrap_or(&self.params).iter() {
@@ -360,10 +361,10 @@ impl Training {
     }
 }
 
-/// What the numbers drawn from the seed are for.
+/// Key folds that separate the uses of the seed.
 const TRAINING: u64 = 0;
 const VALIDATION: u64 = 1;
 const START: u64 = 2;
 
-/// Key of the seed in a checkpoint's metadata.
+/// Metadata key of the seed in a checkpoint.
 const SEED: &str = "training.seed";

@@ -5,38 +5,39 @@ use gradreel::optim::{Adam, Clip, Schedule};
 /// How the model is trained.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
-    /// Prefixes of the weights that are trained, each with its rate. All others are frozen.
+    /// Prefixes of trained weights, each with its learning rate. All others are frozen.
     pub trained: Vec<(String, f64)>,
-    /// Decoupled weight decay of what is trained (AdamW).
+    /// Decoupled weight decay (AdamW).
     pub weight_decay: f64,
-    /// Steps over which the rates rise linearly from 2 % to the whole.
+    /// Steps of the linear warm-up from 2 % to the full learning rate.
     pub warmup: u64,
-    /// Steps after which the rates have fallen to a tenth, along half a cosine; `None` keeps them.
+    /// Steps of the half-cosine decay to a tenth of the learning rate; `None` keeps it constant.
     pub cooldown: Option<u64>,
-    /// Greatest norm of a step's gradient; a greater one is scaled down.
+    /// Maximum gradient norm; larger gradients are scaled down.
     pub clip: Option<f64>,
-    /// Views of each sample that are predicted. All share the volume: more views cost less than more samples.
+    /// Number of predicted views per sample. They share the volume, so that more views cost less than more samples.
     pub targets: usize,
-    /// Samples of a batch that are evaluated at once; gradients of the groups are added up, so that a batch of any size fits
-    /// into memory. The result does not depend on it, but for rounding.
+    /// Samples of a batch that are evaluated together; gradients of the groups are accumulated, so that a batch of
+    /// any size fits into memory. The result does not depend on it except for rounding.
     pub at_once: usize,
-    /// Groups of samples that are evaluated at the same time, each with memory of its own. On a processor, as many as there are
-    /// cores keep all of them busy where the networks are small.
+    /// Number of groups evaluated concurrently, each with its own memory. On a CPU with small networks, the number
+    /// of cores keeps all of them busy.
     pub side_by_side: usize,
-    /// Whether the blocks of the networks are recomputed in the backward pass: less memory for one more forward pass.
+    /// Whether network blocks are recomputed in the backward pass: less memory at the cost of one more forward
+    /// pass.
     pub recomputed: bool,
     /// Decay of a running average of the trained weights; `None` keeps none.
     pub average: Option<f64>,
-    /// Probability of each of four ways of telling the model less than all: nothing, no image latent, no volumes, no
-    /// token. Needed where the model is to learn guidance anew.
+    /// Probability of each of four ways of dropping conditions: all, image latent, volumes, token. Required to
+    /// train classifier-free guidance.
     pub dropped: f64,
-    /// Seed of times, noise, target views and what is dropped.
+    /// Seed of times, noise, target views and dropped conditions.
     pub seed: u64,
 }
 
 impl Plan {
-    /// The published training: depth-wise attention at 5e-5, volume side at 5e-4, AdamW with decay 0.01, a warm-up of 100
-    /// steps, no average, nothing dropped. (Its batches were of 192 samples, for 80 000 steps.)
+    /// The published training: depth-wise attention at 5e-5, volume path at 5e-4, AdamW with decay 0.01, a warm-up
+    /// of 100 steps, no average, no dropped conditions. (Published batches have 192 samples, for 80 000 steps.)
     pub fn published() -> Self {
         let trained = [
             ("model.diffusion_model.middle_conditions", 5e-5),
@@ -60,13 +61,13 @@ impl Plan {
         }
     }
 
-    /// The training of the spatial-aware module: nothing else moves, not even what the published training moved.
+    /// Training of the spatial-aware module alone; all other weights are frozen.
     pub fn spatial_aware() -> Self {
         let trained = vec![("spatial_aware".to_owned(), 5e-4)];
         Self { trained, clip: Some(1.0), ..Self::published() }
     }
 
-    /// The training of a whole model from its beginning, all at one rate, for guidance as well.
+    /// Training of a complete model from scratch at one learning rate, including guidance.
     pub fn whole() -> Self {
         let parts = ["cc_projection", "model.diffusion_model", "spatial_volume", "time_embed"];
         let trained = parts.map(|part| (part.to_owned(), 5e-4)).to_vec();
@@ -75,8 +76,8 @@ impl Plan {
 
     /// Whether the weight at a path is trained.
     ///
-    /// Never are those that have no influence: what queries and keys of the cross-attention say about its single token, and
-    /// the normalisation before it.
+    /// Weights without influence are never trained: queries and keys of the cross-attention to its single token,
+    /// and the normalisation before it.
     pub fn trains(&self, path: &str) -> bool {
         let idle = |rest: &str| ["attn2.to_q.", "attn2.to_k.", "norm2."].iter().any(|name| rest.starts_with(name));
         if path.split_once("transformer_blocks.0.").is_some_and(|(_, rest)| idle(rest)) {

@@ -1,4 +1,4 @@
-//! Where a training finds the weights of its model.
+//! Sources of a model's weights during training.
 
 use gradreel::optim::Params;
 use gradreel::{DType, Result, Shape, Tape, Tensor, Var};
@@ -35,7 +35,7 @@ impl Weights for Fixed<'_> {
     }
 }
 
-/// Asks another source for some weights and for no others.
+/// Requests some weights from another source, and no others.
 pub(super) struct Picked<'a> {
     pub inner: &'a dyn Weights,
     pub tape: Tape,

@@ -1,4 +1,4 @@
-//! Files that a mesh names: only those in its own folder are read, and none that is too large.
+//! Files referenced by a mesh: only those in its own folder are read, within a size limit.
 
 use std::cell::Cell;
 use std::path::{Component, Path, PathBuf};
@@ -10,7 +10,7 @@ use crate::mesh_files::{self, LARGEST};
 /// The folder of a mesh.
 pub(super) struct Beside {
     folder: PathBuf,
-    /// Bytes that may still be read, of [`LARGEST`] for all files beside a mesh.
+    /// Remaining bytes that may be read, out of [`LARGEST`] for all referenced files.
     left: Cell<u64>,
 }
 
@@ -20,12 +20,12 @@ impl Beside {
         Self { folder: folder.to_owned(), left: Cell::new(LARGEST) }
     }
 
-    /// Whether there is a file of this name.
+    /// Whether a file of this name exists.
     pub fn has(&self, named: &str) -> bool {
         self.place(named).is_some_and(|path| path.is_file())
     }
 
-    /// Reads the file of a name; `what` says in an error what it was to be.
+    /// Reads a referenced file; `what` describes its purpose in errors.
     pub fn read(&self, named: &str, what: &str) -> Result<Vec<u8>> {
         let outside = |found: String| {
             Error::new(ErrorKind::Input, format!("{what} is not in the folder of the mesh"))
@@ -50,7 +50,7 @@ impl Beside {
         Ok(bytes)
     }
 
-    /// The path that a name means, if it stays in the folder.
+    /// The path of a referenced file, if it stays in the folder.
     fn place(&self, named: &str) -> Option<PathBuf> {
         let named = named.replace('\\', "/");
         if named.contains('\0') || named.as_bytes().get(1) == Some(&b':') {

@@ -1,14 +1,14 @@
-//! A bounding-volume hierarchy: which triangles a ray may meet, the near ones first.
+//! A bounding-volume hierarchy that yields the triangles a ray may hit, near ones first.
 //!
-//! Boxes are halved along the longest side of their triangles' middles. A tree by the surface-area heuristic would visit fewer
-//! boxes, but objects in images of a few hundred pixels are met by few rays each.
+//! Boxes are split at the median along the axis of largest extent of the triangle centres. The surface-area
+//! heuristic would visit fewer boxes, but small images cast few rays per object.
 
-/// Triangles of a leaf, at most.
+/// Maximum number of triangles per leaf.
 const LEAF: usize = 4;
-/// Deepest path: boxes are halved by number.
+/// Maximum depth: boxes are split by count.
 const DEEPEST: usize = 64;
 
-/// Boxes around boxes around triangles.
+/// Binary tree of bounding boxes.
 pub(crate) struct Bvh {
     nodes: Vec<Node>,
     /// The triangles in the order of the leaves.
@@ -18,17 +18,17 @@ pub(crate) struct Bvh {
 struct Node {
     low: [f32; 3],
     high: [f32; 3],
-    /// Of a leaf, its first triangle in the order; otherwise the second child: the first one comes next.
+    /// For a leaf, its first triangle in `order`; otherwise the second child (the first one follows directly).
     at: u32,
-    /// Triangles of a leaf; 0 for a box around two others.
+    /// Number of triangles of a leaf; 0 for an inner node.
     count: u32,
 }
 
-/// Lowest and highest coordinates of a triangle.
+/// Bounding box: minimum and maximum coordinates.
 type Bounds = [[f32; 3]; 2];
 
 impl Bvh {
-    /// The hierarchy of triangles, of which there is at least one.
+    /// The hierarchy of a nonempty list of triangles.
     pub fn new(triangles: &[[[f32; 3]; 3]]) -> Self {
         let boxes: Vec<Bounds> = triangles.iter().map(|corners| around(corners.iter().map(|x| [*x, *x]))).collect();
         let mut tree = Self { nodes: Vec::new(), order: (0..boxes.len() as u32).collect() };
@@ -64,7 +64,8 @@ impl Bvh {
         (self.nodes[own].at, self.nodes[own].count) = (second, 0);
     }
 
-    /// Gives the triangles whose boxes a ray passes to `meet`, which answers with the distance beyond which nothing matters.
+    /// Calls `meet` for the triangles whose boxes a ray crosses; it returns the distance beyond which hits are
+    /// irrelevant.
     pub fn visit(&self, origin: [f64; 3], along: [f64; 3], mut meet: impl FnMut(u32) -> f64) {
         let slopes = along.map(|x| 1.0 / if x.abs() < 1e-12 { 1e-12 } else { x });
         let mut waiting = [(0u32, 0.0f64); DEEPEST];
@@ -86,7 +87,7 @@ impl Bvh {
             }
             let children = [index + 1, node.at];
             let found = children.map(|child| self.nodes[child as usize].entered(origin, slopes, limit));
-            // the nearer one is looked at first
+            // visit the nearer child first
             let swapped = matches!(found, [Some(first), Some(second)] if first < second);
             for child in if swapped { [1, 0] } else { [0, 1] } {
                 if let Some(near) = found[child] {
@@ -99,7 +100,7 @@ impl Bvh {
 }
 
 impl Node {
-    /// The distance at which a ray enters, if it does before the limit.
+    /// Entry distance of a ray, if below the limit.
     fn entered(&self, origin: [f64; 3], slopes: [f64; 3], limit: f64) -> Option<f64> {
         let (mut near, mut far) = (0.0f64, limit);
         for axis in 0..3 {
@@ -107,7 +108,7 @@ impl Node {
             near = near.max(ends[0].min(ends[1]));
             far = far.min(ends[0].max(ends[1]));
         }
-        // a flat box is entered where it is left, but for rounding
+        // a flat box has equal entry and exit distances up to rounding
         (near <= far * (1.0 + 1e-9) + 1e-9).then_some(near)
     }
 }

@@ -1,7 +1,7 @@
-//! Textured meshes from files, closed or not, and where rays meet them.
+//! Textured meshes from files, closed or not, and their intersection with rays.
 //!
-//! Lengths are shares of the longest side of the mesh's box, whose middle is the origin; axes are the model's, z up. Files have y
-//! up: their (x, y, z) is (x, −z, y) here.
+//! Lengths are relative to the longest side of the mesh's box, which is centred at the origin; axes are the
+//! model's, z up. Files are y up: their (x, y, z) becomes (x, −z, y).
 
 mod beside;
 mod bvh;
@@ -25,9 +25,10 @@ use self::paint::Paint;
 use crate::mesh_files;
 use crate::vector::{cross, dot, minus};
 
-/// Endings of the files that are read.
+/// Extensions of supported files.
 pub(super) const ENDINGS: [&str; 3] = ["obj", "glb", "gltf"];
-/// How far beyond its edges a triangle is still met, in shares of its sides: a ray through an edge must not slip between two.
+/// Tolerance beyond a triangle's edges, relative to its sides: a ray through a shared edge must not miss both
+/// triangles.
 const EDGE: f64 = 1e-9;
 
 /// Triangles with colours, from an OBJ, GLB or glTF file.
@@ -38,15 +39,15 @@ pub struct TexturedMesh {
     tree: Bvh,
 }
 
-/// A corner of triangles.
+/// A vertex.
 #[derive(Debug, Clone, Copy)]
 struct Vertex {
     place: [f32; 3],
-    /// All 0 where the file gives none.
+    /// Zero if the file has none.
     normal: [f32; 3],
-    /// In widths and heights of the picture, from its upper left corner.
+    /// Texture coordinates in widths and heights of the picture, from its upper left corner.
     uv: [f32; 2],
-    /// Times that of the picture, as it is shown (not linear).
+    /// Factor of the picture's colour, in display (non-linear) values.
     colour: [f32; 3],
 }
 
@@ -56,7 +57,8 @@ struct Triangle {
     paint: u32,
 }
 
-/// A point on a triangle: its distance along a ray, and the shares of the second and third corner.
+/// Intersection with a triangle: distance along the ray, and barycentric coordinates of the second and third
+/// corner.
 #[derive(Clone, Copy)]
 struct Crossing {
     triangle: u32,
@@ -65,16 +67,17 @@ struct Crossing {
 }
 
 impl TexturedMesh {
-    /// Reads a file by its ending: `.obj` (with its `.mtl` and textures), `.glb` or `.gltf`.
+    /// Reads a file whose format follows from its extension: `.obj` (with its `.mtl` and textures), `.glb` or
+    /// `.gltf`.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] for a file that is missing, damaged, without faces or too large, and for one that names a file
-    /// that is missing or outside its own folder.
+    /// [`ErrorKind::Input`] for a file that is missing, damaged, without faces or too large, or that refers to a
+    /// file that is missing or outside its own folder.
     pub fn read(path: &Path) -> Result<Self> {
         Self::read_inside(path, path.display())
     }
 
-    /// As [`TexturedMesh::read`], for errors that call the file by another name.
+    /// As [`TexturedMesh::read`], with another name of the file for errors.
     pub(super) fn read_inside(path: &Path, name: impl Display) -> Result<Self> {
         let folder = path.parent().unwrap_or(Path::new(""));
         let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default();
@@ -82,7 +85,8 @@ impl TexturedMesh {
         Self::from_bytes(&bytes, &ending, folder).map_err(|e| e.within(name))
     }
 
-    /// Reads a file in memory; `ending` is `obj`, `glb` or `gltf`, and `folder` is where the files are that it names.
+    /// Reads a file in memory; `ending` is `obj`, `glb` or `gltf`, and `folder` contains the files that it refers
+    /// to.
     ///
     /// # Errors
     /// As [`TexturedMesh::read`].
@@ -106,7 +110,7 @@ impl TexturedMesh {
         self.triangles.len()
     }
 
-    /// About the memory that it takes \[bytes\].
+    /// Approximate memory \[bytes\].
     pub fn bytes(&self) -> usize {
         let pictures: usize = self.paints.iter().map(Paint::bytes).sum();
         size_of_val(&*self.vertices) + size_of_val(&*self.triangles) + self.tree.bytes() + pictures
@@ -116,8 +120,8 @@ impl TexturedMesh {
         triangle.corners.map(|corner| self.vertices[corner as usize].place.map(f64::from))
     }
 
-    /// The first place of a ray on something that is not transparent; of several at the same distance, that of the first
-    /// triangle in the file.
+    /// The first opaque intersection of a ray; of several at the same distance, that with the first triangle in the
+    /// file.
     fn first(&self, origin: [f64; 3], along: [f64; 3]) -> Option<Crossing> {
         let mut best: Option<Crossing> = None;
         self.tree.visit(origin, along, |index| {
@@ -134,7 +138,7 @@ impl TexturedMesh {
         best
     }
 
-    /// A quantity of the corners, at a crossing.
+    /// A vertex attribute, interpolated at an intersection.
     fn mean<const N: usize>(&self, at: Crossing, of: impl Fn(&Vertex) -> [f32; N]) -> [f64; N] {
         let corners = self.triangles[at.triangle as usize].corners.map(|corner| of(&self.vertices[corner as usize]));
         let [second, third] = at.shares;
@@ -146,14 +150,14 @@ impl TexturedMesh {
         self.mean(at, |vertex| vertex.uv)
     }
 
-    /// The colour at a crossing.
+    /// The colour at an intersection.
     fn colour(&self, at: Crossing) -> [f64; 3] {
         let picture = self.paints[self.triangles[at.triangle as usize].paint as usize].colour(self.uv(at));
         let own = self.mean(at, |vertex| vertex.colour);
         std::array::from_fn(|c| own[c] * picture[c])
     }
 
-    /// The normal at a crossing, on the side that the ray comes from, of length 1: that of the corners where the file has them.
+    /// Unit normal at an intersection, facing the ray's origin; interpolated if the file has vertex normals.
     fn normal(&self, at: Crossing, along: [f64; 3]) -> [f64; 3] {
         let [a, b, c] = self.places(self.triangles[at.triangle as usize]);
         let flat = turned_against(along, cross(minus(b, a), minus(c, a)));
@@ -164,13 +168,13 @@ impl TexturedMesh {
     }
 }
 
-/// A direction or its opposite, whichever points against another.
+/// `x` or `−x`, whichever points against `other`.
 fn turned_against(other: [f64; 3], x: [f64; 3]) -> [f64; 3] {
     if dot(other, x) > 0.0 { x.map(|x| -x) } else { x }
 }
 
-/// Where a ray passes a triangle, from either side (Möller and Trumbore 1997): distance and the shares of the second and
-/// third corner.
+/// Two-sided ray–triangle intersection (Möller and Trumbore 1997): distance, and barycentric coordinates of the
+/// second and third corner.
 pub(crate) fn crossed([a, b, c]: [[f64; 3]; 3], origin: [f64; 3], along: [f64; 3]) -> Option<(f64, [f64; 2])> {
     let (to_b, to_c) = (minus(b, a), minus(c, a));
     let across = cross(along, to_c);

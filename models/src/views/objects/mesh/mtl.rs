@@ -1,5 +1,5 @@
-//! Materials of a Wavefront OBJ: the colour `Kd r g b`, as it is shown, and the picture `map_Kd file`, which is multiplied by it;
-//! all else is passed over.
+//! Materials of a Wavefront OBJ: the display colour `Kd r g b` and the picture `map_Kd file`, multiplied by it; all
+//! else is ignored.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -12,21 +12,21 @@ use super::paint::{Ends, Paint, Picture};
 use crate::mesh_files::text;
 use crate::mesh_files::wavefront::{self, uncommented};
 
-/// Most pictures of a mesh.
+/// Maximum number of pictures of a mesh.
 pub(super) const MOST_PICTURES: usize = 256;
-/// Colour of a surface that nothing is said of.
+/// Default surface colour.
 pub(super) const GREY: [f32; 3] = [0.8; 3];
 
-/// A material by its name.
+/// A named material.
 pub(super) struct Material {
     pub name: String,
     colour: Option<[f32; 3]>,
-    /// File of the picture, and whether it ends at its edges.
+    /// Picture file, and whether it is clamped at its edges.
     picture: Option<(String, bool)>,
 }
 
 impl Material {
-    /// What the corners are multiplied by. Black under a picture is what exporters leave that mean the picture alone.
+    /// Colour factor of the vertices. Exporters write black for a surface coloured by its picture only.
     pub fn colour(&self) -> [f32; 3] {
         match (self.colour, &self.picture) {
             (Some([0.0, 0.0, 0.0]) | None, Some(_)) => [1.0; 3],
@@ -34,7 +34,7 @@ impl Material {
         }
     }
 
-    /// The picture on the surface; those read before are in `known`.
+    /// The picture of the surface; `known` caches those already read.
     pub fn paint(&self, beside: &Beside, known: &mut HashMap<String, Arc<Picture>>) -> Result<Paint> {
         let Some((file, clamped)) = &self.picture else { return Ok(Paint::default()) };
         let picture = match known.get(file) {
@@ -79,7 +79,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Vec<Material>> {
     Ok(materials)
 }
 
-/// Three numbers, or one for all.
+/// Three numbers, or one for all channels.
 fn colour(text: &str) -> Option<[f32; 3]> {
     let numbers = text.split_whitespace().map(|word| word.parse().ok().filter(|x: &f32| x.is_finite()));
     match numbers.collect::<Option<Vec<f32>>>()?[..] {
@@ -89,7 +89,7 @@ fn colour(text: &str) -> Option<[f32; 3]> {
     }
 }
 
-/// The file behind the options, which may have blanks in its name, and whether it is clamped.
+/// The file after the options, which may contain spaces, and whether it is clamped.
 fn picture(text: &str) -> Option<(String, bool)> {
     let (mut rest, mut clamped) = (text, false);
     let next = |text: &mut &str| {
@@ -111,7 +111,7 @@ fn picture(text: &str) -> Option<(String, bool)> {
                     }
                 }
             }
-            // one word: -blendu, -cc, -boost, …
+            // one argument: -blendu, -cc, -boost, …
             _ => drop(next(&mut rest)?),
         }
     }

@@ -1,4 +1,4 @@
-//! Wavefront OBJ with colours and materials. Faces with more than three corners are fans of triangles.
+//! Wavefront OBJ with colours and materials. Faces with more than three corners are split into triangle fans.
 
 use std::collections::HashMap;
 
@@ -12,23 +12,23 @@ use super::{Triangle, damaged};
 use crate::mesh_files::obj::{self, Item};
 use crate::mesh_files::wavefront::uncommented;
 
-/// No texture or normal at a corner.
+/// Marks a corner without texture or normal.
 const NONE: u32 = u32::MAX;
 
-/// What was read so far.
+/// State of the reader.
 #[derive(Default)]
 struct Reader {
     places: Vec<[f64; 3]>,
-    /// Of each place, where the file has them.
+    /// Colour of each position, if the file has colours.
     colours: Vec<Option<[f32; 3]>>,
     uvs: Vec<[f32; 2]>,
     normals: Vec<[f32; 3]>,
     libraries: Vec<String>,
-    /// Names of the materials that are used, and their numbers from 1; 0 is that of faces without.
+    /// Names of the used materials, and their indices from 1; 0 means no material.
     materials: Vec<String>,
     numbers: HashMap<String, u32>,
     material: u32,
-    /// Place, texture, normal and material of each corner of the triangles.
+    /// Position, texture, normal and material of each corner of the triangles.
     corners: Vec<[u32; 4]>,
 }
 
@@ -79,13 +79,13 @@ impl Reader {
     fn surface(self, beside: &Beside) -> Result<Surface> {
         let libraries = self.read_libraries(beside)?;
         let given: HashMap<&str, &Material> = libraries.iter().map(|material| (&*material.name, material)).collect();
-        // a name may hold a `#`, or a comment may follow it
+        // `#` may be part of a name or begin a comment
         let bare: HashMap<&str, &Material> =
             given.iter().map(|(name, material)| (uncommented(name), *material)).collect();
         let mut surface = Surface { paints: vec![Paint::default()], ..Surface::default() };
         let (mut tints, mut known) = (vec![GREY], HashMap::new());
         for name in &self.materials {
-            // without a library every surface is grey, and one without a name but a comment
+            // without a library, or without a material name, the surface is grey
             if self.libraries.is_empty() || (uncommented(name).is_empty() && !given.contains_key(&**name)) {
                 tints.push(GREY);
                 surface.paints.push(Paint::default());
@@ -109,7 +109,7 @@ impl Reader {
                     let [place, uv, normal, material] = key.map(|index| index as usize);
                     let painted = surface.paints[material].picture.is_some();
                     let own = self.colours[place];
-                    // a colour of its own takes the place of the material's, unless there is a picture that both tint
+                    // a vertex colour replaces the material's, unless there is a picture that both tint
                     let tint = if own.is_some() && !painted { [1.0; 3] } else { tints[material] };
                     let own = own.unwrap_or([1.0; 3]);
                     surface.corners.push(Corner {
@@ -134,7 +134,8 @@ impl Reader {
         Ok(surface)
     }
 
-    /// The materials of all libraries, if any is used. A line may name several, or one whose name has blanks.
+    /// The materials of all libraries, if any are used. A line may name several libraries, or one whose name
+    /// contains spaces.
     fn read_libraries(&self, beside: &Beside) -> Result<Vec<Material>> {
         let mut materials = Vec::new();
         let libraries = if self.materials.is_empty() { &[][..] } else { &self.libraries };

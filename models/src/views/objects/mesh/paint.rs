@@ -1,4 +1,4 @@
-//! Pictures on surfaces.
+//! Textures of surfaces.
 
 use std::sync::Arc;
 
@@ -6,33 +6,33 @@ use gradreel::Result;
 
 use crate::video::Image;
 
-/// Longest side of a picture that is kept \[pixels\]. An object is a few hundred pixels wide at most: a finer picture would only
-/// flicker.
+/// Maximum side of a stored picture \[pixels\]. Objects cover at most a few hundred pixels: a finer picture would
+/// only cause aliasing.
 const SIDE: usize = 1024;
 
-/// What is on a surface besides the colours of its corners.
+/// Surface appearance besides the vertex colours.
 #[derive(Default)]
 pub(super) struct Paint {
     pub picture: Option<Arc<Picture>>,
-    /// Opacity from which on the surface is there at all; 0 everywhere.
+    /// Minimum opacity of visible points; 0 makes all of them visible.
     pub cutoff: f32,
-    /// How the picture goes on to the sides, and up and down.
+    /// Wrapping of the picture, horizontally and vertically.
     pub ends: [Ends; 2],
 }
 
-/// What is beyond the edge of a picture.
+/// Wrapping mode beyond the edge of a picture.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) enum Ends {
-    /// The picture again.
+    /// Repeat.
     #[default]
     Repeat,
-    /// The picture again, every other time the other way round.
+    /// Repeat, every other time mirrored.
     Mirror,
-    /// Its last pixels.
+    /// Clamp to the edge pixels.
     Clamp,
 }
 
-/// An image with opacity, row by row from the upper left corner.
+/// An image with alpha, row by row from the upper left corner.
 pub(super) struct Picture {
     width: usize,
     height: usize,
@@ -44,7 +44,7 @@ impl Paint {
         self.picture.as_ref().map_or(0, |picture| size_of_val(&*picture.pixels))
     }
 
-    /// Whether the surface is there.
+    /// Whether the surface is visible at this point.
     pub fn covers(&self, uv: [f64; 2]) -> bool {
         self.cutoff <= 0.0 || self.at(uv)[3] >= f64::from(self.cutoff)
     }
@@ -55,7 +55,7 @@ impl Paint {
         [red, green, blue]
     }
 
-    /// Bilinear between the middles of the four nearest pixels.
+    /// Bilinear interpolation between pixel centres.
     fn at(&self, uv: [f64; 2]) -> [f64; 4] {
         let Some(picture) = &self.picture else { return [1.0; 4] };
         let sizes = [picture.width, picture.height];
@@ -72,7 +72,7 @@ impl Paint {
 }
 
 impl Ends {
-    /// The pixel at any whole number.
+    /// The pixel at any integer coordinate.
     fn pixel(self, place: f64, size: usize) -> usize {
         let last = (size - 1) as f64;
         let inside = match self {
@@ -88,7 +88,7 @@ impl Ends {
 }
 
 impl Picture {
-    /// Decodes a PNG or JPEG file; `name` is what errors call it.
+    /// Decodes a PNG or JPEG file; `name` identifies it in errors.
     pub fn decode(bytes: &[u8], name: &str) -> Result<Self> {
         let Image { width, height, pixels, .. } = Image::decode(bytes, name.as_ref())?;
         let mut picture = Self { width, height, pixels };
@@ -98,7 +98,7 @@ impl Picture {
         Ok(picture)
     }
 
-    /// Half as wide and high, each pixel the mean of four.
+    /// At half the width and height, each pixel the mean of four.
     fn halved(&self) -> Self {
         let [width, height] = [self.width, self.height].map(|side| side.div_ceil(2));
         let at =

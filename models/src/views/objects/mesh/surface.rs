@@ -1,4 +1,4 @@
-//! What a file says of a mesh, checked and made ready for rays.
+//! Mesh contents of a file, validated and prepared for ray casting.
 
 use gradreel::Result;
 
@@ -7,12 +7,12 @@ use super::paint::Paint;
 use super::{TexturedMesh, Triangle, Vertex, damaged};
 use crate::vector::{bounds, cross, dot, minus};
 
-/// Most triangles of a mesh.
+/// Maximum number of triangles of a mesh.
 pub(super) const MOST_TRIANGLES: usize = 2_000_000;
-/// Greatest coordinate: squares of squares of differences stay finite.
+/// Maximum coordinate, which keeps fourth powers of differences finite.
 const FAR: f64 = 1e60;
 
-/// Corners and faces in the coordinates of a file, y up.
+/// Corners and faces in file coordinates, y up.
 #[derive(Default)]
 pub(super) struct Surface {
     pub corners: Vec<Corner>,
@@ -20,7 +20,7 @@ pub(super) struct Surface {
     pub paints: Vec<Paint>,
 }
 
-/// A [`Vertex`] before it is moved.
+/// A [`Vertex`] before the transformation.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Corner {
     pub place: [f64; 3],
@@ -30,7 +30,7 @@ pub(super) struct Corner {
 }
 
 impl Surface {
-    /// Refuses more triangles than are read.
+    /// Rejects too many triangles.
     pub fn check_count(count: usize) -> Result<()> {
         match count <= MOST_TRIANGLES {
             true => Ok(()),
@@ -41,7 +41,7 @@ impl Surface {
         }
     }
 
-    /// The mesh in the model's axes, its box around the origin, without what nobody can see.
+    /// The mesh in the model's axes, with its box centred at the origin and invisible triangles removed.
     pub fn into_mesh(self) -> Result<TexturedMesh> {
         Self::check_count(self.triangles.len())?;
         let Self { corners, mut triangles, paints } = self;
@@ -84,7 +84,7 @@ impl Surface {
             let upright = |[x, y, z]: [f32; 3]| [x, -z, y];
             let Corner { normal, uv, colour, .. } = *corner;
             let colour = colour.map(|c| c.clamp(0.0, 1.0));
-            // as good as none
+            // treated as missing
             let normal = if normal.iter().all(|x| x.is_finite()) { normal } else { [0.0; 3] };
             Vertex { place: upright(place.map(|x| x as f32)), normal: upright(normal), uv, colour }
         };
@@ -96,7 +96,7 @@ impl Surface {
 }
 
 impl Corner {
-    /// Refuses what is no number, or so large that areas would be infinite.
+    /// Rejects non-finite values, and coordinates so large that areas overflow.
     fn check(&self) -> Result<()> {
         let finite = |values: &[f32]| values.iter().all(|x| x.is_finite());
         let (what, found) = match self {

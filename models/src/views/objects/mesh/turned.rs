@@ -1,4 +1,4 @@
-//! A mesh turned about the vertical, its box around the origin again.
+//! A mesh rotated about the vertical, with its box centred again.
 
 use std::sync::Arc;
 
@@ -9,16 +9,16 @@ use crate::views::objects::Met;
 /// `object = (turned mesh − middle) / size`
 pub(in crate::views::objects) struct Turned {
     mesh: Arc<TexturedMesh>,
-    /// Sine and cosine of the turn.
+    /// Sine and cosine of the angle.
     turn: [f64; 2],
-    /// Middle and longest side of the turned mesh's box.
+    /// Centre and longest side of the rotated mesh's box.
     middle: [f64; 3],
     size: f64,
     half: [f64; 3],
 }
 
 impl Turned {
-    /// Turns by so many radians, as x turns towards y.
+    /// Rotates by `turn` radians, from x towards y.
     pub fn new(mesh: Arc<TexturedMesh>, turn: f64) -> Self {
         let turn = [turn.sin(), turn.cos()];
         let [low, high] = bounds(mesh.vertices.iter().map(|vertex| turned(turn, vertex.place.map(f64::from))));
@@ -28,12 +28,12 @@ impl Turned {
         Self { mesh, turn, middle, size, half: sides.map(|side| 0.5 * side / size) }
     }
 
-    /// Half the sides of its box, the longest of which is 1.
+    /// Half sides of its box, the longest of which is 1.
     pub fn half(&self) -> [f64; 3] {
         self.half
     }
 
-    /// Where a ray meets it; the direction has length 1.
+    /// Intersection with a ray; the direction has length 1.
     pub fn met(&self, origin: [f64; 3], along: [f64; 3]) -> Option<Met> {
         let [sin, cos] = self.turn;
         let back = [-sin, cos];

@@ -1,4 +1,4 @@
-//! The bytes of a glTF file: its container, its buffers, and what is in them.
+//! Binary data of a glTF file: container, buffers and accessors.
 
 use std::borrow::Cow;
 
@@ -12,11 +12,12 @@ use crate::views::objects::mesh::beside::Beside;
 use crate::views::objects::mesh::damaged;
 use crate::views::objects::mesh::surface::MOST_TRIANGLES;
 
-/// Most elements of an accessor without numbers of its own, which are zeros but for the sparse ones: a file of no length can
-/// name any number of them.
+/// Maximum number of elements of an accessor without a buffer view, which are zeros except for sparse values: an
+/// empty file can declare any number of them.
 const MOST_ZEROS: usize = 1 << 18;
 
-/// The JSON of a `.gltf` or `.glb` file, and the binary part of the latter. What is behind the announced length is passed over.
+/// The JSON of a `.gltf` or `.glb` file, and the binary chunk of the latter. Data beyond the declared length is
+/// ignored.
 pub(super) fn parts(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>)> {
     let Some(rest) = bytes.strip_prefix(b"glTF") else { return Ok((unmarked(bytes), None)) };
     let short = || damaged("the mesh is cut short").found(format!("{} bytes", bytes.len()));
@@ -39,7 +40,7 @@ pub(super) fn parts(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>)> {
         rest = after;
     }
     let json = json.ok_or_else(|| damaged("the mesh has no JSON part"))?;
-    // filled up with blanks, or with zeros
+    // padded with spaces or zeros
     let end = json.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1);
     Ok((unmarked(&json[..end]), binary))
 }
@@ -49,11 +50,11 @@ fn number(bytes: &[u8]) -> Option<(u32, &[u8])> {
     Some((u32::from_le_bytes(*number), rest))
 }
 
-/// The bytes that a URI carries itself (`data:`), or those of the file that it names.
+/// The bytes embedded in a `data:` URI, or those of the referenced file.
 pub(super) fn of_uri(uri: &str, beside: &Beside, what: &str) -> Result<Vec<u8>> {
     if let Some(data) = uri.strip_prefix("data:") {
         let bytes = data.split_once(";base64,").and_then(|(_, text)| {
-            // as in other URIs, `=` may be `%3D`; blanks and line ends mean nothing
+            // as in other URIs, `=` may be `%3D`; white space is ignored
             let text = percent_decoded(text);
             base64::decode(&text.split_ascii_whitespace().collect::<String>())
         });
@@ -65,7 +66,7 @@ pub(super) fn of_uri(uri: &str, beside: &Beside, what: &str) -> Result<Vec<u8>> 
     beside.read(&percent_decoded(uri), what)
 }
 
-/// `%20` is a blank, and so on.
+/// Decodes percent escapes: `%20` is a space.
 fn percent_decoded(uri: &str) -> String {
     let mut bytes = Vec::with_capacity(uri.len());
     let mut rest = uri.as_bytes();
@@ -84,7 +85,7 @@ pub(super) struct Buffers<'a> {
     bytes: Vec<Cow<'a, [u8]>>,
 }
 
-/// The elements of an accessor: so many numbers each.
+/// The elements of an accessor, each of `width` numbers.
 pub(super) struct Elements {
     pub width: usize,
     pub numbers: Vec<f64>,
@@ -112,7 +113,7 @@ impl<'a> Buffers<'a> {
         Ok(Self { root, bytes })
     }
 
-    /// The bytes of a view, and the distance of its elements if they do not lie side by side.
+    /// The bytes of a view, and the stride of its elements if they are not contiguous.
     pub fn view(&self, index: usize) -> Result<(&[u8], Option<usize>)> {
         let found = self.root.buffer_views.get(index).and_then(|view| {
             let BufferView { buffer, byte_offset, byte_length, byte_stride } = *view;
@@ -170,7 +171,7 @@ impl<'a> Buffers<'a> {
         Ok(Elements { width, numbers })
     }
 
-    /// Numbers of a view, `count` elements of `width` each.
+    /// Reads `count` elements of `width` numbers from a view.
     fn read_numbers(
         &self,
         view: usize,
@@ -202,12 +203,12 @@ fn wrong(found: String, wanted: &str) -> Error {
     damaged("numbers of the mesh cannot be read").found(found).wanted(wanted)
 }
 
-/// A type of numbers.
+/// A component type.
 #[derive(Clone, Copy)]
 struct Component {
     kind: u32,
     bytes: usize,
-    /// The greatest of an integer type.
+    /// Maximum value of an integer type.
     scale: f64,
 }
 
@@ -236,7 +237,7 @@ impl Component {
 }
 
 impl Elements {
-    /// The elements as vectors of `N`, those that are longer cut short; `None` where they are shorter.
+    /// The elements as vectors of `N`, truncated if longer; `None` if they are shorter.
     pub fn vectors<const N: usize>(&self) -> Option<impl ExactSizeIterator<Item = [f64; N]>> {
         let each = self.numbers.chunks_exact(self.width);
         (self.width >= N).then(|| each.map(|element| *element.first_chunk().expect("at least so many")))

@@ -1,4 +1,4 @@
-//! What of a glTF file's JSON decides how an object looks (Khronos glTF 2.0). Names are those of the format.
+//! The parts of a glTF file's JSON that affect appearance (Khronos glTF 2.0). Names are those of the format.
 
 use std::fmt;
 use std::marker::PhantomData;
@@ -8,7 +8,7 @@ use serde::{Deserialize, Deserializer};
 
 use super::whole;
 
-/// Most entries of a list: three bytes of JSON can be an entry that takes fifty times the memory.
+/// Maximum length of a list: an entry of three bytes in JSON may take fifty times that memory.
 const MOST: usize = 1 << 18;
 
 #[derive(Debug, Default, Deserialize)]
@@ -53,7 +53,7 @@ pub(super) struct Node {
     pub children: Vec<usize>,
     #[serde(deserialize_with = "whole::maybe")]
     pub mesh: Option<usize>,
-    /// By columns.
+    /// Column-major.
     pub matrix: Option<[f64; 16]>,
     pub translation: Option<[f64; 3]>,
     /// x, y, z, w
@@ -79,7 +79,7 @@ pub(super) struct Primitive {
     pub mode: u32,
 }
 
-/// Triangles, three corners each; 5 is a strip and 6 a fan.
+/// Separate triangles; 5 is a strip and 6 a fan.
 fn triangles() -> u32 {
     4
 }
@@ -184,7 +184,7 @@ pub(super) struct Accessor {
     pub sparse: Option<Sparse>,
 }
 
-/// Numbers in the place of some of an accessor's own, or of zeros.
+/// Values that replace some of an accessor's values, or zeros.
 #[derive(Debug, Deserialize)]
 pub(super) struct Sparse {
     #[serde(deserialize_with = "whole::one")]
@@ -193,7 +193,7 @@ pub(super) struct Sparse {
     pub values: Part,
 }
 
-/// Numbers of a view.
+/// Values in a buffer view.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Part {
@@ -201,7 +201,7 @@ pub(super) struct Part {
     pub buffer_view: usize,
     #[serde(default, deserialize_with = "whole::one")]
     pub byte_offset: usize,
-    /// That of the accessor, if none is given.
+    /// Defaults to that of the accessor.
     #[serde(default, deserialize_with = "whole::maybe")]
     pub component_type: Option<u32>,
 }
@@ -227,7 +227,7 @@ pub(super) struct Buffer {
     pub byte_length: usize,
 }
 
-/// A list that is not too long.
+/// A list of limited length.
 fn list<'de, D: Deserializer<'de>, T: Deserialize<'de>>(json: D) -> Result<Vec<T>, D::Error> {
     struct List<T>(PhantomData<T>);
     impl<'de, T: Deserialize<'de>> Visitor<'de> for List<T> {

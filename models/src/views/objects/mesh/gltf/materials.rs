@@ -1,4 +1,4 @@
-//! Base colours of surfaces, and their pictures.
+//! Base colours and textures of surfaces.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -12,21 +12,21 @@ use crate::views::objects::mesh::damaged;
 use crate::views::objects::mesh::mtl::MOST_PICTURES;
 use crate::views::objects::mesh::paint::{Ends, Paint, Picture};
 
-/// The materials that were asked for, and their pictures.
+/// The requested materials and their pictures.
 pub(super) struct Materials<'a> {
     root: &'a Root,
     paints: Vec<Paint>,
-    /// By their numbers in the file.
+    /// By index in the file.
     known: HashMap<Option<usize>, Look>,
     pictures: HashMap<usize, Arc<Picture>>,
 }
 
-/// What a material does to a corner.
+/// Effect of a material on a vertex.
 #[derive(Clone)]
 pub(super) struct Look {
-    /// Number of the paint.
+    /// Index of the paint.
     pub paint: u32,
-    /// Which places in the texture it uses.
+    /// Index of the texture coordinate set.
     pub uv_set: usize,
     /// Linear.
     factor: [f32; 3],
@@ -38,7 +38,7 @@ impl<'a> Materials<'a> {
         Self { root, paints: Vec::new(), known: HashMap::new(), pictures: HashMap::new() }
     }
 
-    /// A material by its number; without one, white.
+    /// A material by its index; white without one.
     pub fn get(&mut self, index: Option<usize>, buffers: &Buffers<'_>, beside: &Beside) -> Result<Look> {
         if let Some(look) = self.known.get(&index) {
             return Ok(look.clone());
@@ -124,7 +124,7 @@ impl<'a> Materials<'a> {
 }
 
 impl Look {
-    /// The place in the picture.
+    /// Transformed texture coordinates.
     pub fn uv(&self, uv: [f64; 2]) -> [f64; 2] {
         let Some(TextureTransform { offset, rotation, scale, .. }) = &self.transform else { return uv };
         let scale = scale.unwrap_or([1.0; 2]);
@@ -132,8 +132,8 @@ impl Look {
         [offset[0] + cos * u + sin * v, offset[1] - sin * u + cos * v]
     }
 
-    /// The colour of a corner as it is shown, from its own linear one. A picture is multiplied by it as it is shown as well:
-    /// exact where one of the two is white.
+    /// Display colour of a vertex, given its linear colour. The texture is multiplied in display values as well,
+    /// which is exact if one of the two is white.
     pub fn colour(&self, own: [f64; 3]) -> [f32; 3] {
         std::array::from_fn(|c| shown(own[c] * f64::from(self.factor[c])) as f32)
     }

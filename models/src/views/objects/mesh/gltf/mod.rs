@@ -1,6 +1,6 @@
-//! glTF 2.0, as text (`.gltf`) or in one file (`.glb`): the triangles of a scene, their base colours and the pictures of these.
+//! glTF 2.0, as text (`.gltf`) or binary (`.glb`): the triangles of a scene, their base colours and textures.
 //!
-//! Skins, morphing, animations, lights and what a surface emits are passed over.
+//! Skins, morph targets, animations, lights and emission are ignored.
 
 mod binary;
 mod json;
@@ -65,7 +65,7 @@ fn add(
     let places = attribute("POSITION")?.ok_or_else(|| damaged("the mesh has no places of its corners"))?;
     let places: Vec<[f64; 3]> = places.vectors().ok_or_else(|| wanted("places", 3))?.collect();
     let count = places.len();
-    // as many as there are corners, or none
+    // one per vertex, or none
     fn fitting<const N: usize>(elements: Option<Elements>, count: usize) -> Option<Vec<[f64; N]>> {
         let Some(elements) = elements else { return Some(vec![[0.0; N]; count]) };
         elements.vectors().filter(|each| each.len() == count).map(Iterator::collect)

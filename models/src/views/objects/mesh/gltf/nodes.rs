@@ -1,4 +1,4 @@
-//! Where the meshes of a scene are.
+//! Placement of the meshes in a scene.
 
 use gradreel::Result;
 
@@ -6,7 +6,7 @@ use super::json::{Node, Root};
 use crate::vector::{cross, dot};
 use crate::views::objects::mesh::damaged;
 
-/// Most nodes above a mesh.
+/// Maximum depth of a node.
 const DEEPEST: usize = 256;
 
 /// `x ↦ matrix x + shift`
@@ -16,7 +16,7 @@ pub(super) struct Place {
     shift: [f64; 3],
 }
 
-/// A mesh in its place.
+/// A mesh with its placement.
 pub(super) struct Placed {
     pub mesh: usize,
     pub place: Place,
@@ -25,7 +25,7 @@ pub(super) struct Placed {
 impl Place {
     const HERE: Self = Self { matrix: crate::vector::EYE, shift: [0.0; 3] };
 
-    /// Of a node in its parent.
+    /// Placement of a node relative to its parent.
     fn of(node: &Node) -> Self {
         if let Some(m) = node.matrix {
             let at = |row: usize, column: usize| m[4 * column + row];
@@ -43,13 +43,13 @@ impl Place {
         Self { matrix, shift: node.translation.unwrap_or_default() }
     }
 
-    /// Where a point is.
+    /// Transforms a point.
     pub fn point(&self, x: [f64; 3]) -> [f64; 3] {
         std::array::from_fn(|row| dot(self.matrix[row], x) + self.shift[row])
     }
 
-    /// Where a normal points, of length 1: cofactors keep it upright on what is stretched, and on what is mirrored, too, but
-    /// for its sign.
+    /// Transforms a normal to unit length: the cofactor matrix is correct for non-uniform scaling, and for
+    /// mirroring up to the sign.
     pub fn normal(&self, x: [f64; 3]) -> [f64; 3] {
         let [a, b, c] = self.matrix;
         let turned = [cross(b, c), cross(c, a), cross(a, b)].map(|row| dot(row, x));
@@ -57,14 +57,14 @@ impl Place {
         turned.map(|x| if norm > 0.0 { x / norm } else { 0.0 })
     }
 
-    /// Inside another.
+    /// The composition with an outer placement.
     fn within(&self, outer: &Self) -> Self {
         let matrix = crate::vector::product(outer.matrix, self.matrix);
         Self { matrix, shift: outer.point(self.shift) }
     }
 }
 
-/// All meshes of the file's scene; without one, of all nodes that are no children.
+/// All meshes of the file's scene; without a scene, those of all root nodes.
 pub(super) fn placed(root: &Root) -> Result<Vec<Placed>> {
     let scene = root.scenes.get(root.scene.unwrap_or(0));
     let mut seen = vec![false; root.nodes.len()];

@@ -1,4 +1,4 @@
-//! Whole numbers of JSON, which programs without them write as `36.0`.
+//! JSON integers, which some programs write as `36.0`.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -25,7 +25,7 @@ impl<'de, T: TryFrom<u64>> Deserialize<'de> for Whole<T> {
             }
 
             fn visit_f64<E: Error>(self, number: f64) -> Result<Whole<T>, E> {
-                // Beyond 2^53 a float does not tell which whole number was meant.
+                // beyond 2^53 a float does not identify an integer
                 match number.fract() == 0.0 && (0.0..=9_007_199_254_740_992.0).contains(&number) {
                     true => self.visit_u64(number as u64),
                     false => Err(E::invalid_value(Unexpected::Float(number), &self)),
