@@ -99,4 +99,5 @@ pub mod identify;
 pub mod scenes;
 pub mod report;
 pub mod ablation;
+pub mod coverage;
 pub mod cli;

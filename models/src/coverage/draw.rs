@@ -175,8 +175,8 @@ impl Recipe {
         let first = if cameras == 1 { 0.0 } else { dice.within(0.0, TAU) };
         for number in 0..cameras {
             let pitch = if cameras == 1 { dice.within(-5.0, 60.0) } else { dice.within(5.0, 35.0) }.to_radians();
-            let around = first + (number as f64 + if cameras > 1 { dice.within(-0.2, 0.2) } else { 0.0 }) * TAU
-                / cameras as f64;
+            let around =
+                first + (number as f64 + if cameras > 1 { dice.within(-0.2, 0.2) } else { 0.0 }) * TAU / cameras as f64;
             // no camera stands below the floor
             let distance = self.reach / half.sin() * dice.within(1.02, 1.5);
             let pitch = pitch.max((0.05 - middle[1]) / distance);
@@ -225,7 +225,7 @@ fn rounded(x: f64) -> f64 {
 }
 
 /// The volume of a body whose longest side is 1, from its field.
-fn volume(body: &Made) -> f64 {
+pub(super) fn volume(body: &Made) -> f64 {
     let field = body.field();
     let inside = field.nodes.iter().filter(|distance| **distance < 0.0).count();
     inside as f64 * field.spacing.powi(3)

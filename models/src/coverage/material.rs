@@ -89,7 +89,8 @@ mod tests {
     #[test]
     fn densities_are_those_of_the_draws() {
         let config = Config { material: named("elastic"), ..Config::default() };
-        let lengths: f64 = (0..4000).map(|n| (-draw(&config, Key::new(n)).unwrap().1["young"]).exp()).sum::<f64>() / 4000.0;
+        let lengths: f64 =
+            (0..4000).map(|n| (-draw(&config, Key::new(n)).unwrap().1["young"]).exp()).sum::<f64>() / 4000.0;
         assert!((lengths - 4.0).abs() < 0.3, "{lengths} decades of 1e3 to 1e7 Pa");
     }
 }

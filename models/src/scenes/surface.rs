@@ -97,6 +97,17 @@ impl Surface {
         self
     }
 
+    /// The volume inside the surface \[m³\], counted in parts of a cell other than those of [`Surface::enclosing`].
+    #[cfg(test)]
+    pub fn volume(&self) -> f64 {
+        let parts = 3;
+        let count = self.dims.map(|n| parts * (n - 1));
+        let at = |n: usize| (n as f64 + 0.5) / parts as f64;
+        let cells = (0..count[0]).flat_map(|i| (0..count[1]).flat_map(move |j| (0..count[2]).map(move |k| [i, j, k])));
+        let inside = cells.filter(|cell| self.share(cell.map(at)) >= self.level).count();
+        inside as f64 * (self.spacing / parts as f64).powi(3)
+    }
+
     /// The first point of a ray inside the surface.
     pub fn hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<Hit> {
         // in units of nodes
@@ -117,8 +128,9 @@ impl Surface {
         let at = |t: f64| -> [f64; 3] { std::array::from_fn(|axis| start[axis] + t * along[axis]) };
         let mut t = near;
         while t < far {
-            if self.share(at(t)) >= self.level {
-                let (mut outside, mut inside) = ((t - STEP).max(near), t);
+            let share = self.share(at(t));
+            if share >= self.level {
+                let (mut outside, mut inside) = ((t - 2.0 * STEP).max(near), t);
                 for _ in 0..8 {
                     let middle = 0.5 * (outside + inside);
                     if self.share(at(middle)) >= self.level {
@@ -129,7 +141,8 @@ impl Surface {
                 }
                 return Some(self.describe(at(inside)));
             }
-            t += STEP;
+            // where nothing is spread, the surface is a node away at least
+            t += if share == 0.0 { 2.0 * STEP } else { STEP };
         }
         None
     }
@@ -217,8 +230,11 @@ mod tests {
         assert!(surface.hit([0.0, 0.3, -1.0], [0.0, 0.0, 1.0]).is_none());
         // of half the volume, the radius is smaller by the cube root of 2
         let half = surface.enclosing(0.5 * 4.0 / 3.0 * std::f64::consts::PI * radius.powi(3));
-        let reached = (0..2000).map(|k| 0.2 - 1e-4 * f64::from(k)).find(|r| half.hit([0.0, 0.0, 1.0], [0.0, 0.0, -1.0]).is_some() && {
-            half.share([0, 1, 2].map(|axis| (if axis == 2 { *r } else { 0.0 } - half.origin[axis]) / half.spacing)) >= half.level
+        let reached = (0..2000).map(|k| 0.2 - 1e-4 * f64::from(k)).find(|r| {
+            half.hit([0.0, 0.0, 1.0], [0.0, 0.0, -1.0]).is_some() && {
+                half.share([0, 1, 2].map(|axis| (if axis == 2 { *r } else { 0.0 } - half.origin[axis]) / half.spacing))
+                    >= half.level
+            }
         });
         let wanted = radius / 2f64.cbrt();
         let reached = reached.expect("it is not empty");

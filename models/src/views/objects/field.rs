@@ -13,7 +13,7 @@ const STEP: [f64; 2] = [0.3, 0.8];
 const THICK: f64 = 0.15;
 
 /// Signed distances at the nodes of a grid around the body, whose box is centred at the origin with longest side 1.
-    /// Half sides of the box.
+/// Half sides of the box.
 pub(crate) struct Field {
     pub low: [f64; 3],
     pub spacing: f64,
@@ -117,7 +117,7 @@ impl Field {
     }
 
     /// The first interior point of a ray; the direction has length 1.
-    pub fn entry(&self, origin: [f64; 3], along: [f64; 3]) -> Option<Entry> {
+    pub(super) fn entry(&self, origin: [f64; 3], along: [f64; 3]) -> Option<Entry> {
         let [mut near, mut far] = [0.0f64, f64::INFINITY];
         for axis in 0..3 {
             let slope = if along[axis].abs() < 1e-12 { 1e-12 } else { along[axis] };

@@ -16,7 +16,7 @@ pub(crate) struct Made {
 
 impl Made {
     /// Built from a key for its shape and a key for its texture, with `nodes` grid nodes along the longest side.
-        // empty and paper-thin bodies are redrawn
+    // empty and paper-thin bodies are redrawn
     pub fn new(keys: [Key; 2], nodes: usize) -> Self {
         Self::of(Body::new, keys, nodes)
     }
@@ -47,7 +47,7 @@ impl Made {
         self.texture.colour(self.body.part_at(own), own)
     }
 
-    pub fn met(&self, origin: [f64; 3], along: [f64; 3]) -> Option<Met> {
+    pub(super) fn met(&self, origin: [f64; 3], along: [f64; 3]) -> Option<Met> {
         let entry = self.field.entry(origin, along)?;
         Some(Met { normal: entry.normal, colour: self.colour(entry.place) })
     }

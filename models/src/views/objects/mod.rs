@@ -34,18 +34,17 @@ use std::sync::Arc;
 use gradreel::Key;
 use rayon::prelude::*;
 
-pub use folder::{FolderSettings, MeshFile, MeshFolder};
-pub use mesh::TexturedMesh;
 pub(crate) use body::Body;
 pub(crate) use dice::Dice;
 pub(crate) use field::Field;
+pub use folder::{FolderSettings, MeshFile, MeshFolder};
 pub(crate) use made::Made;
+pub use mesh::TexturedMesh;
 pub(crate) use mesh::{Bvh, crossed};
 pub use placement::Placement;
 pub use sample::{Sample, SampleSettings};
 
 use self::lamp::Lamp;
-use self::made::Made;
 use self::mesh::Turned;
 use crate::vector::{dot, minus};
 

@@ -1,0 +1,126 @@
+//! One clip from its draw to its scores.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::time::Instant;
+
+use gradreel::{ErrorKind, Result};
+use serde::{Deserialize, Serialize};
+
+use super::{Recipe, Score, Split, material, simulate, write};
+use crate::identify::{Config, Run, reconstruct};
+use crate::monocular;
+use crate::report::progress::Progress;
+use crate::report::reconstruction::quantities;
+use crate::report::run_folder::RunFolder;
+use crate::video::{Clip, FilmSettings, OpenOptions};
+
+/// What came of one clip: a line of JSON.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Line {
+    /// The number of the clip in its split.
+    pub clip: u64,
+    /// The split.
+    pub split: Split,
+    /// How many cameras filmed it.
+    pub cameras: usize,
+    /// The family of its material.
+    pub family: String,
+    /// Whether the fit was told where the cameras are.
+    pub calibrated: bool,
+    /// Whether the pictures have a background.
+    pub background: bool,
+    /// Particles of the fit; 0 where there was none.
+    pub particles: usize,
+    /// The true values by name, in SI units.
+    pub truth: BTreeMap<String, f64>,
+    /// Scores by name; none where the clip was refused.
+    pub scores: BTreeMap<String, Score>,
+    /// Why there is no estimate, if there is none.
+    pub refused: Option<String>,
+    /// Wall-clock time of the fit \[s\].
+    pub seconds: f64,
+}
+
+/// Draws, films and fits a clip with the default settings, the family of its material told. Files are left in `folder`.
+///
+/// A clip that the fit refuses is a line without scores.
+///
+/// # Errors
+/// What making the clip returns; [`ErrorKind::Interrupted`].
+pub fn fit(split: Split, number: u64, cameras: usize, folder: &Path) -> Result<Line> {
+    let recipe = Recipe::draw(split, number, cameras)?;
+    let mut truth = recipe.parameters.clone();
+    for (axis, speed) in ["x", "y", "z"].into_iter().zip(recipe.velocity) {
+        truth.insert(format!("velocity_{axis}"), speed);
+    }
+    let mut line = Line {
+        clip: number,
+        split,
+        cameras,
+        family: recipe.family.to_owned(),
+        calibrated: recipe.calibrated,
+        background: recipe.background,
+        particles: 0,
+        truth,
+        scores: BTreeMap::new(),
+        refused: None,
+        seconds: 0.0,
+    };
+    let motion = match simulate(&recipe) {
+        Err(error) if error.kind() != ErrorKind::Interrupted => {
+            line.refused = Some(format!("the truth cannot be simulated: {error}"));
+            return Ok(line);
+        }
+        found => found?,
+    };
+    let path = write(&recipe, &motion, folder)?;
+    drop(motion);
+    let since = Instant::now();
+    match estimate(&recipe, &path, &folder.join("run")) {
+        Err(error) if error.kind() == ErrorKind::Interrupted => return Err(error),
+        Err(error) => line.refused = Some(error.to_string()),
+        Ok((scores, particles)) => (line.scores, line.particles) = (scores, particles),
+    }
+    line.seconds = since.elapsed().as_secs_f64();
+    Ok(line)
+}
+
+/// Scores by name, and how many particles the fit had.
+fn estimate(recipe: &Recipe, path: &Path, out: &Path) -> Result<(BTreeMap<String, Score>, usize)> {
+    let mut config = Config { material: material::named(recipe.family), ..Config::default() };
+    config.geometry.dx = recipe.spacing();
+    let (gravity, options) = (config.world.gravity, OpenOptions::default());
+    let clip = if recipe.calibrated {
+        let mut clip = Clip::open(path, &options)?;
+        monocular::sight(&mut clip, gravity)?;
+        clip
+    } else {
+        let known = FilmSettings {
+            frames_per_s: recipe.rate(),
+            field_of_view: recipe.field_of_view(),
+            ..FilmSettings::default()
+        };
+        config.clip.film = known.clone();
+        monocular::clip_of_film(path, &known, &options, gravity)?
+    };
+    let mut run = Run::create(RunFolder::create(out)?, config, &clip)?;
+    let found = reconstruct(&clip, &mut run, &Progress::new(true))?;
+    let law = run.config.law()?;
+    let mut scores = BTreeMap::new();
+    for quantity in quantities(&found, &run).into_iter().filter(|quantity| quantity.source == "fitted") {
+        let parameter = law.parameters().iter().find(|p| p.name == quantity.name);
+        let scale = |x: f64| parameter.map_or(x, |parameter| material::scale(parameter, x));
+        let axis = ["velocity_x", "velocity_y", "velocity_z"].iter().position(|name| *name == quantity.name);
+        let truth = axis.map(|axis| recipe.velocity[axis]).or(recipe.parameters.get(&quantity.name).copied());
+        let (Some(truth), Some(interval), Some(log_prior)) =
+            (truth, quantity.interval_90, recipe.log_prior.get(&quantity.name))
+        else {
+            continue;
+        };
+        let determined = quantity.determined != Some(false);
+        let score = Score::normal(scale(quantity.value), interval.map(scale), determined, scale(truth), *log_prior);
+        scores.insert(quantity.name, score);
+    }
+    Ok((scores, found.particles.len()))
+}
