@@ -111,6 +111,37 @@ fn clips_searched_from_afar() {
 }
 
 #[test]
+fn coverage_of_a_clip_and_one_that_goes_on() {
+    let scene = Scene::with_clip(&[0], 2);
+    let printed = scene.succeeds("bench coverage --clips 1 --cameras 3 --out out --threads 1 --json figures.json");
+    let lines = fs::read_to_string(scene.path("out/clips.jsonl")).unwrap();
+    let line: Value = serde_json::from_str(&lines).unwrap();
+    assert_eq!((&line["clip"], &line["cameras"], &line["refused"]), (&0.into(), &3.into(), &Value::Null), "{line}");
+    for name in ["young", "poisson", "velocity_y"] {
+        assert!(line["scores"][name]["log_score"].is_number(), "no {name} in {line}");
+    }
+    assert!(!scene.path("out/clips/00000").exists(), "the clip's files are removed");
+    let figures: Value = serde_json::from_slice(&fs::read(scene.path("figures.json")).unwrap()).unwrap();
+    for name in ["commit", "machine", "isa", "split", "clips", "seconds", "peak_mib"] {
+        assert!(!figures[name].is_null(), "no {name} in {figures}");
+    }
+    assert_eq!(
+        (&figures["split"], &figures["families"]["elastic"]["velocity"]["n"]),
+        (&"development".into(), &3.into())
+    );
+    assert!(printed.contains("| elastic | young | 1 |"), "{printed}");
+    assert!(fs::read_to_string(scene.path("out/ranks.svg")).unwrap().contains("elastic poisson (1)"));
+
+    // what is done is not done again, and half a line is none
+    fs::write(scene.path("out/clips.jsonl"), format!("{lines}{{\"clip\": 1, \"spl")).unwrap();
+    scene.succeeds("bench coverage --out out --resume --quiet");
+    assert_eq!(fs::read_to_string(scene.path("out/clips.jsonl")).unwrap(), lines);
+    fs::write(scene.path("out/clips.jsonl"), "{}\n").unwrap();
+    scene.refuses("bench coverage --out out --resume", &["clips.jsonl", "damaged"]);
+    scene.refuses("bench coverage --out other --threads 0", &["--threads", "1 to 256"]);
+}
+
+#[test]
 fn what_cannot_be_compared() {
     let scene = Scene::with_clip(&[0, 3], 2);
     scene.refuses("bench ablation clip --out out --quick", &["three cameras", "cameras 0, 3"]);
