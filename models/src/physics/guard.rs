@@ -2,7 +2,8 @@
 //! particle.
 //!
 //! On the grid, an obstacle acts only at nodes inside it. A plate thinner than two cells acts there as if it were two cells
-//! thick. A rod or a small ball does not act on the grid. The guard tests the path of each particle during a substep, so that
+//! thick, but only against approach, so that what passes beside it is not held. A rod or a small ball does not act on the
+//! grid. The guard tests the path of each particle during a substep, so that
 //! none enters the solid itself.
 
 use rayon::prelude::*;
@@ -24,12 +25,13 @@ pub(crate) fn is_thin(collider: &Collider, dx: f64) -> bool {
     collider.thickness() < 2.0 * dx
 }
 
-/// The obstacle that acts on the grid: a thin plate is widened to two cells, so that it contains nodes wherever it lies. `None`
-/// for a solid that is thin in two directions.
+/// The obstacle that acts on the grid. A thin plate is widened to two cells, so that it contains nodes wherever it lies, and
+/// separates there, whatever its contact: nodes of the widened part lie outside it. `None` for a solid that is thin in two
+/// directions.
 fn on_grid(collider: &Collider, dx: f64) -> Option<Collider> {
     let wide = |half: f64| half >= dx;
     let region = match collider.region {
-        _ if !is_thin(collider, dx) => collider.region,
+        _ if !is_thin(collider, dx) => return Some(*collider),
         Region::Cuboid { centre, half } if half.into_iter().filter(|half| wide(*half)).count() == 2 => {
             Region::Cuboid { centre, half: half.map(|half| half.max(dx)) }
         }
@@ -40,7 +42,7 @@ fn on_grid(collider: &Collider, dx: f64) -> Option<Collider> {
         }
         _ => return None,
     };
-    Some(Collider { region, ..*collider })
+    Some(Collider { region, contact: Contact::Separate, ..*collider })
 }
 
 /// The solid obstacles of a world.
