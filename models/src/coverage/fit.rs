@@ -42,13 +42,14 @@ pub struct Line {
     pub seconds: f64,
 }
 
-/// Draws, films and fits a clip with the default settings, the family of its material told. Files are left in `folder`.
+/// Draws, films and fits a clip with these settings, the family of its material told, on the grid that the recipe has for it
+/// unless the settings name another. Files are left in `folder`.
 ///
 /// A clip that the fit refuses is a line without scores.
 ///
 /// # Errors
 /// What making the clip returns; [`ErrorKind::Interrupted`].
-pub fn fit(split: Split, number: u64, cameras: usize, folder: &Path) -> Result<Line> {
+pub fn fit(split: Split, number: u64, cameras: usize, settings: &Config, folder: &Path) -> Result<Line> {
     let recipe = Recipe::draw(split, number, cameras)?;
     let mut truth = recipe.parameters.clone();
     for (axis, speed) in ["x", "y", "z"].into_iter().zip(recipe.velocity) {
@@ -77,7 +78,7 @@ pub fn fit(split: Split, number: u64, cameras: usize, folder: &Path) -> Result<L
     let path = write(&recipe, &motion, folder)?;
     drop(motion);
     let since = Instant::now();
-    match estimate(&recipe, &path, &folder.join("run")) {
+    match estimate(&recipe, settings, &path, &folder.join("run")) {
         Err(error) if error.kind() == ErrorKind::Interrupted => return Err(error),
         Err(error) => line.refused = Some(error.to_string()),
         Ok((scores, particles)) => (line.scores, line.particles) = (scores, particles),
@@ -87,9 +88,11 @@ pub fn fit(split: Split, number: u64, cameras: usize, folder: &Path) -> Result<L
 }
 
 /// Scores by name, and how many particles the fit had.
-fn estimate(recipe: &Recipe, path: &Path, out: &Path) -> Result<(BTreeMap<String, Score>, usize)> {
-    let mut config = Config { material: material::named(recipe.family), ..Config::default() };
-    config.geometry.dx = recipe.spacing();
+fn estimate(recipe: &Recipe, settings: &Config, path: &Path, out: &Path) -> Result<(BTreeMap<String, Score>, usize)> {
+    let mut config = Config { material: material::named(recipe.family), ..settings.clone() };
+    if config.geometry.dx == 0.0 {
+        config.geometry.dx = recipe.spacing();
+    }
     let (gravity, options) = (config.world.gravity, OpenOptions::default());
     let clip = if recipe.calibrated {
         let mut clip = Clip::open(path, &options)?;

@@ -113,7 +113,8 @@ fn clips_searched_from_afar() {
 #[test]
 fn coverage_of_a_clip_and_one_that_goes_on() {
     let scene = Scene::with_clip(&[0], 2);
-    let printed = scene.succeeds("bench coverage --clips 1 --cameras 3 --out out --threads 1 --json figures.json");
+    let printed =
+        scene.succeeds("bench coverage --quick --clips 1 --cameras 3 --out out --threads 1 --json figures.json");
     let lines = fs::read_to_string(scene.path("out/clips.jsonl")).unwrap();
     let line: Value = serde_json::from_str(&lines).unwrap();
     assert_eq!((&line["clip"], &line["cameras"], &line["refused"]), (&0.into(), &3.into(), &Value::Null), "{line}");

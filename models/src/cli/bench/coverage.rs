@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::cli::output::say;
 use crate::coverage::{Line, Split, Summary, fit, ranks};
+use crate::identify::Config;
 use crate::report::interrupt;
 use crate::report::progress::Progress;
 use crate::report::results_file::{self, Measured, Section};
@@ -40,6 +41,9 @@ pub(super) struct Arguments {
     /// Go on with the bench in --out; clips that are fitted are not fitted again
     #[arg(long, requires = "out")]
     resume: bool,
+    /// A tiny budget, to see that everything runs; the numbers then mean nothing
+    #[arg(long, conflicts_with_all = ["resume", "markdown"])]
+    quick: bool,
     /// Keep the pictures and the run of every clip
     #[arg(long)]
     keep: bool,
@@ -77,6 +81,8 @@ struct Plan {
     split: Split,
     clips: u64,
     cameras: u64,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    quick: bool,
 }
 
 const PLAN: &str = "coverage.toml";
@@ -110,6 +116,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     }
     let (plan, folder, mut lines) = if arguments.resume { go_on(arguments)? } else { begin(arguments)? };
     let waiting: Vec<u64> = (0..plan.clips).filter(|n| lines.iter().all(|line| line.clip != *n)).collect();
+    let settings = if plan.quick { super::job::quick().config } else { Config::default() };
     let bar = Progress::new(arguments.quiet).stage("clips", plan.clips);
     let done = Mutex::new((lines.len() as u64, Vec::new()));
     let (next, file) = (AtomicU64::new(0), Mutex::new(appended(&folder)?));
@@ -120,7 +127,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             interrupt::check()?;
             let place = folder.path(&format!("clips/{number:05}"));
             clear(&place)?;
-            let line = pool.install(|| fit(plan.split, number, plan.cameras as usize, &place))?;
+            let line = pool.install(|| fit(plan.split, number, plan.cameras as usize, &settings, &place))?;
             if !arguments.keep {
                 clear(&place)?;
             }
@@ -166,7 +173,8 @@ fn begin(arguments: &Arguments) -> Result<(Plan, RunFolder, Vec<Line>)> {
         Some(folder) => RunFolder::create(folder)?,
         None => RunFolder::create_free(Path::new("runs"), "coverage")?,
     };
-    let plan = Plan { split: arguments.split, clips: arguments.clips, cameras: arguments.cameras };
+    let Arguments { split, clips, cameras, quick, .. } = *arguments;
+    let plan = Plan { split, clips, cameras, quick };
     folder.write(PLAN, toml::to_string_pretty(&plan).map_err(unwritable)?.as_bytes())?;
     Ok((plan, folder, Vec::new()))
 }

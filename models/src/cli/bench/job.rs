@@ -214,7 +214,7 @@ fn coarse() -> AblationSettings {
 }
 
 /// Settings of a minimal budget.
-fn quick() -> AblationSettings {
+pub(super) fn quick() -> AblationSettings {
     let mut settings = AblationSettings::default();
     let Config { geometry, estimate, flowing, .. } = &mut settings.config;
     (geometry.dx, geometry.fit.iterations, geometry.fit.in_motion) = (0.08, 6, 2);
