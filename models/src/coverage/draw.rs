@@ -101,7 +101,8 @@ impl Recipe {
             return Err(Error::new(ErrorKind::Input, "a clip cannot have so many cameras")
                 .at("--cameras")
                 .found(cameras)
-                .wanted("1 to 16"));
+                .wanted("1 to 16")
+                .fix("give 1 or 7, as the tables have"));
         }
         let [shape, colours, stuff, way, seen, paint] = split.key(number).split();
         // all families come equally often

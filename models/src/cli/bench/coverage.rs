@@ -112,7 +112,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         return Err(Error::new(ErrorKind::Input, "so many threads cannot be used")
             .at("--threads")
             .found(threads)
-            .wanted("1 to 256"));
+            .wanted("1 to 256")
+            .fix("leave it out for one a processor core"));
     }
     let (plan, folder, mut lines) = if arguments.resume { go_on(arguments)? } else { begin(arguments)? };
     let waiting: Vec<u64> = (0..plan.clips).filter(|n| lines.iter().all(|line| line.clip != *n)).collect();
@@ -133,7 +134,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             }
             let text = serde_json::to_string(&line).map_err(unwritable)?;
             let written = writeln!(file.lock().unwrap_or_else(|failed| failed.into_inner()), "{text}");
-            written.map_err(|e| Error::io(&folder.path(LINES), "write a line", &e))?;
+            written.map_err(|e| Error::io(folder.path(LINES), "write a line", &e))?;
             let mut done = done.lock().unwrap_or_else(|failed| failed.into_inner());
             done.0 += 1;
             bar.set(done.0, &said(&line));
@@ -196,7 +197,7 @@ fn go_on(arguments: &Arguments) -> Result<(Plan, RunFolder, Vec<Line>)> {
     let lines = text[..whole].lines().map(|line| serde_json::from_str(line).map_err(|e| damaged(LINES, &e)));
     let lines = lines.collect::<Result<Vec<Line>>>()?;
     if whole < text.len() {
-        folder.write(LINES, text[..whole].as_bytes())?;
+        folder.write(LINES, &text.as_bytes()[..whole])?;
     }
     Ok((plan, folder, lines))
 }
