@@ -42,7 +42,8 @@ impl Shown<'_> {
 /// particles that encloses the particles' volume.
 ///
 /// # Errors
-/// [`ErrorKind::Physics`] for particles that are spread too far, [`ErrorKind::Io`] where the files cannot be written.
+/// [`ErrorKind::Physics`](gradreel::ErrorKind::Physics) for particles that are spread too far,
+/// [`ErrorKind::Io`](gradreel::ErrorKind::Io) where the files cannot be written.
 pub fn write(recipe: &Recipe, motion: &Motion, folder: &Path) -> Result<PathBuf> {
     let law = Config { material: material::named(recipe.family), ..Config::default() };
     let rest = &motion.positions[0];
