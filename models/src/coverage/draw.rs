@@ -156,9 +156,9 @@ impl Recipe {
             reach: 0.0,
             body,
         };
-        let mut eyes = Dice::new(seen.fold(cameras as u64));
-        scene.calibrated = cameras > 1 || eyes.chance(0.5);
-        scene.film_with(cameras, contact, duration, &mut eyes);
+        let mut placing = Dice::new(seen.fold(cameras as u64));
+        scene.calibrated = cameras > 1 || placing.chance(0.5);
+        scene.film_with(cameras, contact, duration, &mut placing);
         Ok(scene)
     }
 

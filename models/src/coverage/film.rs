@@ -38,7 +38,7 @@ impl Shown<'_> {
 /// Films a motion into a folder and returns the path for a fit: a clip in the PAC-NeRF layout, or a folder of pictures where
 /// the fit is not told of the camera.
 ///
-/// Solids are drawn as the mesh of the body, which its particles carry; bodies that flow as the level of a smooth sum over
+/// Solids are drawn as the mesh of the body, which its particles carry; fluid-like bodies as the level of a smooth sum over
 /// particles that encloses the particles' volume.
 ///
 /// # Errors
