@@ -228,16 +228,12 @@ mod tests {
         }
         assert!((mean - radius).abs() < 0.15 * spacing, "radius {mean} of {radius}");
         assert!(surface.hit([0.0, 0.3, -1.0], [0.0, 0.0, 1.0]).is_none());
-        // of half the volume, the radius is smaller by the cube root of 2
-        let half = surface.enclosing(0.5 * 4.0 / 3.0 * std::f64::consts::PI * radius.powi(3));
-        let reached = (0..2000).map(|k| 0.2 - 1e-4 * f64::from(k)).find(|r| {
-            half.hit([0.0, 0.0, 1.0], [0.0, 0.0, -1.0]).is_some() && {
-                half.share([0, 1, 2].map(|axis| (if axis == 2 { *r } else { 0.0 } - half.origin[axis]) / half.spacing))
-                    >= half.level
-            }
-        });
-        let wanted = radius / 2f64.cbrt();
-        let reached = reached.expect("it is not empty");
-        assert!((reached - wanted).abs() < 0.3 * spacing, "radius {reached} of {wanted}");
+        let mut surface = surface;
+        for share in [0.9, 1.0, 1.2] {
+            let wanted = share * 4.0 / 3.0 * std::f64::consts::PI * radius.powi(3);
+            surface = surface.enclosing(wanted);
+            let found = surface.volume();
+            assert!((found / wanted - 1.0).abs() < 0.02, "{found} of {wanted} m³");
+        }
     }
 }
