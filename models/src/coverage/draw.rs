@@ -9,7 +9,6 @@ use serde::{Deserialize, Serialize};
 use super::material;
 use crate::identify::{Config, FAMILIES};
 use crate::physics::Schedule;
-use crate::vector::cross;
 use crate::video::Camera;
 use crate::views::objects::{Body, Dice, Made};
 
@@ -66,8 +65,6 @@ pub struct Recipe {
     pub background: bool,
     /// For the background's pattern and the noise of its pictures.
     pub(super) paint: Key,
-    /// Radius of what the cameras look at \[m\].
-    pub(super) reach: f64,
 }
 
 /// Nodes of a body's distance field along its longest side.
@@ -153,7 +150,6 @@ impl Recipe {
             calibrated: true,
             background: dice.chance(0.5),
             paint,
-            reach: 0.0,
             body,
         };
         let mut placing = Dice::new(seen.fold(cameras as u64));
@@ -170,7 +166,7 @@ impl Recipe {
         let rise = 0.5 * self.velocity[1].max(0.0).powi(2) / 9.8;
         let middle: [f64; 3] = std::array::from_fn(|axis| 0.5 * (ends[0][axis] + ends[1][axis]));
         let along = (0..3).map(|axis| (ends[1][axis] - ends[0][axis]).powi(2)).sum::<f64>().sqrt();
-        self.reach = 0.5 * along + 0.65 * self.size + rise;
+        let reach = 0.5 * along + 0.65 * self.size + rise;
         let half = (VIEW / 2.0).to_radians();
         let side = SIDES[0] + dice.below(SIDES[1] - SIDES[0] + 1);
         let first = if cameras == 1 { 0.0 } else { dice.within(0.0, TAU) };
@@ -179,22 +175,10 @@ impl Recipe {
             let around =
                 first + (number as f64 + if cameras > 1 { dice.within(-0.2, 0.2) } else { 0.0 }) * TAU / cameras as f64;
             // no camera stands below the floor
-            let distance = self.reach / half.sin() * dice.within(1.02, 1.5);
+            let distance = reach / half.sin() * dice.within(1.02, 1.5);
             let pitch = pitch.max((0.05 - middle[1]) / distance);
-            let back = [around.sin() * pitch.cos(), pitch.sin(), around.cos() * pitch.cos()];
-            let right = [around.cos(), 0.0, -around.sin()];
-            let above = cross(back, right);
-            let focal = side as f64 / 2.0 / half.tan();
-            self.cameras.push(Camera {
-                id: number as i64,
-                width: side,
-                height: side,
-                fx: focal,
-                fy: focal,
-                cx: side as f64 / 2.0,
-                cy: side as f64 / 2.0,
-                c2w: [0, 1, 2].map(|i| [right[i], above[i], back[i], middle[i] + distance * back[i]]),
-            });
+            let camera = Camera::around(number as i64, [side; 2], VIEW.to_radians(), middle, distance, [around, pitch]);
+            self.cameras.push(camera);
         }
     }
 

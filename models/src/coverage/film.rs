@@ -5,14 +5,13 @@ use std::path::{Path, PathBuf};
 
 use gradreel::{Error, Result};
 use rayon::prelude::*;
-use serde_json::json;
 
 use super::mesh::{Mesh, Skin};
 use super::motion::Motion;
 use super::paint::Paint;
 use super::{Recipe, material};
 use crate::identify::Config;
-use crate::scenes::{Hit, Surface};
+use crate::scenes::{self, Film, Hit, Surface};
 use crate::video::Camera;
 
 /// Rays per pixel along each side.
@@ -65,12 +64,12 @@ pub fn write(recipe: &Recipe, motion: &Motion, folder: &Path) -> Result<PathBuf>
         };
         for camera in &recipe.cameras {
             let name = match recipe.calibrated {
-                true => format!("r_{}_{frame}.png", camera.id),
+                true => Film::name(camera.id, frame),
                 false => format!("{frame:04}.png"),
             };
             let lift = LIFT * motion.spacing;
             let rgba = picture(recipe, camera, &paint, Some((&shown, lift)), frame as u64);
-            store(&pictures.join(name), camera, &rgba)?;
+            store(&root.join(name), camera, &rgba)?;
         }
     }
     if recipe.calibrated {
@@ -81,24 +80,10 @@ pub fn write(recipe: &Recipe, motion: &Motion, folder: &Path) -> Result<PathBuf>
             }
         }
         let list = root.join("all_data.json");
-        fs::write(&list, cameras(recipe).to_string()).map_err(|e| Error::io(&list, "write the list of a clip", &e))?;
+        fs::write(&list, scenes::list(&recipe.cameras, recipe.schedule.frames, recipe.schedule.frame_dt))
+            .map_err(|e| Error::io(&list, "write the list of a clip", &e))?;
     }
     Ok(root)
-}
-
-/// The list of a clip: time and camera of each picture.
-fn cameras(recipe: &Recipe) -> serde_json::Value {
-    let frames = recipe.schedule.frames;
-    let entry = |camera: &Camera, frame: usize| {
-        json!({
-            "file_path": format!("./data/r_{}_{frame}.png", camera.id),
-            "time": frame as f64 * recipe.schedule.frame_dt,
-            "c2w": camera.c2w,
-            "intrinsic": [[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]],
-        })
-    };
-    let all = recipe.cameras.iter().flat_map(|camera| (0..frames).map(move |frame| entry(camera, frame)));
-    serde_json::Value::from_iter(all)
 }
 
 /// What a camera sees, as bytes of red, green, blue and coverage; with a background everything is covered.

@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 
 use gradreel::{Error, ErrorKind, Key, Result};
 
+use super::score::below;
 use crate::identify::{Config, MaterialConfig};
 use crate::physics::{Map, Parameter};
 
@@ -44,18 +45,13 @@ pub(super) fn draw(config: &Config, key: Key) -> Result<Drawn> {
             Error::new(ErrorKind::Input, "a prior lies outside the plausible range").at(parameter.name)
         })?;
         let x = middle + deviation * drawn;
-        let inside = share([low, high].map(|end| (end - middle) / deviation));
-        let density = -0.5 * drawn * drawn - (deviation * TAU.sqrt()).ln() - inside.ln();
+        let [low, high] = [low, high].map(|end| below((end - middle) / deviation));
+        let density = -0.5 * drawn * drawn - (deviation * TAU.sqrt()).ln() - (high - low).ln();
         let value = if parameter.map == Map::Log10 { 10f64.powf(x) } else { x };
         values.insert(parameter.name.to_owned(), value);
         densities.insert(parameter.name.to_owned(), density);
     }
     Ok((values, densities))
-}
-
-/// The share of a standard normal distribution between two ends.
-fn share([low, high]: [f64; 2]) -> f64 {
-    0.5 * (libm::erf(high / std::f64::consts::SQRT_2) - libm::erf(low / std::f64::consts::SQRT_2))
 }
 
 #[cfg(test)]

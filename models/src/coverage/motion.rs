@@ -4,8 +4,8 @@ use gradreel::{Error, ErrorKind, Result};
 
 use super::Recipe;
 use crate::identify::{Config, law_of};
-use crate::physics::{Collider, Schedule, Simulation, State, Values, World, neighbours};
-use crate::vector::norm;
+use crate::physics::{Collider, Law, Schedule, Simulation, State, Values, World, neighbours};
+use crate::vector::{cross, dot, norm};
 use crate::views::objects::Dice;
 
 /// The particles of a clip at the times of its frames.
@@ -40,30 +40,29 @@ pub fn simulate(recipe: &Recipe) -> Result<Motion> {
     };
     let order = neighbours(dx, &positions, |_| 0);
     positions = order.iter().map(|&p| positions[p as usize]).collect();
-    let names = law.parameters().iter().map(|p| recipe.parameters[p.name]);
-    let parameters: Vec<f64> = names.collect();
+    let parameters: Vec<f64> = law.parameters().iter().map(|p| recipe.parameters[p.name]).collect();
     let fall = (2.0 * norm(world.gravity) * recipe.start[1]).sqrt();
     let speed = norm(recipe.velocity) + fall;
     let sound = law.wave_speed(&parameters, settings.density).max(settings.least_speed - speed);
     let Schedule { frames, frame_dt, .. } = recipe.schedule;
     let mut schedule = Schedule::stable(&world, frames, frame_dt, sound, speed, settings.cfl * recipe.step);
-    for _ in 0..HALVINGS {
+    let mut halvings = 0;
+    loop {
         match roll(&law, &world, schedule, &positions, recipe.velocity, &parameters, settings.density) {
-            Err(error) if matches!(error.kind(), ErrorKind::Physics | ErrorKind::NonFinite) => {
+            Err(error) if halvings < HALVINGS && matches!(error.kind(), ErrorKind::Physics | ErrorKind::NonFinite) => {
+                halvings += 1;
                 schedule = schedule.halved();
             }
             found => return found.map(|(positions, volumes)| Motion { positions, volumes, spacing }),
         }
     }
-    let found = roll(&law, &world, schedule, &positions, recipe.velocity, &parameters, settings.density)?;
-    Ok(Motion { positions: found.0, volumes: found.1, spacing })
 }
 
 /// Positions and volumes of all frames.
 type Rolled = (Vec<Vec<[f32; 3]>>, Vec<f64>);
 
 fn roll(
-    law: &crate::physics::Law,
+    law: &Law,
     world: &World,
     schedule: Schedule,
     start: &[[f32; 3]],
@@ -93,9 +92,8 @@ fn roll(
 /// The sum of `det F` over all particles.
 fn volume_ratio(state: &State<f32>) -> f64 {
     let determinant = |f: [[f32; 3]; 3]| {
-        let f = f.map(|row| row.map(f64::from));
-        f[0][0] * (f[1][1] * f[2][2] - f[1][2] * f[2][1]) - f[0][1] * (f[1][0] * f[2][2] - f[1][2] * f[2][0])
-            + f[0][2] * (f[1][0] * f[2][1] - f[1][1] * f[2][0])
+        let [a, b, c] = f.map(|row| row.map(f64::from));
+        dot(a, cross(b, c))
     };
     state.deformation_gradients().into_iter().map(determinant).sum()
 }

@@ -1,5 +1,8 @@
 //! One unknown of one clip against its truth.
 
+use std::f64::consts::SQRT_2;
+
+use gradreel::scalar::Real;
 use serde::{Deserialize, Serialize};
 
 /// How an estimate compares with the truth, on the scale of the fit (decades for magnitudes).
@@ -33,11 +36,16 @@ impl Score {
             error: value - truth,
             inside_50: z.abs() <= Z[1],
             inside_90: (interval_90[0]..=interval_90[1]).contains(&truth),
-            rank: 0.5 * (1.0 + libm::erf(z / std::f64::consts::SQRT_2)),
+            rank: below(z),
             log_score: log_density - log_prior,
             determined,
         }
     }
+}
+
+/// The share of a standard normal distribution below `z`.
+pub(super) fn below(z: f64) -> f64 {
+    0.5 * (1.0 + Real::erf(z / SQRT_2))
 }
 
 #[cfg(test)]

@@ -12,7 +12,7 @@ use serde_json::json;
 
 use super::setup::Setup;
 use super::surface::Surface;
-use crate::vector::{bounds, cross, dot, minus};
+use crate::vector::{bounds, dot, minus};
 use crate::video::Camera;
 
 /// Rays per pixel along each side.
@@ -115,23 +115,10 @@ impl Film {
         let target = settings.target_m.unwrap_or(middle);
         let half = settings.field_of_view_deg.to_radians() / 2.0;
         let distance = settings.distance_m.unwrap_or(0.75 * reach / half.sin());
-        let focal = height as f64 / 2.0 / half.tan();
         let camera = |id: usize| {
             let around = TAU * id as f64 / settings.cameras as f64;
             let up = settings.elevation_deg[id % settings.elevation_deg.len()].to_radians();
-            let back = [around.sin() * up.cos(), up.sin(), around.cos() * up.cos()];
-            let right = [around.cos(), 0.0, -around.sin()];
-            let above = cross(back, right);
-            Camera {
-                id: id as i64,
-                width,
-                height,
-                fx: focal,
-                fy: focal,
-                cx: width as f64 / 2.0,
-                cy: height as f64 / 2.0,
-                c2w: [0, 1, 2].map(|i| [right[i], above[i], back[i], target[i] + distance * back[i]]),
-            }
+            Camera::around(id as i64, settings.pixels, 2.0 * half, target, distance, [around, up])
         };
         Ok(Self {
             cameras: (0..settings.cameras).map(camera).collect(),
@@ -149,16 +136,7 @@ impl Film {
 
     /// `all_data.json` of the clip.
     pub fn list(&self) -> String {
-        let entry = |camera: &Camera, frame: usize| {
-            json!({
-                "file_path": format!("./{}", Self::name(camera.id, frame)),
-                "time": frame as f64 * self.frame_dt,
-                "c2w": camera.c2w,
-                "intrinsic": [[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]],
-            })
-        };
-        let entries = self.cameras.iter().flat_map(|camera| (0..self.frames).map(move |frame| entry(camera, frame)));
-        serde_json::Value::from_iter(entries).to_string()
+        list(&self.cameras, self.frames, self.frame_dt)
     }
 
     /// File name of an image, relative to the clip's folder.
@@ -174,6 +152,20 @@ impl Film {
         let surface = Surface::of(positions, &self.colours, &self.spacings)?;
         Ok(self.cameras.iter().map(|camera| shot(&surface, camera)).collect())
     }
+}
+
+/// `all_data.json` of a clip in the PAC-NeRF layout: the file, the time \[s\] and the camera of each image.
+pub(crate) fn list(cameras: &[Camera], frames: usize, frame_dt: f64) -> String {
+    let entry = |camera: &Camera, frame: usize| {
+        json!({
+            "file_path": format!("./{}", Film::name(camera.id, frame)),
+            "time": frame as f64 * frame_dt,
+            "c2w": camera.c2w,
+            "intrinsic": [[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]],
+        })
+    };
+    let entries = cameras.iter().flat_map(|camera| (0..frames).map(move |frame| entry(camera, frame)));
+    serde_json::Value::from_iter(entries).to_string()
 }
 
 /// The objects' colours, varied smoothly over each object.

@@ -18,6 +18,7 @@ pub use crate::nearest::nearest;
 pub use file::{Barrier, Camera, Grid, Ground, Object, Obstacle, Precision, SceneFile, Shape, Substance, Surroundings};
 pub use file::{Time, Touch};
 pub use fill::{Body, body, fill, positions_of};
+pub(crate) use film::list;
 pub use film::{Film, FilmSettings, Shot};
 pub use mesh::Mesh;
 pub use picture::View;

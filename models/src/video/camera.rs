@@ -1,5 +1,7 @@
 //! A pinhole camera: from pixels to rays and from points to pixels.
 
+use crate::vector::cross;
+
 /// A pinhole camera without distortion.
 ///
 /// `c2w` maps camera coordinates to the world, `p_world = R p + t` with `R` its first three columns and `t` the fourth
@@ -38,6 +40,32 @@ pub struct Camera {
 }
 
 impl Camera {
+    /// A camera of these pixels and this vertical angle of view \[rad\] that looks at a point from so far away \[m\]: `[around,
+    /// up]` are its azimuth from +z towards +x and its elevation \[rad\].
+    pub(crate) fn around(
+        id: i64,
+        [width, height]: [usize; 2],
+        view: f64,
+        target: [f64; 3],
+        distance: f64,
+        [around, up]: [f64; 2],
+    ) -> Self {
+        let back = [around.sin() * up.cos(), up.sin(), around.cos() * up.cos()];
+        let right = [around.cos(), 0.0, -around.sin()];
+        let above = cross(back, right);
+        let focal = height as f64 / 2.0 / (view / 2.0).tan();
+        Self {
+            id,
+            width,
+            height,
+            fx: focal,
+            fy: focal,
+            cx: width as f64 / 2.0,
+            cy: height as f64 / 2.0,
+            c2w: [0, 1, 2].map(|i| [right[i], above[i], back[i], target[i] + distance * back[i]]),
+        }
+    }
+
     /// Position of the camera in the world \[m\].
     pub fn centre(&self) -> [f64; 3] {
         self.c2w.map(|row| row[3])

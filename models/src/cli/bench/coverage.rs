@@ -115,12 +115,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             .wanted("1 to 256")
             .fix("leave it out for one a processor core"));
     }
-    let (plan, folder, mut lines) = if arguments.resume { go_on(arguments)? } else { begin(arguments)? };
+    let (plan, folder, lines) = if arguments.resume { go_on(arguments)? } else { begin(arguments)? };
     let waiting: Vec<u64> = (0..plan.clips).filter(|n| lines.iter().all(|line| line.clip != *n)).collect();
     let settings = if plan.quick { super::job::quick().config } else { Config::default() };
     let bar = Progress::new(arguments.quiet).stage("clips", plan.clips);
-    let done = Mutex::new((lines.len() as u64, Vec::new()));
-    let (next, file) = (AtomicU64::new(0), Mutex::new(appended(&folder)?));
+    let (next, done) = (AtomicU64::new(0), Mutex::new((appended(&folder)?, lines)));
     let work = || -> Result<()> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads((cores / threads).max(1)).build();
         let pool = pool.map_err(|e| Error::new(ErrorKind::Io, "no threads can be started").found(e))?;
@@ -133,12 +132,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
                 clear(&place)?;
             }
             let text = serde_json::to_string(&line).map_err(unwritable)?;
-            let written = writeln!(file.lock().unwrap_or_else(|failed| failed.into_inner()), "{text}");
-            written.map_err(|e| Error::io(folder.path(LINES), "write a line", &e))?;
             let mut done = done.lock().unwrap_or_else(|failed| failed.into_inner());
-            done.0 += 1;
-            bar.set(done.0, &said(&line));
-            done.1.push(line);
+            let (file, lines) = &mut *done;
+            writeln!(file, "{text}").map_err(|e| Error::io(folder.path(LINES), "write a line", &e))?;
+            bar.set(lines.len() as u64 + 1, &said(&line));
+            lines.push(line);
         }
         Ok(())
     };
@@ -147,7 +145,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         let ended = |e| std::panic::resume_unwind(e);
         workers.into_iter().map(|worker| worker.join().unwrap_or_else(ended)).collect()
     });
-    lines.extend(done.into_inner().unwrap_or_else(|failed| failed.into_inner()).1);
+    let (_, mut lines) = done.into_inner().unwrap_or_else(|failed| failed.into_inner());
     lines.sort_by_key(|line| line.clip);
     publish(arguments, &plan, &folder, &lines, threads)?;
     bar.finish(&folder.path("coverage.md").display().to_string());
