@@ -31,7 +31,11 @@ pub(super) fn draw(config: &Config, key: Key) -> Result<Drawn> {
     let law = config.law()?;
     let (held, start) = (config.held(&law)?, config.starting_values(&law)?);
     let (mut values, mut densities) = Drawn::default();
-    for (k, (parameter, start)) in law.parameters().iter().zip(start).enumerate() {
+    // multiples of another parameter come after it
+    let all = law.parameters().iter().zip(start).enumerate();
+    let mut order: Vec<(usize, (&Parameter, f64))> = all.collect();
+    order.sort_by_key(|(_, (parameter, _))| parameter.times.is_some());
+    for (k, (parameter, start)) in order {
         if held.contains(&parameter.name) {
             values.insert(parameter.name.to_owned(), start);
             continue;
@@ -77,6 +81,12 @@ mod tests {
                 let middle = values.iter().map(|value| scale(parameter, *value)).sum::<f64>() / values.len() as f64;
                 let [least, most] = [low, high].map(|end| scale(parameter, end));
                 assert!(least < middle && middle < most, "{family}: {}: {middle}", parameter.name);
+                let Some(base) = parameter.times else { continue };
+                // of a ratio, the median is that of its prior: a few draws are cut off at the ends of the range
+                let mut ratios: Vec<f64> = all.iter().map(|(v, _)| (v[parameter.name] / v[base]).log10()).collect();
+                ratios.sort_by(f64::total_cmp);
+                let off = (ratios[150] - parameter.usual[0].log10()) / parameter.usual[1];
+                assert!(off.abs() < 0.3, "{family}: {} is {off} deviations from its ratio", parameter.name);
             }
         }
     }
