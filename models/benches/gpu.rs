@@ -130,12 +130,13 @@ impl Bench {
             last.reshape([len]).slice(0, 0..1).item()?;
             Ok(begin.elapsed().as_secs_f64() / count as f64)
         };
-        turns(1)?;
+        let first = turns(1)?;
+        if self.small {
+            return Ok(first);
+        }
         let once = turns(1)?;
-        let wanted = if self.small { 0.0 } else { 0.3 };
-        let count = ((wanted / once) as usize).clamp(1, 200);
-        let repeats = if self.small { 1 } else { 4 };
-        (0..repeats).try_fold(once, |least, _| Ok(least.min(turns(count)?)))
+        let count = ((0.3 / once) as usize).clamp(1, 200);
+        (0..4).try_fold(once, |least, _| Ok(least.min(turns(count)?)))
     }
 
     /// Operations per second of multiply-adds, measured once.
