@@ -105,6 +105,25 @@ fn a_training_on_meshes_goes_on() {
 }
 
 #[test]
+fn a_share_of_the_samples_is_procedural() {
+    let scene = scene();
+    let losses = |name: &str, share: Option<f64>| {
+        let objects = share.map_or(String::new(), |share| format!("[objects]\nprocedural = {share:?}\n"));
+        scene.write("mixed.toml", format!("{TINY}{objects}"));
+        let things = if share.is_some() { "--objects things" } else { "" };
+        scene.succeeds(&format!("train novel-view --quiet --config mixed.toml {things} --steps 4 --out {name}"));
+        let log = fs::read_to_string(scene.path(&format!("{name}/log.csv"))).unwrap();
+        let of_row = |row: &str| row.split(',').nth(1).unwrap().to_owned();
+        log.lines().skip(1).map(of_row).collect::<Vec<_>>()
+    };
+    let [made, all, none, half] = [("made", None), ("all", Some(1.0)), ("none", Some(0.0)), ("half", Some(0.5))]
+        .map(|(n, share)| losses(n, share));
+    assert_eq!(all, made, "with a share of 1 no mesh is trained on");
+    assert_ne!(none[0], made[0]);
+    assert!(half != all && half != none, "{half:?}");
+}
+
+#[test]
 fn folders_that_cannot_be_used_are_refused() {
     let scene = scene();
     let run = |folder: &str| format!("train novel-view --config tiny.toml --out out --objects {folder}");
@@ -114,9 +133,14 @@ fn folders_that_cannot_be_used_are_refused() {
     scene.refuses(&run("empty"), &["no meshes", ".glb"]);
     scene.write("empty/a.glb", "glTF");
     scene.refuses(&run("empty"), &["no mesh in the folder can be used", "a.glb", "cut short"]);
-    for (text, part) in
-        [("held_out = 1.5", "held_out"), ("held_out = 1.0", "held out"), ("held = 1", "held"), ("folder = 3", "folder")]
-    {
+    for (text, part) in [
+        ("held_out = 1.5", "held_out"),
+        ("held_out = 1.0", "held out"),
+        ("held = 1", "held"),
+        ("folder = 3", "folder"),
+        ("procedural = -0.1", "objects.procedural"),
+        ("procedural = nan", "objects.procedural"),
+    ] {
         scene.write("wrong.toml", format!("[objects]\n{text}\n"));
         scene.refuses("train novel-view --config wrong.toml --out out --objects things", &[part]);
     }

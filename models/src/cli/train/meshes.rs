@@ -24,6 +24,8 @@ pub(super) struct Meshes {
     pub folder: String,
     /// Share of the files held out from training.
     pub held_out: f64,
+    /// Share of the training samples that show procedural objects instead.
+    pub procedural: f64,
     /// Size of the mesh cache in megabytes.
     pub memory_mb: u64,
     /// Fingerprint of the folder.
@@ -34,7 +36,7 @@ pub(super) struct Meshes {
 impl Default for Meshes {
     fn default() -> Self {
         let FolderSettings { held_out, memory } = FolderSettings::default();
-        Self { folder: String::new(), held_out, memory_mb: memory as u64 >> 20, mark: None }
+        Self { folder: String::new(), held_out, procedural: 0.0, memory_mb: memory as u64 >> 20, mark: None }
     }
 }
 
@@ -43,9 +45,12 @@ impl Default for Meshes {
 pub(super) enum Objects {
     /// Procedural.
     Made,
-    /// From files.
-    Meshes(Arc<MeshFolder>),
+    /// From files, except for a share of the training samples.
+    Meshes { folder: Arc<MeshFolder>, procedural: f64 },
 }
+
+/// Key fold that decides between a mesh and a procedural object.
+const MADE: u64 = 104;
 
 impl Meshes {
     /// Sets the folder.
@@ -67,6 +72,7 @@ impl Meshes {
         [
             ("objects.folder", !self.folder.is_empty(), "a folder with meshes"),
             ("objects.held_out", (0.0..=1.0).contains(&self.held_out), "a share, 0 to 1"),
+            ("objects.procedural", (0.0..=1.0).contains(&self.procedural), "a share, 0 to 1"),
             ("objects.memory_mb", self.memory_mb <= 1 << 30, "megabytes, at most 2^30"),
         ]
         .into_iter()
@@ -98,13 +104,13 @@ impl Objects {
                 ));
         }
         meshes.mark = Some(found);
-        Ok(Self::Meshes(Arc::new(folder)))
+        Ok(Self::Meshes { folder: Arc::new(folder), procedural: meshes.procedural })
     }
 
     /// Rejects a folder without training files.
     pub fn can_train(&self) -> Result<()> {
         match self {
-            Self::Meshes(folder) if folder.trained().len() == 0 => {
+            Self::Meshes { folder, .. } if folder.trained().len() == 0 => {
                 Err(Error::new(ErrorKind::Input, "no mesh is left to train on")
                     .at("objects.held_out")
                     .found(format!("all of {} held out", folder.unseen().len()))
@@ -117,17 +123,20 @@ impl Objects {
 
     /// The training sample of a key.
     pub fn sample(&self, key: Key, settings: &Settings) -> Result<Sample> {
-        match self {
-            Self::Made => Ok(self.filmed(&Object::new(Sample::object_key(key), settings.data.nodes), key, settings)),
-            Self::Meshes(folder) => Ok(self.filmed(&folder.object(Sample::object_key(key))?, key, settings)),
-        }
+        let made = || Object::new(Sample::object_key(key), settings.data.nodes);
+        let object = match self {
+            Self::Made => made(),
+            Self::Meshes { procedural, .. } if key.fold(MADE).uniform(1).all(|chance| chance < *procedural) => made(),
+            Self::Meshes { folder, .. } => folder.object(Sample::object_key(key))?,
+        };
+        Ok(self.filmed(&object, key, settings))
     }
 
     /// The held-out sample of a key and an index.
     pub fn unseen(&self, number: usize, key: Key, settings: &Settings) -> Result<Sample> {
         match self {
             Self::Made => self.sample(key, settings),
-            Self::Meshes(folder) => {
+            Self::Meshes { folder, .. } => {
                 Ok(self.filmed(&folder.unseen_object(number, Sample::object_key(key))?, key, settings))
             }
         }
@@ -139,7 +148,7 @@ impl Objects {
 
     /// Writes a table of all files and their use into the folder of a run.
     pub fn list(&self, run: &RunFolder) -> Result<()> {
-        let Self::Meshes(folder) = self else { return Ok(()) };
+        let Self::Meshes { folder, .. } = self else { return Ok(()) };
         let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
         let mut table = "file,trained,shown,triangles,why_not\n".to_owned();
         for file in folder.files() {
@@ -152,7 +161,7 @@ impl Objects {
 
     /// Counts of usable and omitted meshes, for display.
     pub fn described(&self) -> Option<String> {
-        let Self::Meshes(folder) = self else { return None };
+        let Self::Meshes { folder, .. } = self else { return None };
         let (trained, unseen) = (folder.trained().len(), folder.unseen().len());
         let mut told = match folder.is_divided() {
             true => format!("{} meshes: {trained} to train on, {unseen} never trained on", trained + unseen),
