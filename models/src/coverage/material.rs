@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use gradreel::{Error, ErrorKind, Key, Result};
 
-use super::score::below;
+use crate::identify::normal::below;
 use crate::identify::{Config, MaterialConfig};
 use crate::physics::{Map, Parameter};
 
@@ -82,11 +82,18 @@ mod tests {
                 let [least, most] = [low, high].map(|end| scale(parameter, end));
                 assert!(least < middle && middle < most, "{family}: {}: {middle}", parameter.name);
                 let Some(base) = parameter.times else { continue };
-                // of a ratio, the median is that of its prior: a few draws are cut off at the ends of the range
-                let mut ratios: Vec<f64> = all.iter().map(|(v, _)| (v[parameter.name] / v[base]).log10()).collect();
+                // of a ratio, the median is that of its prior where the ends of the range cut off as little on both sides
+                let [ratio, deviation] = [parameter.usual[0].log10(), parameter.usual[1]];
+                let whole = |v: &&BTreeMap<String, f64>| {
+                    let middle = v[base].log10() + ratio;
+                    middle - 1.5 * deviation > least && middle + 1.5 * deviation < most
+                };
+                let values = all.iter().map(|(values, _)| values).filter(whole);
+                let mut ratios: Vec<f64> = values.map(|v| (v[parameter.name] / v[base]).log10()).collect();
                 ratios.sort_by(f64::total_cmp);
-                let off = (ratios[150] - parameter.usual[0].log10()) / parameter.usual[1];
-                assert!(off.abs() < 0.3, "{family}: {} is {off} deviations from its ratio", parameter.name);
+                assert!(ratios.len() > 60, "{family}: {} of {}", ratios.len(), parameter.name);
+                let off = (ratios[ratios.len() / 2] - ratio) / deviation;
+                assert!(off.abs() < 0.4, "{family}: {} is {off} deviations from its ratio", parameter.name);
             }
         }
     }

@@ -1,9 +1,8 @@
 //! One unknown of one clip against its truth.
 
-use std::f64::consts::SQRT_2;
-
-use gradreel::scalar::Real;
 use serde::{Deserialize, Serialize};
+
+use crate::identify::normal::below;
 
 /// How an estimate compares with the truth, on the scale of the fit (decades for magnitudes).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -26,6 +25,19 @@ pub struct Score {
 const Z: [f64; 2] = [1.644_853_626_951_472_2, 0.674_489_750_196_081_7];
 
 impl Score {
+    /// The score of an estimate with a posterior whose share below the truth is `rank` and whose density there is this; `ranks` are the
+    /// shares below the ends of the interval of 90 %.
+    pub fn of_posterior(error: f64, rank: f64, log_density: f64, determined: bool, log_prior: f64) -> Self {
+        Self {
+            error,
+            inside_50: (0.25..=0.75).contains(&rank),
+            inside_90: (0.05..=0.95).contains(&rank),
+            rank,
+            log_score: log_density - log_prior,
+            determined,
+        }
+    }
+
     /// The score of a normal posterior with the mean `value` that has `interval_90` as its interval of 90 %; all on the scale
     /// of the fit. Of an interval that is not even about the value, the deviation is half its width over 1.645.
     pub fn normal(value: f64, interval_90: [f64; 2], determined: bool, truth: f64, log_prior: f64) -> Self {
@@ -41,11 +53,6 @@ impl Score {
             determined,
         }
     }
-}
-
-/// The share of a standard normal distribution below `z`.
-pub(super) fn below(z: f64) -> f64 {
-    0.5 * (1.0 + Real::erf(z / SQRT_2))
 }
 
 #[cfg(test)]

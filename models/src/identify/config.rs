@@ -39,6 +39,8 @@ pub struct Config {
     pub imagine: ImagineConfig,
     /// Effort of the estimates.
     pub estimate: EstimateConfig,
+    /// The search by a pool of hypotheses.
+    pub pool: PoolConfig,
 }
 
 /// Where views of the first frame come from that nobody filmed, of what a single camera saw; without any, the object is taken to be
@@ -238,6 +240,31 @@ pub enum Method {
     /// Gauss–Newton with derivatives in forward mode.
     #[default]
     GaussNewton,
+    /// A pool of hypotheses, searched by successive halving, and the mixture posterior of those that survive ([`PoolConfig`]).
+    Pool,
+}
+
+/// The search by a pool of hypotheses (`estimate.method = "pool"`).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PoolConfig {
+    /// Points of the prior for each parameter and mode of the body that is free, besides the one to start from.
+    pub points: usize,
+    /// Hypotheses of a family at most that are searched on the full grid.
+    pub survivors: usize,
+    /// Gauss–Newton steps at most of each search on the full grid.
+    pub steps: usize,
+    /// How far derivatives reach, as a share of the longest step of a search: differences of rollouts side by side cost less than
+    /// forward mode, and see past the jumps of thin rims. 0 for those of an infinitesimal step, in forward mode.
+    pub reach: f64,
+    /// Rounds of fitting the shape to the whole motion and the material to the new shape.
+    pub rounds: usize,
+}
+
+impl Default for PoolConfig {
+    fn default() -> Self {
+        Self { points: 16, survivors: 2, steps: 4, reach: 0.1, rounds: 1 }
+    }
 }
 
 /// Effort of the estimates.
@@ -388,6 +415,8 @@ impl Config {
             ((0.0..=1e4).contains(&self.world.least_speed), "world.least_speed", "0 to 10000 m/s"),
             (self.world.memory_mib >= 16, "world.memory_mib", "at least 16 MiB"),
             (fraction(self.estimate.early), "estimate.early", "0 to 1"),
+            (self.pool.survivors > 0, "pool.survivors", "1 or more"),
+            (fraction(self.pool.reach), "pool.reach", "0 to 1"),
             (self.imagine.steps.is_none_or(|n| (1..=1000).contains(&n)), "imagine.steps", "1 to 1000"),
             (self.imagine.guidance.is_none_or(f64::is_finite), "imagine.guidance", "a number"),
             (self.weights.colour >= 0.0 && positive(self.weights.coverage), "weights", "not negative"),

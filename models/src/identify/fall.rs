@@ -9,7 +9,7 @@ use crate::video::Flight;
 /// A velocity, and with it a distance, known to a covariance: what is expected, and directions at right angles along which it is unsure
 /// independently.
 #[derive(Debug, Clone)]
-pub(super) struct Fallen {
+pub(crate) struct Fallen {
     /// The expected velocity \[m/s\]; the distance is expected to be what it was taken to be.
     pub middle: [f64; 3],
     /// Unit vectors of three components of the velocity and, if it may be another, the distance as a share of it.

@@ -37,8 +37,8 @@ struct Header {
 const HEADER: &str = "field";
 
 impl Run {
-    fn field_file(&self) -> Result<TensorFile> {
-        TensorFile::from_bytes(&self.folder.read(FIELD)?).map_err(|e| damaged(&self.folder, FIELD, &e))
+    fn field_file(&self, name: &str) -> Result<TensorFile> {
+        TensorFile::from_bytes(&self.folder.read(name)?).map_err(|e| damaged(&self.folder, name, &e))
     }
 
     fn header(&self, file: &TensorFile) -> Result<Header> {
@@ -54,7 +54,7 @@ impl Run {
         if !self.folder.has(FIELD) {
             return Ok(Reached::default());
         }
-        let reached = self.header(&self.field_file()?)?.reached;
+        let reached = self.header(&self.field_file(FIELD)?)?.reached;
         Ok(if reached.stage == stage { reached } else { Reached::default() })
     }
 
@@ -97,7 +97,19 @@ impl Run {
     /// # Errors
     /// [`ErrorKind::Input`](gradreel::ErrorKind::Input) when the file is missing or damaged.
     pub fn load_field(&self, adam: &mut Adam) -> Result<(Field, Params)> {
-        let file = self.field_file()?;
+        self.load_field_of(FIELD, adam)
+    }
+
+    /// The voxels that [`Run::keep_field`] kept.
+    ///
+    /// # Errors
+    /// As [`Run::load_field`].
+    pub fn load_kept_field(&self) -> Result<(Field, Params)> {
+        self.load_field_of(KEPT_FIELD, &mut Adam::new(0.0))
+    }
+
+    fn load_field_of(&self, name: &str, adam: &mut Adam) -> Result<(Field, Params)> {
+        let file = self.field_file(name)?;
         let (origin, spacing, dims) = self.header(&file)?.node_grid;
         let node_grid = NodeGrid { origin, spacing, dims };
         for name in ["voxels", "field.density", "field.colour"] {

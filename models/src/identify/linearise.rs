@@ -1,5 +1,7 @@
 //! The image loss as least squares: residuals of all pixels, and how they change with the unknowns.
 
+use std::ops::Range;
+
 use gradreel::{DType, Result, Tape, Tensor};
 use rayon::prelude::*;
 
@@ -9,6 +11,7 @@ use crate::identify::plausible::Plausible;
 use crate::identify::problem::is_stress;
 use crate::identify::recent::Recent;
 use crate::identify::spin::Gyration;
+use crate::identify::uncertainty::prior::Prior;
 use crate::identify::unknowns::Unknown;
 use crate::identify::{Free, Problem, Unknowns};
 use crate::physics::{Rollout, Schedule};
@@ -106,10 +109,32 @@ impl Linearised {
 
     /// Adds the sums of a picture; only the lower triangle of the curvature is summed.
     fn add(&mut self, part: &Self) {
-        self.loss += part.loss;
+        self.add_share(part, 1.0);
+    }
+
+    /// Adds a share of other sums.
+    fn add_share(&mut self, part: &Self, share: f64) {
+        self.loss += share * part.loss;
         let matrices = self.curvature.iter_mut().zip(&part.curvature);
-        matrices.for_each(|(sum, part)| sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += part));
-        self.gradient.iter_mut().zip(&part.gradient).for_each(|(sum, part)| *sum += part);
+        matrices.for_each(|(sum, part)| sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += share * part));
+        self.gradient.iter_mut().zip(&part.gradient).for_each(|(sum, part)| *sum += share * part);
+    }
+
+    /// The mean of `ln(L + floor)` over frames with the losses `L`, and its derivatives: what is proportional to the logarithm of the
+    /// likelihood where each frame has an unknown deviation of its own that is not below that of `floor`.
+    ///
+    /// How far a model is off grows with the time since the contact, and differs from frame to frame: a frame counts by how well it
+    /// can be explained.
+    pub(super) fn mean_log(frames: &[Self], floor: f64) -> Self {
+        let count = frames.first().map_or(0, |frame| frame.gradient.len());
+        let mut total = Self::zero(count);
+        for frame in frames {
+            let variance = (frame.loss + floor).max(f64::MIN_POSITIVE);
+            total.add_share(frame, 1.0 / (variance * frames.len() as f64));
+        }
+        total.loss = frames.iter().map(|frame| (frame.loss + floor).max(f64::MIN_POSITIVE).ln()).sum::<f64>()
+            / frames.len().max(1) as f64;
+        total
     }
 }
 
@@ -190,6 +215,79 @@ impl Problem<'_> {
             total.loss += add_penalty(penalty, &mut total.gradient, &mut total.curvature);
         }
         Ok(total)
+    }
+
+    /// The loss of each of these frames with its derivatives along the free unknowns.
+    ///
+    /// # Errors
+    /// As [`Problem::linearise`].
+    pub(super) fn linearise_frames(
+        &self,
+        unknowns: &Unknowns,
+        free: Free,
+        frames: Range<usize>,
+        derivatives: Derivatives,
+        substeps: &mut usize,
+        notes: &mut dyn FnMut(String),
+    ) -> Result<Vec<Linearised>> {
+        let frames = frames.start..frames.end.min(self.observed.targets.len());
+        let derivatives = if self.flying { Derivatives::Exact } else { derivatives };
+        let moved = self.with_step(unknowns, frames.end, substeps, notes, &mut |schedule| match derivatives {
+            Derivatives::Exact => {
+                let (motion, tangents) = self.tangents(unknowns, free, schedule)?;
+                Ok(Moved { motion, along: Along::Tangents(tangents) })
+            }
+            Derivatives::Ahead(share) => self.spread(unknowns, free, schedule, share),
+        })?;
+        let count = free.list(&self.law).len();
+        let looks = [self.particles.opacity(self.dtype)?, self.particles.colour(self.dtype)?];
+        let of = |frame: usize| {
+            let drawn = self.drawn(&moved, &looks, frame)?;
+            let parts = match self.dtype {
+                DType::F64 => self.pictures::<f64>(frame, &drawn, count, 1.0),
+                _ => self.pictures::<f32>(frame, &drawn, count, 1.0),
+            };
+            let mut total = Linearised::zero(count);
+            for (camera, part) in parts.into_iter().enumerate() {
+                total.add(&part);
+                total.scores.push(Score { frame, camera, gradient: part.gradient });
+            }
+            for k in 0..count {
+                for l in 0..k {
+                    total.curvature[l][k] = total.curvature[k][l];
+                }
+            }
+            Ok(total)
+        };
+        frames.map(of).collect()
+    }
+
+    /// Positions at every frame, and what they are with each free unknown's coordinate moved by a share of the longest step that a
+    /// search makes, towards the middle of its prior, each with the substep that it needs, as the losses that are compared have.
+    fn spread(&self, unknowns: &Unknowns, free: Free, schedule: Schedule, share: f64) -> Result<Moved> {
+        let here = unknowns.coordinates(&self.law, free);
+        let prior = Prior::of(&self.law, free, unknowns, None);
+        let middles = prior.mean.iter().zip(&here).map(|(middle, here)| middle - here);
+        let reach = prior.longest_step(unknowns).into_iter().zip(middles);
+        let reach: Vec<f64> = reach.map(|(longest, middle)| share * longest.copysign(middle)).collect();
+        // in proportion to those here, which are more than what is needed where the simulation broke down
+        let own = self.schedule(unknowns, schedule.frames).substeps;
+        let moved = |k: usize| {
+            let mut there = here.clone();
+            there[k] += reach[k];
+            let there = unknowns.moved(&self.law, free, &there);
+            let needed = self.schedule(&there, schedule.frames);
+            let substeps = (needed.substeps * schedule.substeps).div_ceil(own);
+            self.positions_at(&there, Schedule { substeps, ..needed })
+        };
+        // side by side: the threads of a single rollout wait for each other in every substep
+        let (motion, motions) = rayon::join(
+            || self.positions_at(unknowns, schedule),
+            || (0..here.len()).into_par_iter().map(moved).collect::<Result<Vec<_>>>(),
+        );
+        let secant = |(high, length): (Tensor, &f64)| Secant { low: None, high, length: *length };
+        let along = Along::Secants(motions?.into_iter().zip(&reach).map(secant).collect());
+        Ok(Moved { motion: motion?, along })
     }
 
     /// The sums of every camera's picture of one frame.
@@ -447,6 +545,22 @@ impl Problem<'_> {
     }
 }
 
+/// How derivatives are taken along the free unknowns.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Derivatives {
+    /// In forward mode, of an infinitesimal step.
+    Exact,
+    /// As differences over a share of the longest step of a search, towards the middle of the prior.
+    Ahead(f64),
+}
+
+impl Derivatives {
+    /// Differences over a share of the longest step; exact ones for 0.
+    pub fn reaching(share: f64) -> Self {
+        if share > 0.0 { Self::Ahead(share) } else { Self::Exact }
+    }
+}
+
 /// How far beside a spin its derivative is taken \[rad/s\].
 const NEARBY: f64 = 1e-4;
 
@@ -492,5 +606,28 @@ pub(super) fn row(motion: &Tensor, frame: usize) -> Tensor {
     match motion.dtype() {
         DType::F64 => Tensor::from_vec(motion.slice::<f64>()[3 * count * frame..][..3 * count].to_vec(), [count, 3]),
         _ => Tensor::from_vec(motion.slice::<f32>()[3 * count * frame..][..3 * count].to_vec(), [count, 3]),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_frame_counts_by_how_well_it_is_explained() {
+        let frame = |loss: f64, slope: f64| Linearised {
+            loss,
+            gradient: vec![slope],
+            curvature: vec![vec![2.0 * slope * slope]],
+            scores: vec![],
+        };
+        let frames = [frame(0.1, 1.0), frame(0.9, 1.0)];
+        let found = Linearised::mean_log(&frames, 0.1);
+        approx::assert_relative_eq!(found.loss, 0.5 * (0.2f64.ln() + 1f64.ln()), max_relative = 1e-12);
+        approx::assert_relative_eq!(found.gradient[0], 0.5 * (1.0 / 0.2 + 1.0), max_relative = 1e-12);
+        approx::assert_relative_eq!(found.curvature[0][0], 0.5 * (2.0 / 0.2 + 2.0), max_relative = 1e-12);
+        // far above every loss the floor makes all frames alike
+        let alike = Linearised::mean_log(&frames, 1e6);
+        approx::assert_relative_eq!(alike.gradient[0], 1e-6, max_relative = 1e-5);
     }
 }

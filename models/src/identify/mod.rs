@@ -35,6 +35,7 @@ mod flowing;
 mod free_fall;
 mod gauss_newton;
 mod ground;
+mod hypotheses;
 mod interval;
 mod lean;
 mod linearise;
@@ -42,6 +43,7 @@ mod loss;
 mod oracle;
 mod other_end;
 mod penalty;
+mod pipeline;
 mod pixels;
 mod plausible;
 mod problem;
@@ -52,18 +54,20 @@ mod run;
 mod second_look;
 mod settings_file;
 mod sharpness;
+mod solve;
 mod spin;
 mod stages;
 mod temporal_start;
 mod tracks;
+mod uncertainty;
 mod unknowns;
 mod with_voxels;
 
 pub use again::Changes;
 pub(crate) use config::no_such_parameter;
 pub use config::{
-    ClipConfig, Config, EstimateConfig, FAMILIES, GeometryConfig, ImagineConfig, MaterialConfig, Method, WorldConfig,
-    law_of,
+    ClipConfig, Config, EstimateConfig, FAMILIES, GeometryConfig, ImagineConfig, MaterialConfig, Method, PoolConfig,
+    WorldConfig, law_of,
 };
 pub use contact::first_contact;
 pub use estimate::{Evaluation, estimate};
@@ -78,6 +82,7 @@ pub use linearise::{Linearised, Score};
 pub use loss::LossConfig;
 pub use oracle::{Answer, Listener};
 pub use penalty::RangePenalty;
+pub(crate) use pipeline::{Survey, known};
 pub use pixels::{FramePixels, MotionLoss, MotionSettings, body_of, dynamic_step, is_stiffness, motion_loss};
 pub use problem::{Observed, Problem};
 pub(crate) use reconstruct::half_of_imagined;
@@ -85,4 +90,7 @@ pub use reconstruct::{Reconstruction, reconstruct};
 pub use run::{ClipIdentity, HistoryRow, Run, Search, State};
 pub use temporal_start::TemporalConfig;
 pub use tracks::{TANGENT_COST, Tracks, TracksFit};
+pub(crate) use uncertainty::error_budget::ErrorBudget;
+pub(crate) use uncertainty::normal;
+pub(crate) use unknowns::coordinate;
 pub use unknowns::{Bound, Chosen, Free, Ground, SPIN, Unknown, Unknowns, VELOCITY};

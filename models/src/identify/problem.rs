@@ -272,7 +272,11 @@ impl<'a> Problem<'a> {
     /// # Errors
     /// What the rollout returns.
     pub fn positions(&self, unknowns: &Unknowns) -> Result<Tensor> {
-        let frames = self.observed.targets.len();
+        self.positions_of_first(unknowns, self.observed.targets.len())
+    }
+
+    /// The same of the first frames.
+    pub(super) fn positions_of_first(&self, unknowns: &Unknowns, frames: usize) -> Result<Tensor> {
         self.with_step(unknowns, frames, &mut 0, &mut |_| (), &mut |schedule| self.positions_at(unknowns, schedule))
     }
 
@@ -296,26 +300,28 @@ impl<'a> Problem<'a> {
         let tape = motion.tape();
         let opacity = tape.constant(self.particles.opacity(self.dtype)?);
         let colour = tape.constant(self.particles.colour(self.dtype)?);
-        self.loss_of(motion, [&opacity, &colour], &|_| self.observed, frames)
+        self.loss_of(motion, [&opacity, &colour], &|_| self.observed, &vec![1.0; frames])
     }
 
-    /// The same of particles of another opacity and colour, and of what `observed` says was seen of a frame.
+    /// The same of particles of another opacity and colour, and of what `observed` says was seen of a frame; each frame counts as much
+    /// as its weight says.
     pub(super) fn loss_of<'o>(
         &self,
         motion: &Var,
         [opacity, colour]: [&Var; 2],
         observed: &dyn Fn(usize) -> &'o Observed,
-        frames: usize,
+        weights: &[f64],
     ) -> Result<Var> {
         let mut total: Option<Var> = None;
-        for frame in 0..frames {
+        for (frame, weight) in weights.iter().enumerate() {
             let seen = observed(frame);
             let pixels = self.render(&motion.select(0, frame), opacity, colour, &seen.rays)?;
             let loss = seen.targets[frame].loss(&pixels);
+            let loss = if *weight == 1.0 { loss } else { &loss * *weight };
             total = Some(total.map_or(loss.clone(), |sum| &sum + &loss));
         }
         let total = total.unwrap_or_else(|| motion.tape().constant(Tensor::scalar(0.0, self.dtype)));
-        Ok(&total / frames.max(1) as f64)
+        Ok(&total / weights.len().max(1) as f64)
     }
 
     /// The pixels of particles at these positions along some rays.

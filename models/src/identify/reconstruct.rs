@@ -75,6 +75,10 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     // the shape is nearly there
     stages.shape(run, "shape in flight", iterations.div_ceil(2), flying)?;
     stages.velocity(run, "velocity in flight", flight.max(2).min(frames), &mut unknowns)?;
+    if run.config.estimate.method == Method::Pool {
+        stages.by_pool(run, &unknowns)?;
+        return stages.concluded(run, whole, flight >= frames);
+    }
     if run.config.chooses_family() {
         stages.choose_family(run, flight, frames, flying, &unknowns)?;
     }
@@ -106,16 +110,8 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     stages.otherwise(run, early, &unknowns)?;
     stages.weigh(run, weighed, frames, &mut unknowns)?;
     stages.intervals(run, frames, &unknowns)?;
-    if flight >= frames {
-        run.note(format!(
-            "the object never touched the ground at {} m: the material is not determined by this clip; if the ground is elsewhere, give its \
-             height with --ground, or --ground auto",
-            run.config.world.ground
-        ));
-    }
     run.state.unknowns = Some(unknowns);
-    run.save()?;
-    Reconstruction::of(run, whole)
+    stages.concluded(run, whole, flight >= frames)
 }
 
 /// How the voxels move through the frames they are fitted to.
@@ -263,7 +259,8 @@ impl Stages<'_> {
             let (here, values) = with.bound(bound, opacity.tape(), DTYPE)?;
             problem.with_step(&values, frames, &mut { substeps }, &mut |_| (), &mut |schedule| {
                 let motion = problem.motion_of(opacity, &here, schedule)?;
-                let loss = problem.loss_of(&motion, [opacity, colour], &|frame| self.seen(frame), frames)?;
+                let loss =
+                    problem.loss_of(&motion, [opacity, colour], &|frame| self.seen(frame), &vec![1.0; frames])?;
                 let penalty = problem.ranges.as_ref().and_then(|ranges| ranges.on_tape(self.law, &here.parameters));
                 Ok(penalty.map_or(loss.clone(), |penalty| &loss + &penalty))
             })
@@ -292,8 +289,21 @@ impl Stages<'_> {
         with.found(&fitted)
     }
 
+    /// What the run has found, once all stages are finished; says so if the body never landed.
+    fn concluded(&self, run: &mut Run, whole: &Clip, flies: bool) -> Result<Reconstruction> {
+        if flies {
+            run.note(format!(
+                "the object never touched the ground at {} m: the material is not determined by this clip; if the ground is elsewhere, give \
+                 its height with --ground, or --ground auto",
+                run.config.world.ground
+            ));
+        }
+        run.save()?;
+        Reconstruction::of(run, whole)
+    }
+
     /// What was filmed; in the first frame from all around, if views of it were imagined.
-    fn seen(&self, frame: usize) -> &Observed {
+    pub(super) fn seen(&self, frame: usize) -> &Observed {
         self.around.filter(|_| frame == 0).map_or(self.observed, |(_, around)| around)
     }
 

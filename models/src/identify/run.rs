@@ -9,8 +9,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::field::temporal::Flight;
 use crate::identify::field_file::FIELD;
+use crate::identify::hypotheses::Hypothesis;
+use crate::identify::pipeline::Survey;
 use crate::identify::settings_file;
-use crate::identify::{Answer, Candidate, Config, Evaluation, Interval, MaterialConfig, Unknowns};
+use crate::identify::solve;
+use crate::identify::uncertainty::mixture::Marginal;
+use crate::identify::{Answer, Candidate, Config, Evaluation, Interval, MaterialConfig, Unknowns, unknowns};
+use crate::physics::Law;
 use crate::report::run_folder::RunFolder;
 use crate::video::Clip;
 
@@ -52,6 +57,21 @@ pub struct State {
     /// What the families made of the clip, if the run had to choose.
     #[serde(default)]
     pub candidates: Vec<Candidate>,
+    /// The batches of evaluations that a stage of the pool has had.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) batches: Option<Batches>,
+    /// Which hypotheses each finished stage of the pool left.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub(super) survivors: BTreeMap<String, Vec<Hypothesis>>,
+    /// What the clip says of each hypothesis that survived.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(super) surveys: Vec<Survey>,
+    /// How probable each family is: `log p(y | family)`, that of the most probable hypothesis being 0 \[nat\]. Of the pool only.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub log_evidence: BTreeMap<String, f64>,
+    /// What is known of each unknown, in the coordinates of the search. Of the pool only.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub(super) marginals: BTreeMap<String, Marginal>,
     /// How sure the estimates are, once known.
     #[serde(default)]
     pub intervals: Vec<Interval>,
@@ -90,6 +110,14 @@ pub struct Search {
     pub start: Unknowns,
     /// What its evaluations gave so far.
     pub answers: Vec<Answer>,
+}
+
+/// Answers to the batches of a stage, in the order of its requests: gone through again with them, it goes on where it was interrupted
+/// and ends as if it had not been.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Batches {
+    stage: String,
+    answers: Vec<solve::Answer>,
 }
 
 /// What tells one clip from another when a run goes on.
@@ -317,6 +345,45 @@ impl Run {
         self.save()
     }
 
+    /// The answers that a stage of the pool has had before it was interrupted.
+    pub(super) fn answers_of(&self, stage: &str) -> Vec<solve::Answer> {
+        let batches = self.state.batches.as_ref().filter(|batches| batches.stage == stage);
+        batches.map(|batches| batches.answers.clone()).unwrap_or_default()
+    }
+
+    /// Keeps the answers to a batch of requests of a stage, and saves.
+    ///
+    /// # Errors
+    /// What writing returns.
+    pub(super) fn keep_answers(&mut self, stage: &str, answers: &[solve::Answer]) -> Result<()> {
+        self.state.batches.take_if(|batches| batches.stage != stage);
+        let empty = || Batches { stage: stage.to_owned(), answers: Vec::new() };
+        self.state.batches.get_or_insert_with(empty).answers.extend_from_slice(answers);
+        self.save()
+    }
+
+    /// The hypotheses that a finished stage of the pool left.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] if the run does not say.
+    pub(super) fn survivors_of(&self, stage: &str) -> Result<Vec<Hypothesis>> {
+        let lost = || damaged(&self.folder, STATE, &format!("no survivors of the stage {stage:?}"));
+        self.state.survivors.get(stage).filter(|all| !all.is_empty()).cloned().ok_or_else(lost)
+    }
+
+    /// What the clip says of each hypothesis of the pool that survived.
+    pub(crate) fn surveys(&self) -> &[Survey] {
+        &self.state.surveys
+    }
+
+    /// What the posterior of the pool says of an unknown at a value, in its unit: the share below it, and the logarithm of the density
+    /// there; nothing of what was not estimated, or a value that it cannot take.
+    pub fn known(&self, law: &Law, name: &str, value: f64) -> Option<(f64, f64)> {
+        let marginal = self.state.marginals.get(name)?;
+        let (x, slope) = unknowns::coordinate(law, name, value)?;
+        Some((marginal.below(x), marginal.log_density(x) + slope.abs().ln()))
+    }
+
     /// Marks a stage as finished.
     ///
     /// # Errors
@@ -325,6 +392,7 @@ impl Run {
         self.state.finished.push(stage.to_owned());
         self.state.seconds.push(since.elapsed().as_secs_f64());
         self.state.search = None;
+        self.state.batches = None;
         self.save()
     }
 

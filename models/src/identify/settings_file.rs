@@ -10,7 +10,7 @@ use crate::identify::Config;
 const MARK: &str = "# written by the run, edited if this differs from the settings above: ";
 
 /// Settings that only say how much effort is still spent, by their paths.
-const EFFORT: [&str; 15] = [
+const EFFORT: [&str; 19] = [
     "estimate.velocity",
     "estimate.scan",
     "estimate.starts",
@@ -25,6 +25,10 @@ const EFFORT: [&str; 15] = [
     "flowing.falling",
     "geometry.fit.iterations",
     "geometry.fit.in_motion",
+    "pool.points",
+    "pool.survivors",
+    "pool.steps",
+    "pool.rounds",
     "world.memory_mib",
 ];
 

@@ -52,7 +52,7 @@ impl Stages<'_> {
         let schedule = problem.schedule(&unknowns, 1);
         let loss = |_: &Bound, opacity: &Var, colour: &Var| {
             let motion = problem.motion_of(opacity, &unknowns.constants(opacity.tape(), DTYPE)?, schedule)?;
-            problem.loss_of(&motion, [opacity, colour], &|_| self.observed, 1)
+            problem.loss_of(&motion, [opacity, colour], &|_| self.observed, &[1.0])
         };
         let adam = run.config.geometry.fit.adam();
         let mut last = f64::INFINITY;

@@ -322,13 +322,13 @@ impl Stages<'_> {
     }
 
     /// What the fall of what a single camera saw says of its velocity.
-    fn fall(&self, run: &Run) -> Result<Option<Fallen>> {
+    pub fn fall(&self, run: &Run) -> Result<Option<Fallen>> {
         self.clip.flight.as_ref().map(|flight| Fallen::of(flight, self.distance_is_open(run))).transpose()
     }
 
     /// Whether only the fall says how far away the body is, in a world that is known. Where the world's metres follow from the fall as well,
     /// nothing is seen to be nearer or farther than it was taken to be.
-    fn distance_is_open(&self, run: &Run) -> bool {
+    pub fn distance_is_open(&self, run: &Run) -> bool {
         self.leans(run) && self.clip.flight.is_some_and(|flight| !flight.scales_world)
     }
 

@@ -1,6 +1,7 @@
 //! The unknowns of an estimate: velocity, spin and material parameters in the unconstrained form that an optimiser moves.
 
 use gradreel::{DType, Error, ErrorKind, Result, Tape, Tensor, Var};
+use serde::{Deserialize, Serialize};
 
 use crate::physics::{Law, Map, Parameter};
 
@@ -51,8 +52,22 @@ pub struct Unknowns {
     pub lean: [f64; 3],
 }
 
+/// The coordinate of the unknown of this name at a value in its unit, and how fast it changes with the value.
+pub(crate) fn coordinate(law: &Law, name: &str, value: f64) -> Option<(f64, f64)> {
+    if VELOCITY.contains(&name) {
+        return Some((value / SPEED, 1.0 / SPEED));
+    }
+    if SPIN.contains(&name) {
+        return Some((value / TURNING, 1.0 / TURNING));
+    }
+    let parameter = law.parameters().iter().find(|p| p.name == name)?;
+    let raw = parameter.map.raw(value);
+    let slope = 1.0 / (parameter.map.derivative(raw) * unit(parameter));
+    raw.is_finite().then(|| (raw / unit(parameter), slope))
+}
+
 /// Which unknowns an optimiser moves.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Free {
     /// The velocity only.
     Velocity,
@@ -67,7 +82,7 @@ pub enum Free {
 }
 
 /// What is free, one by one.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Chosen {
     /// Whether the velocity is free.
     pub velocity: bool,
@@ -84,7 +99,7 @@ pub struct Chosen {
 }
 
 /// What is known of the height at which the ground is felt.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Ground {
     /// It stays as it is.
     Held,
@@ -123,6 +138,28 @@ pub enum Unknown {
 impl Unknown {
     /// The last component of the lean.
     pub const DISTANCE: Self = Self::Lean(2);
+
+    /// Its name in results.
+    pub fn name(self, law: &Law) -> String {
+        match self {
+            Self::Velocity(axis) => VELOCITY[axis].to_owned(),
+            Self::Spin(axis) => SPIN[axis].to_owned(),
+            Self::Parameter(k) => law.parameters()[k].name.to_owned(),
+            Self::Contact => "contact".to_owned(),
+            Self::Lean(axis) => LEAN[axis].to_owned(),
+        }
+    }
+
+    /// Its value, in its own unit.
+    pub fn of(self, unknowns: &Unknowns) -> f64 {
+        match self {
+            Self::Velocity(axis) => unknowns.velocity[axis],
+            Self::Spin(axis) => unknowns.spin[axis],
+            Self::Parameter(k) => unknowns.parameters[k],
+            Self::Contact => unknowns.contact,
+            Self::Lean(axis) => unknowns.lean[axis],
+        }
+    }
 }
 
 impl Free {

@@ -4,6 +4,8 @@ mod seeding;
 
 pub use seeding::{Jitter, Seeded, Seeding};
 
+use std::collections::BTreeMap;
+
 use gradreel::optim::Params;
 use gradreel::{DType, ErrorKind, Result, Tape, Tensor};
 
@@ -59,6 +61,27 @@ impl Particles {
         }
     }
 
+    /// Particles of twice the spacing, each in place of those in a cube of that edge: their mass, their centre of mass and their
+    /// mean colour.
+    #[must_use]
+    pub fn merged(&self) -> Self {
+        let edge = 2.0 * self.spacing;
+        let mut cubes = BTreeMap::<[i64; 3], [f64; 7]>::new();
+        for ((x, opacity), colour) in self.positions.iter().zip(&self.opacity).zip(&self.colour) {
+            let sums = cubes.entry(x.map(|x| (x / edge).floor() as i64)).or_default();
+            sums[0] += opacity;
+            (0..3).for_each(|axis| sums[1 + axis] += opacity * x[axis]);
+            (0..3).for_each(|c| sums[4 + c] += opacity * colour[c]);
+        }
+        let mut merged = Self { positions: vec![], opacity: vec![], colour: vec![], spacing: edge };
+        for [mass, x, y, z, r, g, b] in cubes.into_values().filter(|sums| sums[0] > 0.0) {
+            merged.positions.push([x, y, z].map(|sum| sum / mass));
+            merged.opacity.push(mass / 8.0);
+            merged.colour.push([r, g, b].map(|sum| sum / mass));
+        }
+        merged
+    }
+
     /// Number of particles.
     pub fn len(&self) -> usize {
         self.positions.len()
@@ -103,5 +126,30 @@ impl Particles {
     /// Only for types other than `f32` and `f64`.
     pub fn colour(&self, dtype: DType) -> Result<Tensor> {
         Tensor::from_vec(self.colour.as_flattened().to_vec(), [self.len(), 3]).cast(dtype)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn merged_particles_keep_mass_and_centre_of_mass() {
+        let mut body = Particles { positions: vec![], opacity: vec![], colour: vec![], spacing: 0.1 };
+        for n in 0..27 {
+            let place = [n % 3, n / 3 % 3, n / 9].map(|k| 0.1 * (k as f64 + 0.5));
+            body.positions.push(place);
+            body.opacity.push(if n % 2 == 0 { 1.0 } else { 0.4 });
+            body.colour.push([place[0], 0.5, 1.0]);
+        }
+        let merged = body.merged();
+        assert_eq!((merged.len(), merged.spacing), (8, 0.2));
+        approx::assert_relative_eq!(merged.volume(), body.volume(), max_relative = 1e-12);
+        for (a, b) in merged.centre_of_mass().into_iter().zip(body.centre_of_mass()) {
+            approx::assert_relative_eq!(a, b, max_relative = 1e-12);
+        }
+        assert!(merged.opacity.iter().all(|opacity| (0.0..=1.0).contains(opacity)));
+        // colours are where they were
+        assert!(merged.positions.iter().zip(&merged.colour).all(|(x, c)| (x[0] - c[0]).abs() < 1e-12));
     }
 }

@@ -124,6 +124,16 @@ fn between_writes_of_least_squares() {
     assert_eq!(config.geometry.grid_share(), if finer < full { 0.7 } else { 1.0 }, "{finer} and {full}");
 }
 
+#[test]
+fn between_writes_of_a_pool() {
+    let tiny = format!("[pool]\npoints = 1\nsurvivors = 1\nsteps = 1\n{TINY}");
+    let whole = killed_between_writes(&tiny, "elastic", "pool", (6..).step_by(5));
+    assert_eq!(whole.0["surveys"].as_array().unwrap().len(), 1);
+    assert!(whole.0["marginals"]["young"].is_object(), "{:#}", whole.0);
+    let auto = killed_between_writes(&tiny, "auto", "pool", (8..).step_by(7));
+    assert!(has_finished(&auto, "posterior") && auto.0["survivors"].is_object(), "{:#}", auto.0);
+}
+
 /// Waits until the run in `out` satisfies `reached`; whether it did before it ended.
 fn until(child: &mut Child, reached: &dyn Fn() -> bool) -> bool {
     while child.try_wait().unwrap().is_none() {

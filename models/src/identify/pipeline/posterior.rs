@@ -1,0 +1,228 @@
+//! The posterior: the mixture of what the surviving hypotheses say, weighed by their evidence.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use gradreel::{Error, ErrorKind, Result};
+use serde::{Deserialize, Serialize};
+
+use super::rung::{Family, Level, place};
+use crate::identify::hypotheses::Hypothesis;
+use crate::identify::linearise::Derivatives;
+use crate::identify::reconstruct::{DTYPE, Stages};
+use crate::identify::run::Run;
+use crate::identify::solve::{Answer, Evaluations, Request, Setting, Threads};
+use crate::identify::uncertainty::covariance::{Expansion, Laplace};
+use crate::identify::uncertainty::discrepancy::{Resolution, columns};
+use crate::identify::uncertainty::error_budget::{Discrepancy, ErrorBudget};
+use crate::identify::uncertainty::mixture::Marginal;
+use crate::identify::uncertainty::prior::{Normal, Prior};
+use crate::identify::unknowns::Unknown;
+use crate::identify::{Free, Interval, Problem, Unknowns};
+use crate::physics::{Law, NINETY};
+
+/// What the clip says of one hypothesis, before the covariance and the prior are counted.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Survey {
+    /// The family of its material.
+    pub family: String,
+    /// Where its search ended.
+    pub unknowns: Unknowns,
+    /// The likelihood there.
+    pub expansion: Expansion,
+    /// What decides the scales of the covariance.
+    pub resolution: Resolution,
+    /// What was free, and what was known of it before.
+    pub free: Free,
+    pub prior: Normal,
+}
+
+/// A normal part of a posterior, with the logarithm of its weight.
+pub(crate) struct Part {
+    pub survey: usize,
+    pub log_weight: f64,
+    pub laplace: Laplace,
+}
+
+/// The parts of a posterior: two of each survey, one with the discrepancies of most clips and one with those of outliers.
+///
+/// # Errors
+/// [`ErrorKind::NonFinite`] where no survey has a finite posterior.
+pub(crate) fn parts(budget: &ErrorBudget, surveys: &[Survey], priors: &[Prior<'_>]) -> Result<Vec<Part>> {
+    let mut all = Vec::new();
+    for (index, (survey, prior)) in surveys.iter().zip(priors).enumerate() {
+        for (share, times) in [(1.0 - budget.outliers.share, 1.0), (budget.outliers.share, budget.outliers.times)] {
+            let scales = budget.discrepancy.times(times);
+            let discrepancy = columns(&scales, prior.law, prior.free, &survey.unknowns, &survey.resolution);
+            if let Ok(laplace) = survey.expansion.posterior(prior, &discrepancy, budget.residuals) {
+                all.push(Part { survey: index, log_weight: share.ln() + laplace.log_evidence, laplace });
+            }
+        }
+    }
+    match all.is_empty() {
+        true => Err(Error::new(ErrorKind::NonFinite, "no hypothesis has a finite posterior").at("posterior")),
+        false => Ok(all),
+    }
+}
+
+/// What the parts say of each free unknown of a family, by name: none of a family that no survey is of.
+pub(crate) fn known(
+    budget: &ErrorBudget,
+    surveys: &[Survey],
+    law: &Law,
+    family: &str,
+) -> Result<BTreeMap<String, Marginal>> {
+    let own: Vec<Survey> = surveys.iter().filter(|survey| survey.family == family).cloned().collect();
+    let priors: Vec<Prior<'_>> = own.iter().map(|survey| Prior::read(law, survey.free, &survey.prior)).collect();
+    let Some(first) = own.first() else { return Ok(BTreeMap::new()) };
+    let all = marginals(&parts(budget, &own, &priors)?, &|_| true);
+    Ok(first.free.list(law).iter().zip(all).map(|(unknown, marginal)| (unknown.name(law), marginal)).collect())
+}
+
+impl Discrepancy {
+    /// All scales so many times as large.
+    fn times(&self, times: f64) -> Self {
+        let Self { magnitude, strain, stress, viscosity, share, compression, velocity } = *self;
+        Self {
+            magnitude: times * magnitude,
+            strain: times * strain,
+            stress: times * stress,
+            viscosity: times * viscosity,
+            share: times * share,
+            compression: times * compression,
+            velocity: times * velocity,
+        }
+    }
+}
+
+/// What is known of each free unknown of one family, in its order.
+pub(crate) fn marginals(parts: &[Part], of: &dyn Fn(usize) -> bool) -> Vec<Marginal> {
+    let own: Vec<&Part> = parts.iter().filter(|part| of(part.survey)).collect();
+    let count = own.first().map_or(0, |part| part.laplace.mean.len());
+    let marginal = |k: usize| {
+        let part =
+            |part: &&Part| (part.log_weight, part.laplace.mean[k], part.laplace.covariance[k][k].max(0.0).sqrt());
+        Marginal::of(own.iter().map(part))
+    };
+    (0..count).map(marginal).collect()
+}
+
+impl Stages<'_> {
+    /// Looks at each survivor with everything free that the clip can tell.
+    pub fn survey(
+        &self,
+        run: &mut Run,
+        stage: &str,
+        families: &[Family],
+        level: &Level<'_>,
+        survivors: &[Hypothesis],
+    ) -> Result<()> {
+        if run.has_finished(stage) {
+            return Ok(());
+        }
+        let since = Instant::now();
+        let frames = level.observed.targets.len();
+        let mut settings = Vec::new();
+        for family in families {
+            let free = self.freedom(run, family, true)?;
+            let problem = Problem::new(&level.particles, level.observed, family.law.clone(), &run.config, DTYPE);
+            settings.push(Setting { problem, free, frames: 0..frames, floor: self.floor(run, level)? });
+        }
+        let bar = self.progress.stage(stage, survivors.len() as u64);
+        let reach = run.config.pool.reach;
+        let derivatives = Derivatives::reaching(reach);
+        let request = |survivor: &Hypothesis| Request {
+            setting: place(families, &survivor.family),
+            at: survivor.unknowns.clone(),
+            derivatives: Some(derivatives),
+            substeps: 0,
+        };
+        let requests: Vec<Request> = survivors.iter().map(request).collect();
+        let answers = Threads(&settings).evaluate(&requests)?;
+        let diameter = 2.0 * (0.75 * level.particles.volume() / std::f64::consts::PI).cbrt();
+        let length = self.clip.flight.map_or(0.0, |flight| flight.deviation);
+        let fall = self.fall(run)?;
+        let mut surveys = Vec::new();
+        for (survivor, answer) in survivors.iter().zip(answers) {
+            let Setting { problem, free, .. } = &settings[place(families, &survivor.family)];
+            let Answer { loss: Some(_), log_loss, gradient, curvature, notes, .. } = answer else { continue };
+            notes.into_iter().for_each(|note| run.note(format!("{stage}: {note}")));
+            if curvature.is_empty() {
+                continue;
+            }
+            let resolution = Resolution {
+                dx: problem.world.dx,
+                diameter,
+                filmed: level.observed.frame_dt * (frames - 1).max(1) as f64,
+                impact: self.impact(run, &survivor.unknowns),
+                density: run.config.world.density,
+                length,
+            };
+            let x = survivor.unknowns.coordinates(&problem.law, *free);
+            let pictures = frames * level.observed.views.len();
+            surveys.push(Survey {
+                family: survivor.family.clone(),
+                unknowns: survivor.unknowns.clone(),
+                expansion: Expansion { x, log_loss, gradient, curvature, pictures },
+                resolution,
+                free: *free,
+                prior: Prior::of(&problem.law, *free, &survivor.unknowns, fall.as_ref()).written(),
+            });
+        }
+        run.state.surveys = surveys;
+        bar.finish("");
+        run.finish(stage, since)
+    }
+
+    /// The posterior of the surveys: which family it is, its unknowns, and how sure they are.
+    pub fn conclude(&self, run: &mut Run, families: &[Family]) -> Result<()> {
+        let surveys = run.state.surveys.clone();
+        let prior =
+            |survey: &Survey| Prior::read(&families[place(families, &survey.family)].law, survey.free, &survey.prior);
+        let priors: Vec<Prior<'_>> = surveys.iter().map(prior).collect();
+        let parts = parts(&ErrorBudget::shipped(), &surveys, &priors)?;
+        let most = parts.iter().map(|part| part.log_weight).fold(f64::NEG_INFINITY, f64::max);
+        let mut evidence = BTreeMap::<String, f64>::new();
+        for part in &parts {
+            let sum = evidence.entry(surveys[part.survey].family.clone()).or_default();
+            *sum += (part.log_weight - most).exp();
+        }
+        let (family, _) = evidence.iter().max_by(|a, b| a.1.total_cmp(b.1)).expect("there are parts");
+        let family = family.clone();
+        let own = |survey: usize| surveys[survey].family == family;
+        let best = parts.iter().filter(|part| own(part.survey)).max_by(|a, b| a.log_weight.total_cmp(&b.log_weight));
+        let best = best.expect("the family has parts");
+        let (survey, prior) = (&surveys[best.survey], &priors[best.survey]);
+        let (law, free) = (prior.law, prior.free);
+        let marginals = marginals(&parts, &own);
+        let deviations = prior.deviations();
+        let middle: Vec<f64> = marginals.iter().map(|marginal| marginal.quantile(0.5)).collect();
+        let unknowns = survey.unknowns.moved(law, free, &middle);
+        let list = free.list(law);
+        let mut intervals = Vec::new();
+        for (k, (unknown, marginal)) in list.iter().zip(&marginals).enumerate() {
+            let ends = [0.05, 0.95].map(|p| marginal.quantile(p));
+            let value = |x: f64| {
+                let mut at = middle.clone();
+                at[k] = x;
+                unknown.of(&unknowns.moved(law, free, &at))
+            };
+            let mut interval_90 = ends.map(value);
+            if let Unknown::Parameter(p) = unknown {
+                let parameter = &law.parameters()[*p];
+                if parameter.map != crate::physics::Map::Log10 {
+                    let ([low, high], at) = (parameter.prior, unknowns.parameters[*p]);
+                    interval_90 = [interval_90[0].max(low.min(at)), interval_90[1].min(high.max(at))];
+                }
+            }
+            let determined = ends[1] - ends[0] <= 2.0 * NINETY * deviations[k] / 3.0;
+            intervals.push(Interval { name: unknown.name(law), interval_90, determined });
+        }
+        run.state.log_evidence = evidence.into_iter().map(|(name, weight)| (name, weight.ln())).collect();
+        run.state.intervals = intervals;
+        run.state.marginals =
+            list.iter().zip(marginals).map(|(unknown, marginal)| (unknown.name(law), marginal)).collect();
+        run.state.unknowns = Some(unknowns);
+        run.save()
+    }
+}

@@ -1,0 +1,236 @@
+//! The pool of hypotheses, and a rung of its halving (Jamieson and Talwalkar 2016): each searches with a small budget, and the better
+//! ones go on.
+
+use std::time::Instant;
+
+use gradreel::{Error, ErrorKind, Result};
+
+use crate::identify::hypotheses::{Hypothesis, apart};
+use crate::identify::reconstruct::{DTYPE, Stages, describe};
+use crate::identify::run::{HistoryRow, Run};
+use crate::identify::solve::{Answer, GaussNewton, Request, Setting, Threads, drive};
+use crate::identify::uncertainty::prior::Prior;
+use crate::identify::unknowns::Ground;
+use crate::identify::{Config, FAMILIES, Free, MaterialConfig, Observed, Problem, Unknowns, law_of};
+use crate::particles::Particles;
+use crate::physics::Law;
+use crate::report::interrupt;
+
+/// What a rung of the halving has to spend.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Rung<'a> {
+    /// The name of its stage.
+    pub stage: &'a str,
+    /// Whether it is on the coarse body, grid and pictures.
+    pub coarse: bool,
+    /// Whether the velocity and the height of the ground are free, too.
+    pub world: bool,
+    /// Gauss–Newton steps.
+    pub steps: usize,
+    /// How many hypotheses of a family go on at most, and how many times the loss of the best theirs may be.
+    pub keep: (usize, f64),
+}
+
+/// A body with its pictures at one resolution.
+pub(crate) struct Level<'a> {
+    pub particles: Particles,
+    pub observed: &'a Observed,
+}
+
+/// A family with its law, and the configuration that is its own.
+pub(crate) struct Family {
+    pub name: String,
+    pub law: Law,
+    pub config: Config,
+}
+
+impl Stages<'_> {
+    /// The families that the material may be of.
+    pub fn families(&self, run: &Run) -> Result<Vec<Family>> {
+        let named = |name: &str, config: Config| -> Result<Family> {
+            Ok(Family { name: name.to_owned(), law: config.law()?, config })
+        };
+        if !run.config.chooses_family() {
+            return Ok(vec![named(&run.config.material.name, run.config.clone())?]);
+        }
+        let own = |name: &str| {
+            let material = MaterialConfig { name: name.to_owned(), ..MaterialConfig::default() };
+            Family {
+                name: name.to_owned(),
+                law: law_of(name).expect("families have laws"),
+                config: Config { material, ..run.config.clone() },
+            }
+        };
+        Ok(FAMILIES.iter().map(|(name, _)| own(name)).collect())
+    }
+
+    /// What is free: the parameters that are not held, the height of the ground and the modes of a single camera's body; with
+    /// `world` also the velocity.
+    pub fn freedom(&self, run: &Run, family: &Family, world: bool) -> Result<Free> {
+        let law = &family.law;
+        let free = Free::all_but(law, &family.config.held(law)?, false);
+        let single = self.observed.sight.is_some();
+        let unsure = self.clip.cameras.len() == 1 || run.config.world.find_ground;
+        let free = free.with_ground(law, if unsure { Ground::Unsure } else { Ground::Known });
+        let free = if self.freedom_of_flight(world) { free.with_velocity(law) } else { free };
+        let free = free.with_spin(law, run.config.estimate.spin);
+        if !single || run.config.estimate.spin {
+            return Ok(free);
+        }
+        let free = free.with_lean(law);
+        Ok(if self.distance_is_open(run) { free.with_distance(law) } else { free })
+    }
+
+    /// The loss of a frame that no motion explains: that of the frames of flight, with the velocity that they have shown.
+    pub fn floor(&self, run: &Run, level: &Level<'_>) -> Result<f64> {
+        let law = self.law;
+        let flight = run.state.contact.unwrap_or(1).clamp(1, level.observed.targets.len());
+        let velocity = match &self.clip.flight {
+            Some(flight) => flight.velocity,
+            None => run.end_of(IN_FLIGHT)?.velocity,
+        };
+        let parameters = run.config.starting_values(law)?;
+        let unknowns = Unknowns { velocity, parameters, ..Unknowns::default() };
+        let problem = Problem::new(&level.particles, level.observed, law.clone(), &run.config, DTYPE).flying();
+        Ok(problem.misfit(&unknowns, flight, &mut 0, &mut |_| ())?.max(LEAST))
+    }
+
+    /// Whether the velocity is free where this is said of the world.
+    fn freedom_of_flight(&self, world: bool) -> bool {
+        world || self.observed.sight.is_some()
+    }
+
+    /// The pool: points of every family's prior about what the flight has told.
+    pub fn pool(&self, run: &Run, families: &[Family], start: &Unknowns) -> Result<Vec<Hypothesis>> {
+        let fallen = self.fall(run)?;
+        let mut pool = Vec::new();
+        for family in families {
+            let parameters = family.config.starting_values(&family.law)?;
+            let start = Unknowns { parameters, ..start.clone() };
+            let free = self.freedom(run, family, false)?;
+            let prior = Prior::of(&family.law, free, &start, fallen.as_ref());
+            let count = family.config.pool.points * prior.varied();
+            pool.push(Hypothesis::new(&family.name, start.clone()));
+            pool.extend(prior.points(&start, count).into_iter().map(|point| Hypothesis::new(&family.name, point)));
+        }
+        Ok(pool)
+    }
+
+    /// One rung: each hypothesis searches with its budget; those that go on.
+    pub fn rung(
+        &self,
+        run: &mut Run,
+        rung: Rung<'_>,
+        families: &[Family],
+        level: &Level<'_>,
+        hypotheses: Vec<Hypothesis>,
+    ) -> Result<Vec<Hypothesis>> {
+        let frees = families.iter().map(|f| self.freedom(run, f, rung.world)).collect::<Result<Vec<_>>>()?;
+        let all = level.observed.targets.len();
+        // what flies shows the velocity alone
+        let contact = run.state.contact.unwrap_or(0).clamp(1, all - 1) - 1;
+        let frames = if self.freedom_of_flight(rung.world) { 0..all } else { contact..all };
+        if !run.has_finished(rung.stage) {
+            let since = Instant::now();
+            let fallen = self.fall(run)?;
+            let floor = self.floor(run, level)?;
+            let setting = |(family, free): (&Family, &Free)| Setting {
+                problem: Problem::new(&level.particles, level.observed, family.law.clone(), &run.config, DTYPE),
+                free: *free,
+                frames: frames.clone(),
+                floor,
+            };
+            let settings: Vec<Setting<'_>> = families.iter().zip(&frees).map(setting).collect();
+            let residuals = (frames.len() * level.observed.views.len()) as f64;
+            let search = |hypothesis: &Hypothesis| {
+                let k = place(families, &hypothesis.family);
+                let mut start = hypothesis.unknowns.clone();
+                if rung.coarse {
+                    // the same height in wider cells
+                    start.contact *= 0.5;
+                }
+                let prior = Prior::of(&families[k].law, frees[k], &start, fallen.as_ref());
+                GaussNewton::new(prior, k, residuals, rung.steps, &start).reaching(run.config.pool.reach)
+            };
+            let mut searches: Vec<GaussNewton<'_>> = hypotheses.iter().map(search).collect();
+            let laws: Vec<Law> = families.iter().map(|family| family.law.clone()).collect();
+            self.searched(run, rung.stage, rung.steps, &settings, &laws, &mut searches)?;
+            let ended = hypotheses.iter().zip(&searches).map(|(hypothesis, search)| {
+                let best = search.best();
+                let mut unknowns = best.unknowns.clone();
+                if rung.coarse {
+                    unknowns.contact *= 2.0;
+                }
+                let finite = |x: f64| Some(x).filter(|x| x.is_finite());
+                let family = hypothesis.family.clone();
+                Hypothesis { family, unknowns, loss: finite(best.loss), cost: finite(best.cost) }
+            });
+            let ended = ended.collect();
+            let of = |name: &str| {
+                let k = place(families, name);
+                (&families[k].law, frees[k])
+            };
+            let survivors = apart(ended, rung.keep.0, rung.keep.1, &of);
+            let Some(best) = survivors.first() else {
+                return Err(Error::new(ErrorKind::Physics, "the simulation breaks down with every plausible material")
+                    .at(rung.stage)
+                    .fix("check world.ground, world.density and the size of the object with `gradreel check`"));
+            };
+            run.state.unknowns = (families.len() == 1).then(|| best.unknowns.clone());
+            run.state.survivors.insert(rung.stage.to_owned(), survivors);
+            run.finish(rung.stage, since)?;
+        }
+        run.survivors_of(rung.stage)
+    }
+
+    /// Runs searches, from where an interruption left them.
+    pub fn searched(
+        &self,
+        run: &mut Run,
+        stage: &str,
+        steps: usize,
+        settings: &[Setting<'_>],
+        laws: &[Law],
+        searches: &mut [GaussNewton<'_>],
+    ) -> Result<()> {
+        let expected = searches.len() as u64 * if steps == 0 { 1 } else { 1 + 2 * steps as u64 };
+        let bar = self.progress.stage(stage, expected);
+        let known = run.answers_of(stage);
+        let (mut done, mut said) = (0, String::new());
+        let mut least = f64::INFINITY;
+        let mut each = |requests: &[Request], answers: Option<&[Answer]>| {
+            done += requests.len() as u64;
+            for (request, answer) in requests.iter().zip(answers.unwrap_or_default()) {
+                let loss = answer.loss;
+                if let Some(loss) = loss.filter(|loss| *loss < least) {
+                    least = loss;
+                    said = format!("loss {loss:.5}  {}", describe(&laws[request.setting], &request.at));
+                }
+                answer.notes.iter().for_each(|note| run.note(format!("{stage}: {note}")));
+                // parameters of several families have no common plot
+                if let [_] = laws {
+                    run.state.history.push(HistoryRow { stage: stage.to_owned(), loss, unknowns: request.at.clone() });
+                }
+            }
+            if let Some(answers) = answers {
+                run.keep_answers(stage, answers)?;
+            }
+            bar.set(done.min(expected), &said);
+            interrupt::check()
+        };
+        drive(&Threads(settings), searches, &known, &mut each)?;
+        bar.finish(&said);
+        Ok(())
+    }
+}
+
+/// The stage that finds the velocity from all frames of flight.
+pub(crate) const IN_FLIGHT: &str = "velocity in flight";
+
+/// The least loss that no motion explains: pictures have noise.
+const LEAST: f64 = 1e-3;
+
+/// The place of a family.
+pub(crate) fn place(families: &[Family], name: &str) -> usize {
+    families.iter().position(|family| family.name == name).expect("hypotheses are of the families")
+}

@@ -1,0 +1,11 @@
+//! Searches that ask for evaluations in batches: Gauss–Newton, run side by side.
+
+mod drive;
+mod evaluations;
+mod gauss_newton;
+mod step;
+
+pub(crate) use drive::drive;
+pub(crate) use evaluations::{Answer, Evaluations, Request, Setting, Threads};
+pub(crate) use gauss_newton::GaussNewton;
+pub(crate) use step::{damped, promised};
