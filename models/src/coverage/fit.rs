@@ -8,7 +8,7 @@ use gradreel::{ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
 use super::{Recipe, Score, Split, material, simulate, write};
-use crate::identify::{Config, Run, reconstruct};
+use crate::identify::{Config, Run, Survey, reconstruct};
 use crate::monocular;
 use crate::report::progress::Progress;
 use crate::report::reconstruction::quantities;
@@ -40,6 +40,9 @@ pub struct Line {
     pub refused: Option<String>,
     /// Wall-clock time of the fit \[s\].
     pub seconds: f64,
+    /// What the clip says of each hypothesis that survived, where the fit is by a pool: what the error budget is measured from.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) surveys: Vec<Survey>,
 }
 
 /// Draws, films and fits a clip with these settings, the family of its material told, on the grid that the recipe has for it
@@ -67,6 +70,7 @@ pub fn fit(split: Split, number: u64, cameras: usize, settings: &Config, folder:
         scores: BTreeMap::new(),
         refused: None,
         seconds: 0.0,
+        surveys: Vec::new(),
     };
     let motion = match simulate(&recipe) {
         Err(error) if error.kind() != ErrorKind::Interrupted => {
@@ -81,14 +85,16 @@ pub fn fit(split: Split, number: u64, cameras: usize, settings: &Config, folder:
     match estimate(&recipe, settings, &path, &folder.join("run")) {
         Err(error) if error.kind() == ErrorKind::Interrupted => return Err(error),
         Err(error) => line.refused = Some(error.to_string()),
-        Ok((scores, particles)) => (line.scores, line.particles) = (scores, particles),
+        Ok((scores, particles, surveys)) => (line.scores, line.particles, line.surveys) = (scores, particles, surveys),
     }
     line.seconds = since.elapsed().as_secs_f64();
     Ok(line)
 }
 
-/// Scores by name, and how many particles the fit had.
-fn estimate(recipe: &Recipe, settings: &Config, path: &Path, out: &Path) -> Result<(BTreeMap<String, Score>, usize)> {
+/// Scores by name, how many particles the fit had, and its surveys.
+type Estimate = (BTreeMap<String, Score>, usize, Vec<Survey>);
+
+fn estimate(recipe: &Recipe, settings: &Config, path: &Path, out: &Path) -> Result<Estimate> {
     let mut config = Config { material: material::named(recipe.family), ..settings.clone() };
     if config.geometry.dx == 0.0 {
         config.geometry.dx = recipe.spacing();
@@ -122,8 +128,17 @@ fn estimate(recipe: &Recipe, settings: &Config, path: &Path, out: &Path) -> Resu
             continue;
         };
         let determined = quantity.determined != Some(false);
-        let score = Score::normal(scale(quantity.value), interval.map(scale), determined, scale(truth), *log_prior);
+        let error = scale(quantity.value) - scale(truth);
+        let score = match run.known(&law, &quantity.name, truth) {
+            // the density on the scale of the fit
+            Some((rank, log_density)) => {
+                let step = 1e-4 * truth.abs().max(1e-3);
+                let per_unit = (scale(truth + step) - scale(truth - step)) / (2.0 * step);
+                Score::of_posterior(error, rank, log_density - per_unit.ln(), determined, *log_prior)
+            }
+            None => Score::normal(scale(quantity.value), interval.map(scale), determined, scale(truth), *log_prior),
+        };
         scores.insert(quantity.name, score);
     }
-    Ok((scores, found.particles.len()))
+    Ok((scores, found.particles.len(), run.surveys().to_vec()))
 }

@@ -8,6 +8,7 @@
 //! The truth is drawn from the priors that the fit assumes. So an interval of 90 % of a correct posterior holds it in 90 % of
 //! the clips, and no estimate can have a higher mean log density than that posterior.
 
+mod calibrate;
 mod draw;
 mod film;
 mod fit;
@@ -19,6 +20,7 @@ mod paint;
 mod score;
 mod summary;
 
+pub(crate) use calibrate::{Calibrated, calibrate};
 pub use draw::{Recipe, Split};
 pub use film::write;
 pub use fit::{Line, fit};

@@ -181,6 +181,7 @@ mod tests {
             scores: scores.map(|(name, score)| (name.to_owned(), score)).into(),
             refused: None,
             seconds: clip as f64,
+            surveys: Vec::new(),
         }
     }
 

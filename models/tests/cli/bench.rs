@@ -143,6 +143,31 @@ fn coverage_of_a_clip_and_one_that_goes_on() {
 }
 
 #[test]
+fn the_error_budget_is_measured_on_clips_of_a_pool() {
+    let scene = Scene::with_clip(&[0], 2);
+    let settings = "[estimate]\nmethod = 'pool'\nvelocity = 2\n[pool]\npoints = 1\nsurvivors = 1\nsteps = 1\nrounds = 0\n\
+                    [geometry]\ndx = 0.1\n[geometry.fit]\niterations = 4\n";
+    scene.write("pool.toml", settings);
+    scene.succeeds("bench coverage --clips 1 --cameras 3 --config pool.toml --out out --threads 1 -q");
+    let line: Value = serde_json::from_str(&fs::read_to_string(scene.path("out/clips.jsonl")).unwrap()).unwrap();
+    assert_eq!(line["surveys"].as_array().unwrap().len(), 1, "{line}");
+    assert!(line["scores"]["young"]["rank"].as_f64().is_some_and(|rank| (0.0..=1.0).contains(&rank)), "{line}");
+    let printed = scene.succeeds("bench calibrate out --out budget.toml");
+    assert!(printed.contains("1 clips: mean log score"), "{printed}");
+    let budget = fs::read_to_string(scene.path("budget.toml")).unwrap();
+    assert!(budget.contains("[discrepancy]") && budget.contains("Development split, 1 clips"), "{budget}");
+    // clips of other fits tell nothing of it, and those that are reported are not asked
+    scene.succeeds("bench coverage --quick --clips 1 --cameras 3 --out quick --threads 1 -q");
+    scene.refuses("bench calibrate quick", &["no clip tells anything of the error budget", "method = \"pool\""]);
+    let reported = fs::read_to_string(scene.path("out/clips.jsonl")).unwrap().replace("\"development\"", "\"report\"");
+    fs::write(scene.path("out/clips.jsonl"), reported).unwrap();
+    scene.refuses("bench calibrate out", &["never measured on clips that are reported", "--split report"]);
+    scene.write("wrong.toml", "[pool]\nsurvivors = 0\n");
+    scene.refuses("bench coverage --config wrong.toml --out none", &["wrong.toml", "pool.survivors"]);
+    assert!(!scene.path("none").exists());
+}
+
+#[test]
 fn what_cannot_be_compared() {
     let scene = Scene::with_clip(&[0, 3], 2);
     scene.refuses("bench ablation clip --out out --quick", &["three cameras", "cameras 0, 3"]);

@@ -41,6 +41,9 @@ pub(super) struct Arguments {
     /// Go on with the bench in --out; clips that are fitted are not fitted again
     #[arg(long, requires = "out")]
     resume: bool,
+    /// Settings of the fits, in place of the defaults
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["resume", "quick"])]
+    config: Option<PathBuf>,
     /// A tiny budget, to see that everything runs; the numbers then mean nothing
     #[arg(long, conflicts_with_all = ["resume", "markdown"])]
     quick: bool,
@@ -83,6 +86,9 @@ struct Plan {
     cameras: u64,
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     quick: bool,
+    /// The file of --config.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    settings: Option<String>,
 }
 
 const PLAN: &str = "coverage.toml";
@@ -115,9 +121,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             .wanted("1 to 256")
             .fix("leave it out for one a processor core"));
     }
-    let (plan, folder, lines) = if arguments.resume { go_on(arguments)? } else { begin(arguments)? };
+    let (plan, folder, lines) =
+        if arguments.resume { go_on(arguments.out.as_deref().unwrap_or(Path::new(".")))? } else { begin(arguments)? };
     let waiting: Vec<u64> = (0..plan.clips).filter(|n| lines.iter().all(|line| line.clip != *n)).collect();
-    let settings = if plan.quick { super::job::quick().config } else { Config::default() };
+    let settings = match &plan.settings {
+        _ if plan.quick => super::job::quick().config,
+        None => Config::default(),
+        Some(text) => Config::parse(text)?,
+    };
     let bar = Progress::new(arguments.quiet).stage("clips", plan.clips);
     let (next, done) = (AtomicU64::new(0), Mutex::new((appended(&folder)?, lines)));
     let work = || -> Result<()> {
@@ -168,18 +179,26 @@ fn begin(arguments: &Arguments) -> Result<(Plan, RunFolder, Vec<Line>)> {
     if let Some(folder) = &arguments.out {
         crate::cli::place::check(folder, None)?;
     }
+    let settings = match &arguments.config {
+        Some(file) => {
+            let text = fs::read_to_string(file).map_err(|e| Error::io(file, "read the settings", &e))?;
+            Config::parse(&text).map_err(|e| e.at(file.display()))?;
+            Some(text)
+        }
+        None => None,
+    };
     let folder = match &arguments.out {
         Some(folder) => RunFolder::create(folder)?,
         None => RunFolder::create_free(Path::new("runs"), "coverage")?,
     };
     let Arguments { split, clips, cameras, quick, .. } = *arguments;
-    let plan = Plan { split, clips, cameras, quick };
+    let plan = Plan { split, clips, cameras, quick, settings };
     folder.write(PLAN, toml::to_string_pretty(&plan).map_err(unwritable)?.as_bytes())?;
     Ok((plan, folder, Vec::new()))
 }
 
-fn go_on(arguments: &Arguments) -> Result<(Plan, RunFolder, Vec<Line>)> {
-    let folder = RunFolder::resume(arguments.out.as_deref().unwrap_or(Path::new(".")))?;
+fn go_on(folder: &Path) -> Result<(Plan, RunFolder, Vec<Line>)> {
+    let folder = RunFolder::resume(folder)?;
     let fix = "give the folder of an interrupted bench to --out, or begin one without --resume";
     folder.goes_on(PLAN, "there is no bench of coverage to go on with", fix)?;
     let damaged = |name: &str, found: &dyn std::fmt::Display| {
@@ -198,6 +217,11 @@ fn go_on(arguments: &Arguments) -> Result<(Plan, RunFolder, Vec<Line>)> {
         folder.write(LINES, &text.as_bytes()[..whole])?;
     }
     Ok((plan, folder, lines))
+}
+
+/// The lines of a folder.
+pub(super) fn lines(folder: &Path) -> Result<Vec<Line>> {
+    go_on(folder).map(|(_, _, lines)| lines)
 }
 
 /// The file of lines, to write after what is there.

@@ -1,0 +1,110 @@
+//! The error budget from clips that were fitted: the scales under which their truths are most probable.
+
+use gradreel::{Error, ErrorKind, Result};
+
+use super::{Line, Split};
+use crate::identify::{ErrorBudget, coordinate, known, law_of};
+use crate::physics::Law;
+
+/// What a calibration found.
+pub(crate) struct Calibrated {
+    pub budget: ErrorBudget,
+    /// Clips that counted.
+    pub clips: usize,
+    /// The mean logarithm of the posterior's density at the truth over the prior's, before and after \[nat\].
+    pub log_scores: [f64; 2],
+}
+
+/// Factors by which a scale is tried larger and smaller, one after another.
+const FACTORS: [f64; 5] = [3.0, 1.8, 1.35, 1.15, 1.05];
+
+/// Rounds through all scales with each factor at most.
+const ROUNDS: usize = 6;
+
+/// Scales stay within this; a share of clips is below a half.
+const RANGE: [f64; 2] = [2e-3, 30.0];
+
+/// The budget that makes the truths of development clips most probable, found one scale after another from the shipped one. The fits are not
+/// repeated: what a clip says of its hypotheses does not hang on the budget.
+///
+/// # Errors
+/// [`ErrorKind::Input`] for clips of the report split, and where no clip was fitted by a pool.
+pub(crate) fn calibrate(lines: &[Line]) -> Result<Calibrated> {
+    if let Some(line) = lines.iter().find(|line| line.split == Split::Report) {
+        return Err(Error::new(ErrorKind::Input, "an error budget is never measured on clips that are reported")
+            .at(format!("clip {}", line.clip))
+            .wanted("clips of the development split")
+            .fix("run `gradreel bench coverage` without --split report"));
+    }
+    let clips: Vec<Clip<'_>> = lines.iter().filter(|line| !line.surveys.is_empty()).map(Clip::of).collect();
+    if clips.is_empty() {
+        return Err(Error::new(ErrorKind::Input, "no clip tells anything of the error budget")
+            .found(format!("{} clips that were not fitted by a pool of hypotheses", lines.len()))
+            .fix("fit them with `estimate.method = \"pool\"` in the file of --config"));
+    }
+    let mut budget = ErrorBudget::shipped();
+    let score = |budget: &ErrorBudget| mean_log_score(&clips, budget);
+    let before = score(&budget);
+    let mut best = before;
+    for factor in FACTORS {
+        for _ in 0..ROUNDS {
+            let begun = best;
+            for k in 0..budget.values().len() {
+                for times in [factor, 1.0 / factor] {
+                    let mut other = budget;
+                    let value = &mut *other.values_mut()[k];
+                    *value = (*value * times).clamp(RANGE[0], RANGE[1]);
+                    other.outliers.share = other.outliers.share.min(0.5);
+                    let found = score(&other);
+                    if found > best {
+                        (budget, best) = (other, found);
+                    }
+                }
+            }
+            if best - begun < 1e-4 {
+                break;
+            }
+        }
+    }
+    Ok(Calibrated { budget, clips: clips.len(), log_scores: [before, best] })
+}
+
+/// A clip with what decides its scores.
+struct Clip<'a> {
+    line: &'a Line,
+    law: Law,
+    /// Of each scored unknown: its name, its truth's coordinate, and the log density of the prior with what turns densities into those of the
+    /// scale of the fit.
+    truths: Vec<(String, f64, f64)>,
+}
+
+impl<'a> Clip<'a> {
+    fn of(line: &'a Line) -> Self {
+        let law = law_of(&line.family).expect("families have laws");
+        let budget = ErrorBudget::shipped();
+        let now = known(&budget, &line.surveys, &law, &line.family).unwrap_or_default();
+        let truth = |(name, score): (&String, &super::Score)| {
+            let value = *line.truth.get(name)?;
+            let (x, _) = coordinate(&law, name, value)?;
+            // what the score of the fit has besides the density of the coordinate
+            let rest = score.log_score - now.get(name)?.log_density(x);
+            rest.is_finite().then(|| (name.clone(), x, rest))
+        };
+        let truths = line.scores.iter().filter_map(truth).collect();
+        Self { line, law, truths }
+    }
+
+    /// The scores with a budget.
+    fn scores(&self, budget: &ErrorBudget) -> Vec<f64> {
+        let Ok(known) = known(budget, &self.line.surveys, &self.law, &self.line.family) else { return vec![] };
+        self.truths.iter().filter_map(|(name, x, rest)| Some(known.get(name)?.log_density(*x) + rest)).collect()
+    }
+}
+
+fn mean_log_score(clips: &[Clip<'_>], budget: &ErrorBudget) -> f64 {
+    let all: Vec<f64> = clips.iter().flat_map(|clip| clip.scores(budget)).collect();
+    match all.iter().sum::<f64>() / all.len().max(1) as f64 {
+        mean if mean.is_finite() => mean,
+        _ => f64::NEG_INFINITY,
+    }
+}
