@@ -4,10 +4,13 @@
 //! A line of the output is `case, quantity, value, unit`, separated by tabs; `benches/gpu.sh` makes JSON and a table of
 //! them. Times are the least of several runs, each long enough to hide what a submission and a read-back cost.
 
+mod bodies;
+
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
 use std::time::Instant;
 
+use bodies::ball;
 use gradreel::backend::gpu::{Gpu, Kernel, Work};
 use gradreel::ops::{self, Conv, registry};
 use gradreel::{DType, Device, Error, ErrorKind, Key, Result, Shape, Spec, Tape, Tensor, Var};
@@ -319,23 +322,6 @@ fn mpm(bench: &Bench, full: usize) -> Result<()> {
         row(&case, "reverse", both - forward, "ns per particle and substep");
     }
     Ok(())
-}
-
-/// So many points of a grid of 8 per cell, those nearest to a centre above the floor.
-fn ball(count: usize, dx: f64) -> Vec<[f64; 3]> {
-    let spacing = dx / 2.0;
-    let radius = (3.0 * count as f64 / (4.0 * std::f64::consts::PI)).cbrt();
-    let half = radius.ceil() as i64 + 1;
-    let axis = || -half..half;
-    let mut points: Vec<[i64; 3]> =
-        axis().flat_map(|i| axis().flat_map(move |j| axis().map(move |k| [i, j, k]))).collect();
-    points.sort_by_key(|p| p.iter().map(|i| (2 * i + 1).pow(2)).sum::<i64>());
-    points.truncate(count);
-    let place = |p: [i64; 3]| -> [f64; 3] {
-        let middle = [0.0, radius, 0.0];
-        std::array::from_fn(|axis| (p[axis] as f64 + 0.5 + middle[axis]) * spacing + 0.1 * spacing)
-    };
-    points.into_iter().map(place).collect()
 }
 
 /// Random weights that stay on the device, each made when it is first asked for.

@@ -5,9 +5,12 @@
 //! read and written once forwards, read twice and its cotangent read and written backwards, at the bandwidth of a copy measured
 //! in the same run. Both are wall times; with one thread, `cpu` is the processor time of the process.
 
+mod bodies;
+
 use std::hint::black_box;
 use std::time::Instant;
 
+use bodies::ball;
 use gradreel_models::physics::{Collider, Number, Simulation, State, Values, World, materials, neighbours};
 
 /// Bytes of a particle's state, in numbers: position, velocity, affine velocity, deformation.
@@ -82,26 +85,6 @@ fn measure<T: Number>(name: &str, parameters: &[f64], count: usize, bandwidth: f
         line(forward, 2.0 * bytes),
         line(reverse, 4.0 * bytes),
     );
-}
-
-/// So many points of a grid of 8 per cell, those nearest to a centre above the floor.
-fn ball(count: usize, dx: f64) -> Vec<[f64; 3]> {
-    let spacing = dx / 2.0;
-    let radius = (3.0 * count as f64 / (4.0 * std::f64::consts::PI)).cbrt();
-    let half = radius.ceil() as i64 + 1;
-    let mut points: Vec<[i64; 3]> = Vec::new();
-    for i in -half..half {
-        for j in -half..half {
-            points.extend((-half..half).map(|k| [i, j, k]));
-        }
-    }
-    points.sort_by_key(|p| p.iter().map(|i| (2 * i + 1).pow(2)).sum::<i64>());
-    points.truncate(count);
-    let place = |p: [i64; 3]| -> [f64; 3] {
-        let middle = [0.0, radius, 0.0];
-        std::array::from_fn(|axis| (p[axis] as f64 + 0.5 + middle[axis]) * spacing + 0.1 * spacing)
-    };
-    points.into_iter().map(place).collect()
 }
 
 /// The least wall and processor time \[s\] of several runs, per piece of work.

@@ -132,8 +132,7 @@ fn estimate(recipe: &Recipe, settings: &Config, path: &Path, out: &Path) -> Resu
         let score = match run.known(&law, &quantity.name, truth) {
             // the density on the scale of the fit
             Some((rank, log_density)) => {
-                let step = 1e-4 * truth.abs().max(1e-3);
-                let per_unit = (scale(truth + step) - scale(truth - step)) / (2.0 * step);
+                let per_unit = parameter.map_or(1.0, |parameter| material::slope(parameter, truth));
                 Score::of_posterior(error, rank, log_density - per_unit.ln(), determined, *log_prior)
             }
             None => Score::normal(scale(quantity.value), interval.map(scale), determined, scale(truth), *log_prior),

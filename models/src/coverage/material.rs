@@ -22,6 +22,11 @@ pub(super) fn scale(parameter: &Parameter, value: f64) -> f64 {
     if parameter.map == Map::Log10 { value.log10() } else { value }
 }
 
+/// How fast that changes with the value.
+pub(super) fn slope(parameter: &Parameter, value: f64) -> f64 {
+    if parameter.map == Map::Log10 { 1.0 / (value * std::f64::consts::LN_10) } else { 1.0 }
+}
+
 /// Draws the free parameters of a law, each from a normal distribution cut off at the ends of its plausible range; held ones
 /// are at their values.
 ///

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use crate::identify::fall::Fallen;
 use crate::identify::plausible::Plausible;
 use crate::identify::profile::Valley;
-use crate::identify::unknowns::{LEAN, Unknown};
-use crate::identify::{Free, Linearised, SPIN, Unknowns, VELOCITY};
+use crate::identify::unknowns::Unknown;
+use crate::identify::{Free, Linearised, Unknowns};
 use crate::physics::{Law, Map, NINETY};
 use crate::video::Flight;
 
@@ -59,35 +59,25 @@ pub fn intervals(
     let end = |k: usize, sign: f64| {
         let mut x = x.clone();
         x[k] += sign * student * deviations[k];
-        let moved = at.moved(law, free, &x);
-        match list[k] {
-            Unknown::Velocity(axis) => moved.velocity[axis],
-            Unknown::Spin(axis) => moved.spin[axis],
-            Unknown::Parameter(p) => moved.parameters[p],
-            Unknown::Contact => moved.contact,
-            Unknown::Lean(axis) => moved.lean[axis],
-        }
+        list[k].of(&at.moved(law, free, &x))
     };
-    // what bounds a parameter bounds what is known of it, unless the estimate itself lies beyond
-    let within = |k: usize, [low, high]: [f64; 2]| match list[k] {
+    let interval = |k: usize| Interval {
+        name: list[k].name(law),
+        interval_90: within(law, list[k], at, [end(k, -1.0), end(k, 1.0)]),
+        determined: student * deviations[k] <= NINETY * prior[k] / 3.0,
+    };
+    Ok((0..n).map(interval).collect())
+}
+
+/// The ends of an interval of an unknown: what bounds a parameter bounds what is known of it, unless the estimate itself lies beyond.
+pub(super) fn within(law: &Law, unknown: Unknown, at: &Unknowns, [low, high]: [f64; 2]) -> [f64; 2] {
+    match unknown {
         Unknown::Parameter(p) if law.parameters()[p].map != Map::Log10 => {
             let ([least, most], value) = (law.parameters()[p].prior, at.parameters[p]);
             [low.max(least.min(value)), high.min(most.max(value))]
         }
         _ => [low, high],
-    };
-    let interval = |k: usize| Interval {
-        name: match list[k] {
-            Unknown::Velocity(axis) => VELOCITY[axis].to_owned(),
-            Unknown::Spin(axis) => SPIN[axis].to_owned(),
-            Unknown::Parameter(p) => law.parameters()[p].name.to_owned(),
-            Unknown::Contact => "contact".to_owned(),
-            Unknown::Lean(axis) => LEAN[axis].to_owned(),
-        },
-        interval_90: within(k, [end(k, -1.0), end(k, 1.0)]),
-        determined: student * deviations[k] <= NINETY * prior[k] / 3.0,
-    };
-    Ok((0..n).map(interval).collect())
+    }
 }
 
 /// The valleys along which the loss is to be looked at before [`intervals`] believes its curvature; nothing for unknowns that are no

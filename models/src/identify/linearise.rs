@@ -112,6 +112,15 @@ impl Linearised {
         self.add_share(part, 1.0);
     }
 
+    /// Completes the curvature from its lower triangle.
+    fn mirror(&mut self) {
+        for k in 0..self.curvature.len() {
+            for l in 0..k {
+                self.curvature[l][k] = self.curvature[k][l];
+            }
+        }
+    }
+
     /// Adds a share of other sums.
     fn add_share(&mut self, part: &Self, share: f64) {
         self.loss += share * part.loss;
@@ -195,21 +204,9 @@ impl Problem<'_> {
         let share = 1.0 / frames.max(1) as f64;
         let looks = [self.particles.opacity(self.dtype)?, self.particles.colour(self.dtype)?];
         for frame in 0..frames {
-            let drawn = self.drawn(&moved, &looks, frame)?;
-            let parts = match self.dtype {
-                DType::F64 => self.pictures::<f64>(frame, &drawn, count, share),
-                _ => self.pictures::<f32>(frame, &drawn, count, share),
-            };
-            for (camera, part) in parts.into_iter().enumerate() {
-                total.add(&part);
-                total.scores.push(Score { frame, camera, gradient: part.gradient });
-            }
+            self.add_frame(&mut total, &moved, &looks, frame, share)?;
         }
-        for k in 0..count {
-            for l in 0..k {
-                total.curvature[l][k] = total.curvature[k][l];
-            }
-        }
+        total.mirror();
         if let Some(ranges) = &self.ranges {
             let penalty = ranges.derivatives(&self.law, unknowns, free);
             total.loss += add_penalty(penalty, &mut total.gradient, &mut total.curvature);
@@ -232,62 +229,67 @@ impl Problem<'_> {
     ) -> Result<Vec<Linearised>> {
         let frames = frames.start..frames.end.min(self.observed.targets.len());
         let derivatives = if self.flying { Derivatives::Exact } else { derivatives };
+        let ahead = self.reaching(self.secant, &self.ahead(unknowns, free));
         let moved = self.with_step(unknowns, frames.end, substeps, notes, &mut |schedule| match derivatives {
             Derivatives::Exact => {
                 let (motion, tangents) = self.tangents(unknowns, free, schedule)?;
                 Ok(Moved { motion, along: Along::Tangents(tangents) })
             }
-            Derivatives::Ahead(share) => self.spread(unknowns, free, schedule, share),
+            Derivatives::Ahead(share) => ahead.beside(&mut Recent::default(), unknowns, free, schedule, share),
         })?;
         let count = free.list(&self.law).len();
         let looks = [self.particles.opacity(self.dtype)?, self.particles.colour(self.dtype)?];
         let of = |frame: usize| {
-            let drawn = self.drawn(&moved, &looks, frame)?;
-            let parts = match self.dtype {
-                DType::F64 => self.pictures::<f64>(frame, &drawn, count, 1.0),
-                _ => self.pictures::<f32>(frame, &drawn, count, 1.0),
-            };
             let mut total = Linearised::zero(count);
-            for (camera, part) in parts.into_iter().enumerate() {
-                total.add(&part);
-                total.scores.push(Score { frame, camera, gradient: part.gradient });
-            }
-            for k in 0..count {
-                for l in 0..k {
-                    total.curvature[l][k] = total.curvature[k][l];
-                }
-            }
+            self.add_frame(&mut total, &moved, &looks, frame, 1.0)?;
+            total.mirror();
             Ok(total)
         };
         frames.map(of).collect()
     }
 
-    /// Positions at every frame, and what they are with each free unknown's coordinate moved by a share of the longest step that a
-    /// search makes, towards the middle of its prior, each with the substep that it needs, as the losses that are compared have.
-    fn spread(&self, unknowns: &Unknowns, free: Free, schedule: Schedule, share: f64) -> Result<Moved> {
-        let here = unknowns.coordinates(&self.law, free);
-        let prior = Prior::of(&self.law, free, unknowns, None);
-        let middles = prior.mean.iter().zip(&here).map(|(middle, here)| middle - here);
-        let reach = prior.longest_step(unknowns).into_iter().zip(middles);
-        let reach: Vec<f64> = reach.map(|(longest, middle)| share * longest.copysign(middle)).collect();
-        // in proportion to those here, which are more than what is needed where the simulation broke down
-        let own = self.schedule(unknowns, schedule.frames).substeps;
-        let moved = |k: usize| {
-            let mut there = here.clone();
-            there[k] += reach[k];
-            let there = unknowns.moved(&self.law, free, &there);
-            let needed = self.schedule(&there, schedule.frames);
-            let substeps = (needed.substeps * schedule.substeps).div_ceil(own);
-            self.positions_at(&there, Schedule { substeps, ..needed })
+    /// The loss of every frame of a motion.
+    ///
+    /// # Errors
+    /// What the renderer returns.
+    pub(super) fn losses_of(&self, motion: &Tensor) -> Result<Vec<f64>> {
+        let moved = Moved { motion: motion.clone(), along: Along::Tangents(Vec::new()) };
+        let looks = [self.particles.opacity(self.dtype)?, self.particles.colour(self.dtype)?];
+        let of = |frame: usize| {
+            let mut total = Linearised::zero(0);
+            self.add_frame(&mut total, &moved, &looks, frame, 1.0)?;
+            Ok(total.loss)
         };
-        // side by side: the threads of a single rollout wait for each other in every substep
-        let (motion, motions) = rayon::join(
-            || self.positions_at(unknowns, schedule),
-            || (0..here.len()).into_par_iter().map(moved).collect::<Result<Vec<_>>>(),
-        );
-        let secant = |(high, length): (Tensor, &f64)| Secant { low: None, high, length: *length };
-        let along = Along::Secants(motions?.into_iter().zip(&reach).map(secant).collect());
-        Ok(Moved { motion: motion?, along })
+        (0..motion.dims()[0]).map(of).collect()
+    }
+
+    /// Adds the pictures of one frame to sums of which only the lower triangle of the curvature is kept.
+    fn add_frame(
+        &self,
+        total: &mut Linearised,
+        moved: &Moved,
+        looks: &[Tensor; 2],
+        frame: usize,
+        share: f64,
+    ) -> Result<()> {
+        let count = total.gradient.len();
+        let drawn = self.drawn(moved, looks, frame)?;
+        let parts = match self.dtype {
+            DType::F64 => self.pictures::<f64>(frame, &drawn, count, share),
+            _ => self.pictures::<f32>(frame, &drawn, count, share),
+        };
+        for (camera, part) in parts.into_iter().enumerate() {
+            total.add(&part);
+            total.scores.push(Score { frame, camera, gradient: part.gradient });
+        }
+        Ok(())
+    }
+
+    /// The side of each free unknown on which the middle of its prior is.
+    fn ahead(&self, unknowns: &Unknowns, free: Free) -> Vec<f64> {
+        let here = unknowns.coordinates(&self.law, free);
+        let middle = Prior::of(&self.law, free, unknowns, None).mean;
+        middle.iter().zip(here).map(|(middle, here)| 1f64.copysign(middle - here)).collect()
     }
 
     /// The sums of every camera's picture of one frame.

@@ -4,7 +4,8 @@ use faer::Mat;
 
 use crate::identify::fall::Fallen;
 use crate::identify::lean;
-use crate::identify::unknowns::{Unknown, unit};
+use crate::identify::uncertainty::prior::{PRIMES, limits, radical_inverse};
+use crate::identify::unknowns::Unknown;
 use crate::identify::{Free, Unknowns};
 use crate::physics::{Law, Map, Parameter, width};
 
@@ -210,26 +211,9 @@ impl<'a> Plausible<'a> {
         self.free.list(self.law).into_iter().zip(self.deviations(at)).map(longest).collect()
     }
 
-    /// Where a search may go at most, in the coordinates of the free unknowns: two decades beyond what is plausible, and not so
-    /// near to the limits of a bounded parameter that it could not be seen to come back (a tenth of the slope it has half-way).
+    /// Where a search may go at most, in the coordinates of the free unknowns ([`limits`]).
     pub fn limits(&self) -> Vec<[f64; 2]> {
-        let limit = |unknown| match unknown {
-            Unknown::Velocity(_) | Unknown::Spin(_) => [f64::NEG_INFINITY, f64::INFINITY],
-            Unknown::Contact => self.free.contact().range().map(|end| 1.5 * end),
-            Unknown::Lean(axis) => lean::range_of(axis).map(|end| 1.5 * end),
-            Unknown::Parameter(k) => {
-                let p = &self.law.parameters()[k];
-                match p.map {
-                    Map::Log10 => [p.prior[0].log10() - 2.0, p.prior[1].log10() + 2.0],
-                    Map::Linear => {
-                        let range = p.prior[1] - p.prior[0];
-                        [p.prior[0] - range, p.prior[1] + range].map(|value| value / unit(p))
-                    }
-                    Map::Bounded { low, high } => [-0.9, 0.9].map(|far: f64| far * (high - low) / unit(p)),
-                }
-            }
-        };
-        self.free.list(self.law).into_iter().map(limit).collect()
+        limits(self.law, self.free)
     }
 
     /// `count` points spread evenly over the inner nine tenths of the plausible range of the free parameters (Halton 1960);
@@ -255,19 +239,6 @@ impl<'a> Plausible<'a> {
 
 fn at_least_tiny(value: f64) -> f64 {
     value.max(f64::MIN_POSITIVE)
-}
-
-const PRIMES: [usize; 12] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37];
-
-/// The digits of `index` in `base`, mirrored at the point: 1, 2, 3, 4 → ½, ¼, ¾, ⅛ in base 2.
-fn radical_inverse(mut index: usize, base: usize) -> f64 {
-    let (mut value, mut digit) = (0.0, 1.0);
-    while index > 0 {
-        digit /= base as f64;
-        value += digit * (index % base) as f64;
-        index /= base;
-    }
-    value
 }
 
 #[cfg(test)]

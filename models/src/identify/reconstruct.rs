@@ -74,7 +74,7 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     let flying = Moved::Flying { frames: flight, velocity: unknowns.velocity, spin: unknowns.spin };
     // the shape is nearly there
     stages.shape(run, "shape in flight", iterations.div_ceil(2), flying)?;
-    stages.velocity(run, "velocity in flight", flight.max(2).min(frames), &mut unknowns)?;
+    stages.velocity(run, IN_FLIGHT, flight.max(2).min(frames), &mut unknowns)?;
     if run.config.estimate.method == Method::Pool {
         stages.by_pool(run, &unknowns)?;
         return stages.concluded(run, whole, flight >= frames);
@@ -249,7 +249,6 @@ impl Stages<'_> {
             }
             with.begin(&mut params, DTYPE)?;
         }
-        let smoothness = self.smoothness(run, &field);
         let particles = Particles::of_field(&field, &params, 0.0)?;
         let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
         let problem = if simulated { problem } else { problem.flying() };
@@ -265,28 +264,44 @@ impl Stages<'_> {
                 Ok(penalty.map_or(loss.clone(), |penalty| &loss + &penalty))
             })
         };
-        let bar = self.progress.stage(stage, iterations as u64);
+        let said = |params: &Params| match simulated {
+            true => Ok(format!("  {}", describe(self.law, &with.found(params)?))),
+            false => Ok(String::new()),
+        };
+        let fitted = self.fitted_voxels(run, &field, (params, adam), (reached, iterations), &loss, &said)?;
+        run.finish(stage, since)?;
+        with.found(&fitted)
+    }
+
+    /// Fits voxels in a stage from where it is to so many iterations, and keeps the run's file of them up to date; `said` goes with the
+    /// progress.
+    pub(super) fn fitted_voxels(
+        &self,
+        run: &Run,
+        field: &Field,
+        (params, adam): (Params, Adam),
+        (reached, iterations): (Reached, usize),
+        loss: &dyn Fn(&Bound, &Var, &Var) -> Result<Var>,
+        said: &dyn Fn(&Params) -> Result<String>,
+    ) -> Result<Params> {
+        let bar = self.progress.stage(&reached.stage, iterations as u64);
         let mut last = String::new();
-        let left = reached.iterations..iterations;
-        let reached = |iterations: usize, ended: bool| Reached { stage: stage.to_owned(), iterations, ended };
-        let fitted = fit(&field, params, adam, left, smoothness, &loss, |s| {
-            last = format!("loss {:.5}, {} voxels", s.loss, field.len());
-            if simulated {
-                last += &format!("  {}", describe(self.law, &with.found(s.params)?));
-            }
-            bar.set(s.iteration as u64, &last);
-            let stop = interrupt::check();
-            if stop.is_err() || s.iteration % SAVE_EVERY == 0 {
-                run.save_field(&field, s.params, Some(s.adam), &reached(s.iteration, false))?;
-            }
-            stop
-        })?;
-        run.save_field(&field, &fitted, None, &reached(iterations, true))?;
+        let at = |iterations: usize, ended: bool| Reached { stage: reached.stage.clone(), iterations, ended };
+        let fitted =
+            fit(field, params, adam, reached.iterations..iterations, self.smoothness(run, field), &loss, |s| {
+                last = format!("loss {:.5}, {} voxels{}", s.loss, field.len(), said(s.params)?);
+                bar.set(s.iteration as u64, &last);
+                let stop = interrupt::check();
+                if stop.is_err() || s.iteration % SAVE_EVERY == 0 {
+                    run.save_field(field, s.params, Some(s.adam), &at(s.iteration, false))?;
+                }
+                stop
+            })?;
+        run.save_field(field, &fitted, None, &at(iterations, true))?;
         // what follows has other numbers of particles: buffers of these sizes would only wait
         pool::trim(0);
         bar.finish(&last);
-        run.finish(stage, since)?;
-        with.found(&fitted)
+        Ok(fitted)
     }
 
     /// What the run has found, once all stages are finished; says so if the body never landed.
@@ -423,6 +438,9 @@ const LATER: &str = "material, all frames";
 
 /// How much deeper than wide an object may be of which views were imagined.
 const DEEPER: f64 = 1.5;
+
+/// The stage that finds the velocity from all frames of flight.
+pub(super) const IN_FLIGHT: &str = "velocity in flight";
 
 /// Iterations of a fit between two savings.
 const SAVE_EVERY: usize = 5;

@@ -199,7 +199,7 @@ impl Stages<'_> {
 
     /// Whether it is not known how the body lies along the line of sight. That the spin of a body depends on it is not differentiated, so that
     /// one that may spin is taken to lie as it was taken to.
-    fn leans(&self, run: &Run) -> bool {
+    pub fn leans(&self, run: &Run) -> bool {
         self.observed.sight.is_some() && !run.config.estimate.spin
     }
 
@@ -215,7 +215,7 @@ impl Stages<'_> {
 
     /// Whether the height of the ground is not known to a part of a grid cell: a single camera leaves it open how far away, and so how high,
     /// the object is, and hulls are larger than objects.
-    fn unsure_ground(&self, run: &Run) -> bool {
+    pub fn unsure_ground(&self, run: &Run) -> bool {
         !self.several_cameras() || run.config.world.find_ground
     }
 

@@ -1,11 +1,12 @@
 //! `gradreel bench calibrate`: the error budget from clips that `bench coverage` has fitted.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use gradreel::{Error, Result};
 
+use super::coverage;
 use crate::cli::output::say;
-use crate::coverage::{Calibrated, Line, calibrate};
+use crate::coverage::{Calibrated, calibrate};
 use crate::report::results_file::Measured;
 
 /// Arguments of `gradreel bench calibrate`.
@@ -34,7 +35,7 @@ Examples:
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let mut lines = Vec::new();
     for folder in &arguments.folders {
-        lines.extend(read(folder)?);
+        lines.extend(coverage::lines(folder)?);
     }
     let Calibrated { budget, clips, log_scores: [before, after] } = calibrate(&lines)?;
     let date = Measured::here("gradreel").date;
@@ -47,8 +48,4 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     );
     say!("  wrote {}", arguments.out.display());
     Ok(())
-}
-
-fn read(folder: &Path) -> Result<Vec<Line>> {
-    super::coverage::lines(folder)
 }

@@ -8,16 +8,16 @@ use serde::{Deserialize, Serialize};
 
 use super::rung::{Family, Level, place};
 use crate::identify::hypotheses::Hypothesis;
+use crate::identify::interval::within;
 use crate::identify::linearise::Derivatives;
 use crate::identify::reconstruct::{DTYPE, Stages};
 use crate::identify::run::Run;
 use crate::identify::solve::{Answer, Evaluations, Request, Setting, Threads};
 use crate::identify::uncertainty::covariance::{Expansion, Laplace};
 use crate::identify::uncertainty::discrepancy::{Resolution, columns};
-use crate::identify::uncertainty::error_budget::{Discrepancy, ErrorBudget};
+use crate::identify::uncertainty::error_budget::ErrorBudget;
 use crate::identify::uncertainty::mixture::Marginal;
 use crate::identify::uncertainty::prior::{Normal, Prior};
-use crate::identify::unknowns::Unknown;
 use crate::identify::{Free, Interval, Problem, Unknowns};
 use crate::physics::{Law, NINETY};
 
@@ -79,22 +79,6 @@ pub(crate) fn known(
     Ok(first.free.list(law).iter().zip(all).map(|(unknown, marginal)| (unknown.name(law), marginal)).collect())
 }
 
-impl Discrepancy {
-    /// All scales so many times as large.
-    fn times(&self, times: f64) -> Self {
-        let Self { magnitude, strain, stress, viscosity, share, compression, velocity } = *self;
-        Self {
-            magnitude: times * magnitude,
-            strain: times * strain,
-            stress: times * stress,
-            viscosity: times * viscosity,
-            share: times * share,
-            compression: times * compression,
-            velocity: times * velocity,
-        }
-    }
-}
-
 /// What is known of each free unknown of one family, in its order.
 pub(crate) fn marginals(parts: &[Part], of: &dyn Fn(usize) -> bool) -> Vec<Marginal> {
     let own: Vec<&Part> = parts.iter().filter(|part| of(part.survey)).collect();
@@ -122,15 +106,15 @@ impl Stages<'_> {
         }
         let since = Instant::now();
         let frames = level.observed.targets.len();
+        let floor = self.floor(run, level)?;
         let mut settings = Vec::new();
         for family in families {
             let free = self.freedom(run, family, true)?;
             let problem = Problem::new(&level.particles, level.observed, family.law.clone(), &run.config, DTYPE);
-            settings.push(Setting { problem, free, frames: 0..frames, floor: self.floor(run, level)? });
+            settings.push(Setting { problem, free, frames: 0..frames, floor });
         }
         let bar = self.progress.stage(stage, survivors.len() as u64);
-        let reach = run.config.pool.reach;
-        let derivatives = Derivatives::reaching(reach);
+        let derivatives = Derivatives::reaching(run.config.pool.reach);
         let request = |survivor: &Hypothesis| Request {
             setting: place(families, &survivor.family),
             at: survivor.unknowns.clone(),
@@ -207,14 +191,7 @@ impl Stages<'_> {
                 at[k] = x;
                 unknown.of(&unknowns.moved(law, free, &at))
             };
-            let mut interval_90 = ends.map(value);
-            if let Unknown::Parameter(p) = unknown {
-                let parameter = &law.parameters()[*p];
-                if parameter.map != crate::physics::Map::Log10 {
-                    let ([low, high], at) = (parameter.prior, unknowns.parameters[*p]);
-                    interval_90 = [interval_90[0].max(low.min(at)), interval_90[1].min(high.max(at))];
-                }
-            }
+            let interval_90 = within(law, *unknown, &unknowns, ends.map(value));
             let determined = ends[1] - ends[0] <= 2.0 * NINETY * deviations[k] / 3.0;
             intervals.push(Interval { name: unknown.name(law), interval_90, determined });
         }

@@ -2,21 +2,14 @@
 
 use std::time::Instant;
 
-use gradreel::backend::cpu::pool;
-use gradreel::optim::{Adam, Bound};
+use gradreel::optim::{Bound, Params};
 use gradreel::{Result, Var};
 
 use super::rung::Level;
-use crate::field::fit;
-use crate::identify::linearise::Derivatives;
 use crate::identify::reconstruct::{DTYPE, Stages};
 use crate::identify::run::Run;
-use crate::identify::{Free, Problem, Reached, Unknowns};
+use crate::identify::{Problem, Unknowns};
 use crate::particles::Particles;
-use crate::report::interrupt;
-
-/// Iterations between two savings.
-const SAVE_EVERY: usize = 5;
 
 impl Stages<'_> {
     /// Fits the voxels to all frames, moved as the body was simulated with them before the fit; how the motion depends on the shape is for
@@ -45,32 +38,15 @@ impl Stages<'_> {
         let frames = self.observed.targets.len();
         let motion = problem.positions_of_first(unknowns, frames)?;
         let floor = self.floor(run, &Level { particles: body.clone(), observed: self.observed })?;
-        let (free, how) = (Free::NOTHING, Derivatives::Exact);
-        let seen = problem.linearise_frames(unknowns, free, 0..frames, how, &mut 0, &mut |_| ())?;
-        let weights: Vec<f64> = seen.iter().map(|frame| 2.0 * floor / (frame.loss + floor)).collect();
+        let weights: Vec<f64> =
+            problem.losses_of(&motion)?.into_iter().map(|loss| 2.0 * floor / (loss + floor)).collect();
         let loss = |_: &Bound, opacity: &Var, colour: &Var| {
             let motion = opacity.tape().constant(motion.clone());
             problem.loss_of(&motion, [opacity, colour], &|frame| self.seen(frame), &weights)
         };
         let iterations = run.config.in_motion_of(self.law);
-        let smoothness = self.smoothness(run, &field);
-        let bar = self.progress.stage(stage, iterations as u64);
-        let mut last = String::new();
-        let left = reached.iterations..iterations;
-        let reached = |iterations: usize, ended: bool| Reached { stage: stage.to_owned(), iterations, ended };
-        let fitted = fit(&field, params, adam, left, smoothness, &loss, |s| {
-            last = format!("loss {:.5}, {} voxels", s.loss, field.len());
-            bar.set(s.iteration as u64, &last);
-            let stop = interrupt::check();
-            if stop.is_err() || s.iteration % SAVE_EVERY == 0 {
-                run.save_field(&field, s.params, Some::<&Adam>(s.adam), &reached(s.iteration, false))?;
-            }
-            stop
-        })?;
-        run.save_field(&field, &fitted, None, &reached(iterations, true))?;
-        // what follows has other numbers of particles: buffers of these sizes would only wait
-        pool::trim(0);
-        bar.finish(&last);
+        let silent = |_: &Params| Ok(String::new());
+        self.fitted_voxels(run, &field, (params, adam), (reached, iterations), &loss, &silent)?;
         run.finish(stage, since)
     }
 }

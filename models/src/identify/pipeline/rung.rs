@@ -5,13 +5,14 @@ use std::time::Instant;
 
 use gradreel::{Error, ErrorKind, Result};
 
+use crate::identify::family::of_family;
 use crate::identify::hypotheses::{Hypothesis, apart};
-use crate::identify::reconstruct::{DTYPE, Stages, describe};
+use crate::identify::reconstruct::{DTYPE, IN_FLIGHT, Stages, describe};
 use crate::identify::run::{HistoryRow, Run};
 use crate::identify::solve::{Answer, GaussNewton, Request, Setting, Threads, drive};
 use crate::identify::uncertainty::prior::Prior;
 use crate::identify::unknowns::Ground;
-use crate::identify::{Config, FAMILIES, Free, MaterialConfig, Observed, Problem, Unknowns, law_of};
+use crate::identify::{Config, FAMILIES, Free, Observed, Problem, Unknowns};
 use crate::particles::Particles;
 use crate::physics::Law;
 use crate::report::interrupt;
@@ -53,15 +54,8 @@ impl Stages<'_> {
         if !run.config.chooses_family() {
             return Ok(vec![named(&run.config.material.name, run.config.clone())?]);
         }
-        let own = |name: &str| {
-            let material = MaterialConfig { name: name.to_owned(), ..MaterialConfig::default() };
-            Family {
-                name: name.to_owned(),
-                law: law_of(name).expect("families have laws"),
-                config: Config { material, ..run.config.clone() },
-            }
-        };
-        Ok(FAMILIES.iter().map(|(name, _)| own(name)).collect())
+        let own = |name: &str| named(name, of_family(run, name));
+        FAMILIES.iter().map(|(name, _)| own(name)).collect()
     }
 
     /// What is free: the parameters that are not held, the height of the ground and the modes of a single camera's body; with
@@ -69,15 +63,10 @@ impl Stages<'_> {
     pub fn freedom(&self, run: &Run, family: &Family, world: bool) -> Result<Free> {
         let law = &family.law;
         let free = Free::all_but(law, &family.config.held(law)?, false);
-        let single = self.observed.sight.is_some();
-        let unsure = self.clip.cameras.len() == 1 || run.config.world.find_ground;
-        let free = free.with_ground(law, if unsure { Ground::Unsure } else { Ground::Known });
+        let free = free.with_ground(law, if self.unsure_ground(run) { Ground::Unsure } else { Ground::Known });
         let free = if self.freedom_of_flight(world) { free.with_velocity(law) } else { free };
         let free = free.with_spin(law, run.config.estimate.spin);
-        if !single || run.config.estimate.spin {
-            return Ok(free);
-        }
-        let free = free.with_lean(law);
+        let free = if self.leans(run) { free.with_lean(law) } else { free };
         Ok(if self.distance_is_open(run) { free.with_distance(law) } else { free })
     }
 
@@ -153,8 +142,7 @@ impl Stages<'_> {
                 GaussNewton::new(prior, k, residuals, rung.steps, &start).reaching(run.config.pool.reach)
             };
             let mut searches: Vec<GaussNewton<'_>> = hypotheses.iter().map(search).collect();
-            let laws: Vec<Law> = families.iter().map(|family| family.law.clone()).collect();
-            self.searched(run, rung.stage, rung.steps, &settings, &laws, &mut searches)?;
+            self.searched(run, rung.stage, rung.steps, &settings, &mut searches)?;
             let ended = hypotheses.iter().zip(&searches).map(|(hypothesis, search)| {
                 let best = search.best();
                 let mut unknowns = best.unknowns.clone();
@@ -190,7 +178,6 @@ impl Stages<'_> {
         stage: &str,
         steps: usize,
         settings: &[Setting<'_>],
-        laws: &[Law],
         searches: &mut [GaussNewton<'_>],
     ) -> Result<()> {
         let expected = searches.len() as u64 * if steps == 0 { 1 } else { 1 + 2 * steps as u64 };
@@ -204,11 +191,11 @@ impl Stages<'_> {
                 let loss = answer.loss;
                 if let Some(loss) = loss.filter(|loss| *loss < least) {
                     least = loss;
-                    said = format!("loss {loss:.5}  {}", describe(&laws[request.setting], &request.at));
+                    said = format!("loss {loss:.5}  {}", describe(&settings[request.setting].problem.law, &request.at));
                 }
                 answer.notes.iter().for_each(|note| run.note(format!("{stage}: {note}")));
                 // parameters of several families have no common plot
-                if let [_] = laws {
+                if settings.len() == 1 {
                     run.state.history.push(HistoryRow { stage: stage.to_owned(), loss, unknowns: request.at.clone() });
                 }
             }
@@ -223,9 +210,6 @@ impl Stages<'_> {
         Ok(())
     }
 }
-
-/// The stage that finds the velocity from all frames of flight.
-pub(crate) const IN_FLIGHT: &str = "velocity in flight";
 
 /// The least loss that no motion explains: pictures have noise.
 const LEAST: f64 = 1e-3;

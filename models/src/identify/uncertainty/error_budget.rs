@@ -42,6 +42,22 @@ pub(crate) struct Discrepancy {
     pub velocity: f64,
 }
 
+impl Discrepancy {
+    /// All scales so many times as large.
+    pub fn times(&self, times: f64) -> Self {
+        let Self { magnitude, strain, stress, viscosity, share, compression, velocity } = *self;
+        Self {
+            magnitude: times * magnitude,
+            strain: times * strain,
+            stress: times * stress,
+            viscosity: times * viscosity,
+            share: times * share,
+            compression: times * compression,
+            velocity: times * velocity,
+        }
+    }
+}
+
 static SHIPPED: LazyLock<ErrorBudget> = LazyLock::new(|| {
     ErrorBudget::parse(include_str!("error_budget.toml")).expect("the shipped error budget is well-formed")
 });

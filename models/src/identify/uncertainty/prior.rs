@@ -168,26 +168,9 @@ impl<'a> Prior<'a> {
         self.free.list(self.law).into_iter().enumerate().map(longest).collect()
     }
 
-    /// Limits of a search in each coordinate: two decades beyond the plausible range; of bounded parameters nine tenths of
-    /// the way to where their slope vanishes.
+    /// Limits of a search in each coordinate ([`limits`]).
     pub fn limits(&self) -> Vec<[f64; 2]> {
-        let limit = |unknown| match unknown {
-            Unknown::Velocity(_) | Unknown::Spin(_) => [f64::NEG_INFINITY, f64::INFINITY],
-            Unknown::Contact => self.free.contact().range().map(|end| 1.5 * end),
-            Unknown::Lean(axis) => lean::range_of(axis).map(|end| 1.5 * end),
-            Unknown::Parameter(k) => {
-                let p = &self.law.parameters()[k];
-                match p.map {
-                    Map::Log10 => [p.prior[0].log10() - 2.0, p.prior[1].log10() + 2.0],
-                    Map::Linear => {
-                        let range = p.prior[1] - p.prior[0];
-                        [p.prior[0] - range, p.prior[1] + range].map(|value| value / unit(p))
-                    }
-                    Map::Bounded { low, high } => [-0.9, 0.9].map(|far: f64| far * (high - low) / unit(p)),
-                }
-            }
-        };
-        self.free.list(self.law).into_iter().map(limit).collect()
+        limits(self.law, self.free)
     }
 
     /// How many unknowns [`Prior::points`] varies.
@@ -232,15 +215,38 @@ impl<'a> Prior<'a> {
     }
 }
 
+/// Limits of a search in each coordinate: two decades beyond the plausible range; of bounded parameters nine tenths of
+/// the way to where their slope vanishes.
+pub(crate) fn limits(law: &Law, free: Free) -> Vec<[f64; 2]> {
+    let limit = |unknown| match unknown {
+        Unknown::Velocity(_) | Unknown::Spin(_) => [f64::NEG_INFINITY, f64::INFINITY],
+        Unknown::Contact => free.contact().range().map(|end| 1.5 * end),
+        Unknown::Lean(axis) => lean::range_of(axis).map(|end| 1.5 * end),
+        Unknown::Parameter(k) => {
+            let p = &law.parameters()[k];
+            match p.map {
+                Map::Log10 => [p.prior[0].log10() - 2.0, p.prior[1].log10() + 2.0],
+                Map::Linear => {
+                    let range = p.prior[1] - p.prior[0];
+                    [p.prior[0] - range, p.prior[1] + range].map(|value| value / unit(p))
+                }
+                Map::Bounded { low, high } => [-0.9, 0.9].map(|far: f64| far * (high - low) / unit(p)),
+            }
+        }
+    };
+    free.list(law).into_iter().map(limit).collect()
+}
+
 /// Parameters and the depth shear: what a search starts from many values of.
 fn varies(unknown: &Unknown) -> bool {
     matches!(unknown, Unknown::Parameter(_) | Unknown::Lean(0 | 1))
 }
 
-const PRIMES: [usize; 12] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37];
+/// A base of [`radical_inverse`] for each dimension of a Halton sequence.
+pub(crate) const PRIMES: [usize; 12] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37];
 
 /// The digits of `index` in `base`, mirrored at the point: 1, 2, 3, 4 → ½, ¼, ¾, ⅛ in base 2.
-fn radical_inverse(mut index: usize, base: usize) -> f64 {
+pub(crate) fn radical_inverse(mut index: usize, base: usize) -> f64 {
     let (mut value, mut digit) = (0.0, 1.0);
     while index > 0 {
         digit /= base as f64;
