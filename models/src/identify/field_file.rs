@@ -51,11 +51,12 @@ impl Run {
     /// # Errors
     /// [`ErrorKind::Input`](gradreel::ErrorKind::Input) when the file is damaged.
     pub fn reached(&self, stage: &str) -> Result<Reached> {
+        let nothing = Reached { stage: stage.to_owned(), ..Reached::default() };
         if !self.folder.has(FIELD) {
-            return Ok(Reached::default());
+            return Ok(nothing);
         }
         let reached = self.header(&self.field_file(FIELD)?)?.reached;
-        Ok(if reached.stage == stage { reached } else { Reached::default() })
+        Ok(if reached.stage == stage { reached } else { nothing })
     }
 
     /// Writes the voxels with their raw values, what they have reached, and the optimiser if a fit is under way.
