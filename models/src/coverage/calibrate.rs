@@ -2,7 +2,7 @@
 
 use gradreel::{Error, ErrorKind, Result};
 
-use super::{Line, Split};
+use super::{Line, Recipe, Split, material};
 use crate::identify::{ErrorBudget, coordinate, known, law_of};
 use crate::physics::Law;
 
@@ -36,7 +36,8 @@ pub(crate) fn calibrate(lines: &[Line]) -> Result<Calibrated> {
             .wanted("clips of the development split")
             .fix("run `gradreel bench coverage` without --split report"));
     }
-    let clips: Vec<Clip<'_>> = lines.iter().filter(|line| !line.surveys.is_empty()).map(Clip::of).collect();
+    let clips: Vec<Clip<'_>> =
+        lines.iter().filter(|line| !line.surveys.is_empty()).map(Clip::of).collect::<Result<_>>()?;
     if clips.is_empty() {
         return Err(Error::new(ErrorKind::Input, "no clip tells anything of the error budget")
             .found(format!("{} clips that were not fitted by a pool of hypotheses", lines.len()))
@@ -73,25 +74,24 @@ pub(crate) fn calibrate(lines: &[Line]) -> Result<Calibrated> {
 struct Clip<'a> {
     line: &'a Line,
     law: Law,
-    /// Of each scored unknown: its name, its truth's coordinate, and the log density of the prior with what turns densities into those of the
-    /// scale of the fit.
+    /// Of each scored unknown: its name, its truth's coordinate, and what a density there is to be multiplied with for one over the prior's, as a
+    /// logarithm.
     truths: Vec<(String, f64, f64)>,
 }
 
 impl<'a> Clip<'a> {
-    fn of(line: &'a Line) -> Self {
+    fn of(line: &'a Line) -> Result<Self> {
         let law = law_of(&line.family).expect("families have laws");
-        let budget = ErrorBudget::shipped();
-        let now = known(&budget, &line.surveys, &law, &line.family).unwrap_or_default();
-        let truth = |(name, score): (&String, &super::Score)| {
+        let recipe = Recipe::draw(line.split, line.clip, line.cameras)?;
+        let truth = |name: &String| {
             let value = *line.truth.get(name)?;
-            let (x, _) = coordinate(&law, name, value)?;
-            // what the score of the fit has besides the density of the coordinate
-            let rest = score.log_score - now.get(name)?.log_density(x);
-            rest.is_finite().then(|| (name.clone(), x, rest))
+            let (x, slope) = coordinate(&law, name, value)?;
+            let parameter = law.parameters().iter().find(|parameter| parameter.name == name);
+            let per_unit = parameter.map_or(1.0, |parameter| material::slope(parameter, value));
+            Some((name.clone(), x, (slope / per_unit).abs().ln() - recipe.log_prior.get(name)?))
         };
-        let truths = line.scores.iter().filter_map(truth).collect();
-        Self { line, law, truths }
+        let truths = line.scores.keys().filter_map(truth).collect();
+        Ok(Self { line, law, truths })
     }
 
     /// The scores with a budget.
