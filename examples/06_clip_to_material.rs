@@ -11,8 +11,8 @@ use std::path::Path;
 
 use gradreel::{Error, ErrorKind, Result};
 use gradreel_models::identify::{Config, Run, reconstruct};
-use gradreel_models::report::progress::Progress;
-use gradreel_models::report::run_folder::RunFolder;
+use gradreel_models::runtime::progress::Progress;
+use gradreel_models::runtime::run_folder::RunFolder;
 use gradreel_models::video::{Clip, OpenOptions};
 
 fn main() -> Result<()> {

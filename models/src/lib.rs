@@ -28,7 +28,7 @@
 //! use std::path::Path;
 //!
 //! use gradreel_models::identify::{Config, Run, reconstruct};
-//! use gradreel_models::report::{progress::Progress, run_folder::RunFolder};
+//! use gradreel_models::runtime::{progress::Progress, run_folder::RunFolder};
 //! use gradreel_models::video::{Clip, OpenOptions};
 //!
 //! let clip = Clip::open(Path::new("examples/clips/bird"), &OpenOptions::default())?;
@@ -97,6 +97,7 @@ pub mod physics;
 pub mod render;
 pub mod identify;
 pub mod scenes;
+pub mod runtime;
 pub mod report;
 pub mod ablation;
 pub mod coverage;

@@ -3,7 +3,7 @@
 use std::fs;
 
 use gradreel_models::identify::{Config, Run};
-use gradreel_models::report::run_folder::RunFolder;
+use gradreel_models::runtime::run_folder::RunFolder;
 use gradreel_models::scenes::SceneFile;
 use gradreel_models::video::{Clip, OpenOptions};
 

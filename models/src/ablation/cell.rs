@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Perturbation, Truth};
 use crate::identify::Config;
-use crate::report::progress::Progress;
+use crate::runtime::progress::Progress;
 use crate::video::Clip;
 
 /// A treatment of a clip.

@@ -6,8 +6,8 @@ use gradreel::{DType, Error, ErrorKind, Result, Tape};
 use super::{AblationSettings, Cell, CellResult};
 use crate::field::temporal::{ClipRays, FirstFramesClip, TemporalField, TemporalSettings};
 use crate::identify::VELOCITY;
-use crate::report::interrupt;
-use crate::report::progress::Progress;
+use crate::runtime::interrupt;
+use crate::runtime::progress::Progress;
 use crate::video::Clip;
 
 /// Minimum coverage, filmed or rendered, of pixels that are compared.

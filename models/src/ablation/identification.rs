@@ -7,9 +7,9 @@ use gradreel::Result;
 use super::{AblationSettings, Cell, CellResult};
 use crate::identify::{Config, MaterialConfig, Run, reconstruct};
 use crate::monocular;
-use crate::report::progress::Progress;
 use crate::report::reconstruction::{publish, quantities};
-use crate::report::run_folder::RunFolder;
+use crate::runtime::progress::Progress;
+use crate::runtime::run_folder::RunFolder;
 use crate::video::Clip;
 
 impl AblationSettings {

@@ -15,7 +15,7 @@ macro_rules! say {
 
 /// Prints a line to stderr like `eprintln!`, ignoring write errors.
 macro_rules! tell {
-    ($($text:tt)*) => { $crate::report::terminal::tell(format_args!($($text)*)) };
+    ($($text:tt)*) => { $crate::runtime::terminal::tell(format_args!($($text)*)) };
 }
 
 pub(super) use say;

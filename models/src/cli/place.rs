@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use gradreel::{Error, ErrorKind, Result};
 
-use crate::report::run_folder::RunFolder;
+use crate::runtime::run_folder::RunFolder;
 
 /// Checks that a new run can be written to `out`, which must not lie within its input `source`.
 ///

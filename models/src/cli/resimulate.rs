@@ -7,10 +7,10 @@ use gradreel::{Error, ErrorKind, Result};
 use crate::cli::output::say;
 use crate::cli::unit::{self, Named, number_in};
 use crate::identify::{Changes, Reconstruction, Run};
-use crate::report::interrupt;
-use crate::report::progress::Progress;
 use crate::report::reconstruction::publish;
-use crate::report::run_folder::RunFolder;
+use crate::runtime::interrupt;
+use crate::runtime::progress::Progress;
+use crate::runtime::run_folder::RunFolder;
 
 /// What to simulate again, and what to change.
 #[derive(clap::Args, Default)]

@@ -8,11 +8,11 @@ use gradreel::{Error, ErrorKind, Result};
 use super::resimulate;
 use crate::cli::output::{self, say, tell};
 use crate::physics::Number;
-use crate::report::interrupt;
-use crate::report::progress::Progress;
 use crate::report::quantity::readable;
-use crate::report::run_folder::RunFolder;
 use crate::report::simulation::{Format, Record};
+use crate::runtime::interrupt;
+use crate::runtime::progress::Progress;
+use crate::runtime::run_folder::RunFolder;
 use crate::scenes::{Film, Precision, Runner, SceneFile, Setup};
 
 /// Arguments of `gradreel simulate`.

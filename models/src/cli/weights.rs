@@ -7,7 +7,7 @@ use gradreel::io::{Archive, Format, Stored};
 use gradreel::{Device, Error, ErrorKind, Result};
 
 use crate::cli::output::{self, say};
-use crate::report::progress::Progress;
+use crate::runtime::progress::Progress;
 use crate::views::FileWeights;
 
 /// Arguments of `gradreel weights`.

@@ -10,9 +10,9 @@ use serde::{Deserialize, Serialize};
 use super::{Recipe, Score, Split, material, simulate, write};
 use crate::identify::{Config, Run, Survey, reconstruct};
 use crate::monocular;
-use crate::report::progress::Progress;
 use crate::report::reconstruction::quantities;
-use crate::report::run_folder::RunFolder;
+use crate::runtime::progress::Progress;
+use crate::runtime::run_folder::RunFolder;
 use crate::video::{Clip, FilmSettings, OpenOptions};
 
 /// What came of one clip: a line of JSON.

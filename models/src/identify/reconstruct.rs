@@ -15,8 +15,8 @@ use crate::identify::with_voxels::{UNKNOWNS, WithVoxels};
 use crate::identify::{Method, Observed, Problem, Reached, Steps, Unknowns, first_contact, velocity_of_silhouettes};
 use crate::particles::Particles;
 use crate::physics::Law;
-use crate::report::interrupt;
-use crate::report::progress::Progress;
+use crate::runtime::interrupt;
+use crate::runtime::progress::Progress;
 use crate::video::Clip;
 
 /// Precision of a reconstruction.

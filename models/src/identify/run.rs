@@ -16,7 +16,7 @@ use crate::identify::solve;
 use crate::identify::uncertainty::mixture::Marginal;
 use crate::identify::{Answer, Candidate, Config, Evaluation, Interval, MaterialConfig, Unknowns, unknowns};
 use crate::physics::Law;
-use crate::report::run_folder::RunFolder;
+use crate::runtime::run_folder::RunFolder;
 use crate::video::Clip;
 
 /// What a run has reached; `state.json` in its folder.

@@ -9,7 +9,7 @@ use crate::identify::run::Run;
 use crate::identify::{Problem, Unknowns};
 use crate::particles::Particles;
 use crate::render::Surface;
-use crate::report::interrupt;
+use crate::runtime::interrupt;
 
 /// Iterations of each trial fit to the first frame.
 const TRIAL: usize = 40;

@@ -19,7 +19,7 @@ use crate::identify::{
     intervals, scan,
 };
 use crate::particles::Particles;
-use crate::report::interrupt;
+use crate::runtime::interrupt;
 
 /// A stage that moves unknowns: its name, how much it may do, and the spacing of its grid as a multiple of the full one's.
 pub(super) struct Effort<'a> {

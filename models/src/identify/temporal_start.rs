@@ -9,7 +9,7 @@ use crate::field::temporal::{FirstFrames, Flight};
 use crate::identify::config::outside_range;
 use crate::identify::reconstruct::Stages;
 use crate::identify::run::Run;
-use crate::report::interrupt;
+use crate::runtime::interrupt;
 
 /// Whether the temporal field is fitted before the shape is, and what of it is used.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]

@@ -2,18 +2,14 @@
 
 pub mod animation;
 pub mod base64;
-pub mod interrupt;
 mod markup;
 pub mod page;
 mod palette;
 pub mod plot;
 pub mod ply;
 pub mod png_file;
-pub mod progress;
 pub mod quantity;
 pub mod reconstruction;
 pub mod results_file;
-pub mod run_folder;
 pub mod simulation;
 pub mod synthesis;
-pub mod terminal;

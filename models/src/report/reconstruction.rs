@@ -11,9 +11,9 @@ use crate::report::page::{Headline, Page, Scene};
 use crate::report::plot::{Plot, Series};
 use crate::report::ply::ply;
 use crate::report::png_file::png;
-use crate::report::progress::Progress;
 use crate::report::quantity::{Quantity, compact, parameters_json};
 use crate::report::synthesis::PAGE;
+use crate::runtime::progress::Progress;
 use crate::video::{Camera, Clip};
 
 /// Maximum number of cameras shown in the animation.

@@ -12,8 +12,8 @@ use super::page::{Headline, Page, Scene};
 use super::plot::{Plot, Series};
 use super::ply::ply;
 use super::png_file::png_with_alpha;
-use super::run_folder::RunFolder;
 use crate::physics::Contact;
+use crate::runtime::run_folder::RunFolder;
 use crate::scenes::{Film, Frame, SceneFile, Setup, Snapshot, Totals, View, positions_of};
 
 /// Minimum time between two saved states.

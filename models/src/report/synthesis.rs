@@ -7,7 +7,7 @@ use serde_json::json;
 use super::animation::{Picture, gif};
 use super::page::Page;
 use super::png_file::png;
-use super::run_folder::RunFolder;
+use crate::runtime::run_folder::RunFolder;
 use crate::views::Ring;
 
 /// The page; it is written last.

@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use gradreel::ErrorKind;
 use gradreel_models::identify::{Config, Run, reconstruct};
-use gradreel_models::report::progress::Progress;
-use gradreel_models::report::run_folder::RunFolder;
+use gradreel_models::runtime::progress::Progress;
+use gradreel_models::runtime::run_folder::RunFolder;
 use gradreel_models::video::{Clip, OpenOptions};
 use serde_json::Value;
 

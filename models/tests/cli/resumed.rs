@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use gradreel_models::report::run_folder::RunFolder;
+use gradreel_models::runtime::run_folder::RunFolder;
 use serde_json::json;
 
 use crate::scene::Scene;

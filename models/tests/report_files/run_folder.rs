@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use gradreel::ErrorKind;
-use gradreel_models::report::run_folder::{RunFolder, next_free};
+use gradreel_models::runtime::run_folder::{RunFolder, next_free};
 use tempfile::TempDir;
 
 /// What a run has written into a folder, beside the mark that it is at work.

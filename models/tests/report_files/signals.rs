@@ -7,8 +7,8 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use gradreel::ErrorKind;
-use gradreel_models::report::interrupt;
-use gradreel_models::report::run_folder::RunFolder;
+use gradreel_models::runtime::interrupt;
+use gradreel_models::runtime::run_folder::RunFolder;
 use tempfile::TempDir;
 
 use crate::run_folder::names;

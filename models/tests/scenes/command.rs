@@ -215,7 +215,7 @@ fn the_plan_tells_the_mass_of_a_ball_much_smaller_than_a_cell() {
 
 #[test]
 fn a_folder_that_another_run_writes_to_is_left_alone() {
-    use gradreel_models::report::run_folder::RunFolder;
+    use gradreel_models::runtime::run_folder::RunFolder;
 
     let folder = TempDir::new().unwrap();
     let within = folder.path();

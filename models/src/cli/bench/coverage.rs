@@ -12,10 +12,10 @@ use serde::{Deserialize, Serialize};
 use crate::cli::output::say;
 use crate::coverage::{Line, Split, Summary, fit, ranks};
 use crate::identify::Config;
-use crate::report::interrupt;
-use crate::report::progress::Progress;
 use crate::report::results_file::{self, Measured, Section};
-use crate::report::run_folder::RunFolder;
+use crate::runtime::interrupt;
+use crate::runtime::progress::Progress;
+use crate::runtime::run_folder::RunFolder;
 
 /// Arguments of `gradreel bench coverage`.
 #[derive(clap::Args)]

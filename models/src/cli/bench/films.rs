@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use gradreel::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-use crate::report::progress::Progress;
-use crate::report::run_folder::RunFolder;
+use crate::runtime::progress::Progress;
+use crate::runtime::run_folder::RunFolder;
 use crate::scenes::SceneFile;
 
 /// The scenes in the order of the published table's materials, followed by a second one of each family.

@@ -11,10 +11,10 @@ use super::films::{self, Films};
 use crate::ablation::{AblationSettings, Cell, CellResult, ClipResults, Published, Truth, markdown};
 use crate::cli::output::say;
 use crate::identify::Config;
-use crate::report::interrupt;
-use crate::report::progress::Progress;
 use crate::report::results_file::{self, Measured, Section};
-use crate::report::run_folder::RunFolder;
+use crate::runtime::interrupt;
+use crate::runtime::progress::Progress;
+use crate::runtime::run_folder::RunFolder;
 use crate::video::Clip;
 
 /// The plan as saved in the folder.

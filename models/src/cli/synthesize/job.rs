@@ -11,10 +11,10 @@ use serde::{Deserialize, Serialize};
 use super::Arguments;
 use crate::cli::network;
 use crate::cli::source::{Place, Source};
-use crate::report::interrupt;
-use crate::report::progress::Progress;
-use crate::report::run_folder::RunFolder;
 use crate::report::synthesis::{self, Synthesis, picture_of};
+use crate::runtime::interrupt;
+use crate::runtime::progress::Progress;
+use crate::runtime::run_folder::RunFolder;
 use crate::views::{
     Detection, Ensemble, FileWeights, LatentColours, MemoryEstimate, ModelSizes, SamplerSettings, Sampling, Subject,
     decode, megabytes, open_picture,

@@ -12,8 +12,8 @@ use self::size::Size;
 use super::source::{LARGEST_SEED, Place};
 use crate::cli::output::{say, tell};
 use crate::identify::ImagineConfig;
-use crate::report::interrupt;
-use crate::report::progress::Progress;
+use crate::runtime::interrupt;
+use crate::runtime::progress::Progress;
 use crate::views::FileWeights;
 
 /// Arguments of `gradreel synthesize`.

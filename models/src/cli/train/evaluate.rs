@@ -12,9 +12,9 @@ use super::settings::{Settings, Stage};
 use crate::cli::network;
 use crate::cli::output::{say, tell};
 use crate::report::animation::Picture;
-use crate::report::progress::Progress;
-use crate::report::run_folder::RunFolder;
 use crate::report::synthesis::sheet;
+use crate::runtime::progress::Progress;
+use crate::runtime::run_folder::RunFolder;
 use crate::views::objects::SampleSettings;
 use crate::views::{DenoiserSizes, Detector, Ensemble, ModelSizes, SamplerSettings, Score};
 

@@ -17,10 +17,10 @@ use super::settings::Settings;
 use crate::cli::network;
 use crate::layers::initialise;
 use crate::report::animation::Picture;
-use crate::report::interrupt;
-use crate::report::progress::Progress;
-use crate::report::run_folder::RunFolder;
 use crate::report::synthesis::sheet;
+use crate::runtime::interrupt;
+use crate::runtime::progress::Progress;
+use crate::runtime::run_folder::RunFolder;
 use crate::views::objects::Sample;
 use crate::views::{Detector, FileWeights, Model, ModelSizes, SamplerSettings, Score, Training, encode};
 

@@ -3,7 +3,7 @@
 use gradreel::Result;
 use gradreel::optim::Update;
 
-use crate::report::run_folder::RunFolder;
+use crate::runtime::run_folder::RunFolder;
 use crate::views::Score;
 
 const STEPS: &str = "log.csv";

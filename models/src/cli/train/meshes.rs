@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 
 use super::settings::Settings;
 use crate::cli::source::whole;
-use crate::report::progress::Progress;
-use crate::report::run_folder::RunFolder;
+use crate::runtime::progress::Progress;
+use crate::runtime::run_folder::RunFolder;
 use crate::views::objects::{FolderSettings, MeshFile, MeshFolder, Object, Sample};
 
 /// Maximum number of unusable files named on the terminal; the table lists all.

@@ -17,8 +17,8 @@ use self::job::Job;
 use self::settings::{Settings, Stage};
 use super::source::{LARGEST_SEED, Place};
 use crate::cli::output::{self, say, tell};
-use crate::report::interrupt;
-use crate::report::progress::Progress;
+use crate::runtime::interrupt;
+use crate::runtime::progress::Progress;
 
 /// Arguments of `gradreel train`.
 #[derive(clap::Args)]

@@ -3,8 +3,8 @@
 use gradreel::{Result, Tensor};
 
 use crate::report::animation::Picture;
-use crate::report::interrupt;
 use crate::report::synthesis::picture_of;
+use crate::runtime::interrupt;
 use crate::views::objects::{Sample, View};
 use crate::views::{Detector, Ensemble, FileWeights, ModelSizes, SamplerSettings, Sampling, Score, decode, subject_of};
 

@@ -15,7 +15,7 @@ use crate::identify::unknowns::Ground;
 use crate::identify::{Config, FAMILIES, Free, Observed, Problem, Unknowns};
 use crate::particles::Particles;
 use crate::physics::Law;
-use crate::report::interrupt;
+use crate::runtime::interrupt;
 
 /// What a rung of the halving has to spend.
 #[derive(Debug, Clone, Copy)]

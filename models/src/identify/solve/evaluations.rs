@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::identify::linearise::Derivatives;
 use crate::identify::{Free, Linearised, Problem, Unknowns};
-use crate::report::interrupt;
+use crate::runtime::interrupt;
 
 /// What a search asks for.
 #[derive(Debug, Clone)]

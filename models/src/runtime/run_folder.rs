@@ -22,7 +22,7 @@ const LONGEST_NAME: usize = 60;
 /// The output folder of one run; file names are relative, with `/` as separator.
 ///
 /// ```
-/// use gradreel_models::report::run_folder::RunFolder;
+/// use gradreel_models::runtime::run_folder::RunFolder;
 ///
 /// # fn main() -> gradreel::Result<()> {
 /// let path = std::env::temp_dir().join(format!("gradreel-doc-{}", std::process::id()));
@@ -65,7 +65,7 @@ impl RunFolder {
     /// computation whose result goes there.
     ///
     /// ```
-    /// use gradreel_models::report::run_folder::RunFolder;
+    /// use gradreel_models::runtime::run_folder::RunFolder;
     ///
     /// let folder = std::env::temp_dir().join("gradreel-doc-there-is-no-such-folder");
     /// assert!(RunFolder::can_be_created(&folder).is_ok());

@@ -20,7 +20,7 @@ const TICK: Duration = Duration::from_millis(500);
 /// line at most every five seconds and one at its end.
 ///
 /// ```
-/// use gradreel_models::report::progress::Progress;
+/// use gradreel_models::runtime::progress::Progress;
 ///
 /// let progress = Progress::new(true);
 /// let stage = progress.stage("fitting the field", 200);

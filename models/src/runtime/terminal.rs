@@ -8,7 +8,7 @@ use std::io::{Write, stderr};
 /// Write errors are ignored: a closed pipe or a full disk must not end a long run.
 ///
 /// ```
-/// use gradreel_models::report::terminal::tell;
+/// use gradreel_models::runtime::terminal::tell;
 ///
 /// tell(format_args!("frame {}", 3));
 /// ```

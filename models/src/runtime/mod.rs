@@ -1,0 +1,6 @@
+//! Runtime services of long runs: the folder that their results lie in, their progress, and Ctrl-C.
+
+pub mod interrupt;
+pub mod progress;
+pub mod run_folder;
+pub mod terminal;
