@@ -263,7 +263,7 @@ pub struct PoolConfig {
 
 impl Default for PoolConfig {
     fn default() -> Self {
-        Self { points: 16, survivors: 2, steps: 4, reach: 0.1, rounds: 1 }
+        Self { points: 32, survivors: 2, steps: 3, reach: 0.1, rounds: 1 }
     }
 }
 

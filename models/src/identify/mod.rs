@@ -90,7 +90,7 @@ pub use reconstruct::{Reconstruction, reconstruct};
 pub use run::{ClipIdentity, HistoryRow, Run, Search, State};
 pub use temporal_start::TemporalConfig;
 pub use tracks::{TANGENT_COST, Tracks, TracksFit};
-pub(crate) use uncertainty::error_budget::ErrorBudget;
+pub(crate) use uncertainty::error_budget::{Discrepancy, ErrorBudget, Outliers};
 pub(crate) use uncertainty::normal;
 pub(crate) use unknowns::coordinate;
 pub use unknowns::{Bound, Chosen, Free, Ground, SPIN, Unknown, Unknowns, VELOCITY};

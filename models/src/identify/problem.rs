@@ -144,6 +144,12 @@ impl<'a> Problem<'a> {
         self
     }
 
+    /// The same with the fewest substeps that are stable, however much less they damp the motion: enough to tell good from bad.
+    #[must_use]
+    pub(super) fn fewest_substeps(self) -> Self {
+        Self { least_speed: 0.0, ..self }
+    }
+
     /// The same in free flight.
     #[must_use]
     pub fn flying(&self) -> Self {

@@ -119,8 +119,8 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
 pub(super) enum Moved<'a> {
     /// In free flight, for the first frames.
     Flying { frames: usize, velocity: [f64; 3], spin: [f64; 3] },
-    /// As simulated, through the first frames; the material is fitted with them, from these unknowns on.
-    Simulated { frames: usize, unknowns: &'a Unknowns },
+    /// As simulated, through the first frames, each of which counts so much; the material is fitted with them, from these unknowns on.
+    Simulated { frames: usize, unknowns: &'a Unknowns, weights: Option<&'a [f64]>, fewest_substeps: bool },
 }
 
 /// What all stages share.
@@ -179,7 +179,8 @@ impl Stages<'_> {
         let since = Instant::now();
         self.keep_before(run, &shape)?;
         let in_motion = run.config.in_motion_of(self.law);
-        let no_help = match self.shape(run, &shape, in_motion, Moved::Simulated { frames, unknowns: &before }) {
+        let moved = Moved::Simulated { frames, unknowns: &before, weights: None, fewest_substeps: false };
+        let no_help = match self.shape(run, &shape, in_motion, moved) {
             Err(error) if matches!(error.kind(), ErrorKind::Physics | ErrorKind::NonFinite) => {
                 format!("the simulation breaks down: {error}")
             }
@@ -219,13 +220,14 @@ impl Stages<'_> {
     /// Fits the voxels to some frames, moved as the stage says; starts from the hull if there is no field yet. Where they are simulated, the
     /// material is fitted with them; what moves them in the end is returned.
     pub(super) fn shape(&self, run: &mut Run, stage: &str, iterations: usize, moved: Moved<'_>) -> Result<Unknowns> {
-        let (simulated, start, frames) = match moved {
-            Moved::Simulated { frames, unknowns } => (true, unknowns.clone(), frames),
+        let (simulated, start, frames, weights) = match moved {
+            Moved::Simulated { frames, unknowns, weights, .. } => (true, unknowns.clone(), frames, weights),
             Moved::Flying { frames, velocity, spin } => {
                 let parameters = run.config.starting_values(self.law)?;
-                (false, Unknowns { velocity, spin, parameters, ..Unknowns::default() }, frames)
+                (false, Unknowns { velocity, spin, parameters, ..Unknowns::default() }, frames, None)
             }
         };
+        let weights = weights.map_or_else(|| vec![1.0; frames], <[f64]>::to_vec);
         let with = WithVoxels::new(self.law, start, simulated, &run.config)?;
         let reached = run.reached(stage)?;
         if run.has_finished(stage) || reached.ended {
@@ -251,15 +253,18 @@ impl Stages<'_> {
         }
         let particles = Particles::of_field(&field, &params, 0.0)?;
         let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
-        let problem = if simulated { problem } else { problem.flying() };
+        let problem = match moved {
+            Moved::Flying { .. } => problem.flying(),
+            Moved::Simulated { fewest_substeps: true, .. } => problem.fewest_substeps(),
+            Moved::Simulated { .. } => problem,
+        };
         // those of the start: a loss that is followed must not jump with the step, whether the fit was interrupted or not
         let substeps = problem.schedule(&with.start, frames).substeps;
         let loss = |bound: &Bound, opacity: &Var, colour: &Var| {
             let (here, values) = with.bound(bound, opacity.tape(), DTYPE)?;
             problem.with_step(&values, frames, &mut { substeps }, &mut |_| (), &mut |schedule| {
                 let motion = problem.motion_of(opacity, &here, schedule)?;
-                let loss =
-                    problem.loss_of(&motion, [opacity, colour], &|frame| self.seen(frame), &vec![1.0; frames])?;
+                let loss = problem.loss_of(&motion, [opacity, colour], &|frame| self.seen(frame), &weights)?;
                 let penalty = problem.ranges.as_ref().and_then(|ranges| ranges.on_tape(self.law, &here.parameters));
                 Ok(penalty.map_or(loss.clone(), |penalty| &loss + &penalty))
             })

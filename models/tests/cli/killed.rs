@@ -130,8 +130,15 @@ fn between_writes_of_a_pool() {
     let whole = killed_between_writes(&tiny, "elastic", "pool", (6..).step_by(5));
     assert_eq!(whole.0["surveys"].as_array().unwrap().len(), 1);
     assert!(whole.0["marginals"]["young"].is_object(), "{:#}", whole.0);
+    // the shape that was fitted with its motion is kept where it is more probable
+    let cost = |stage: &str| whole.0["survivors"][stage][0]["cost"].as_f64().unwrap();
+    let [held, followed] = ["shape in motion 1: agreement", "shape and material 1: agreement"].map(cost);
+    assert_eq!(has_finished(&whole, "shape and material 1: undone"), followed >= held, "{followed} after {held}");
     let auto = killed_between_writes(&tiny, "auto", "pool", (8..).step_by(7));
     assert!(has_finished(&auto, "posterior") && auto.0["survivors"].is_object(), "{:#}", auto.0);
+    // what flows keeps no shape that could be fitted with its motion
+    let flowing = killed_between_writes(&tiny, "newtonian", "pool", std::iter::once(30));
+    assert!(has_finished(&flowing, "shape in motion 1") && !has_finished(&flowing, "agreement"), "{:#}", flowing.0);
 }
 
 /// Waits until the run in `out` satisfies `reached`; whether it did before it ended.

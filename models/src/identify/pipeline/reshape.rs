@@ -1,12 +1,12 @@
-//! The shape from the whole motion: voxels fitted to all frames, moved as they were simulated before.
+//! The shape from the whole motion: voxels fitted to all frames, moved as they were simulated before, and then as they are simulated.
 
 use std::time::Instant;
 
 use gradreel::optim::{Bound, Params};
-use gradreel::{Result, Var};
+use gradreel::{Result, Tensor, Var};
 
 use super::rung::Level;
-use crate::identify::reconstruct::{DTYPE, Stages};
+use crate::identify::reconstruct::{DTYPE, Moved, Stages};
 use crate::identify::run::Run;
 use crate::identify::{Problem, Unknowns};
 use crate::particles::Particles;
@@ -30,16 +30,8 @@ impl Stages<'_> {
         if reached.iterations == 0 {
             (field, params) = field.pruned(&params, least)?;
         }
-        // the body as it was before, also where the fit goes on
-        let (before, values) = run.load_kept_field()?;
-        let (before, values) = before.pruned(&values, least)?;
-        let body = Particles::of_field(&before, &values, 0.0)?;
+        let (body, motion, weights) = self.explained(run, unknowns)?;
         let problem = Problem::new(&body, self.observed, self.law.clone(), &run.config, DTYPE);
-        let frames = self.observed.targets.len();
-        let motion = problem.positions_of_first(unknowns, frames)?;
-        let floor = self.floor(run, &Level { particles: body.clone(), observed: self.observed })?;
-        let weights: Vec<f64> =
-            problem.losses_of(&motion)?.into_iter().map(|loss| 2.0 * floor / (loss + floor)).collect();
         let loss = |_: &Bound, opacity: &Var, colour: &Var| {
             let motion = opacity.tape().constant(motion.clone());
             problem.loss_of(&motion, [opacity, colour], &|frame| self.seen(frame), &weights)
@@ -49,4 +41,33 @@ impl Stages<'_> {
         self.fitted_voxels(run, &field, (params, adam), (reached, iterations), &loss, &silent)?;
         run.finish(stage, since)
     }
+
+    /// Fits voxels and material together to all frames, moved as they are simulated: a shape that falls otherwise is another one. From
+    /// where the motion was held few iterations are needed, and a rollout of the fewest substeps is enough.
+    ///
+    /// # Errors
+    /// As [`Stages::reshape`].
+    pub fn reshape_and_follow(&self, run: &mut Run, stage: &str, unknowns: &Unknowns) -> Result<Unknowns> {
+        self.keep_before(run, stage)?;
+        let weights = if run.has_finished(stage) { vec![] } else { self.explained(run, unknowns)?.2 };
+        let frames = self.observed.targets.len();
+        let moved = Moved::Simulated { frames, unknowns, weights: Some(&weights), fewest_substeps: true };
+        self.shape(run, stage, FOLLOWED, moved)
+    }
+
+    /// The body as it was kept, how it moves, and how much each frame counts.
+    fn explained(&self, run: &Run, unknowns: &Unknowns) -> Result<(Particles, Tensor, Vec<f64>)> {
+        let (kept, values) = run.load_kept_field()?;
+        let (kept, values) = kept.pruned(&values, run.config.geometry.least_opacity)?;
+        let body = Particles::of_field(&kept, &values, 0.0)?;
+        let problem = Problem::new(&body, self.observed, self.law.clone(), &run.config, DTYPE);
+        let motion = problem.positions_of_first(unknowns, self.observed.targets.len())?;
+        let floor = self.floor(run, &Level { particles: body.clone(), observed: self.observed })?;
+        let weight = |loss: f64| 2.0 * floor / (loss + floor);
+        let weights = problem.losses_of(&motion)?.into_iter().map(weight).collect();
+        Ok((body, motion, weights))
+    }
 }
+
+/// Iterations of fitting shape and material together.
+const FOLLOWED: usize = 12;

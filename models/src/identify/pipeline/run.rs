@@ -1,22 +1,27 @@
 //! The stages of the pool in their order.
 
-use gradreel::Result;
+use std::time::Instant;
 
-use super::rung::{Family, Level, Rung};
+use gradreel::{ErrorKind, Result};
+
+use super::rung::{Family, Fidelity, Level, Rung};
 use crate::identify::hypotheses::Hypothesis;
 use crate::identify::reconstruct::{DTYPE, Stages};
 use crate::identify::run::Run;
 use crate::identify::{MaterialConfig, Observed, Unknowns};
 
-/// How many times as many hypotheses are searched on the coarse grid as on the full one.
-const COARSE: usize = 4;
+/// The rungs before the full forward model: name, how faithful it is, Gauss–Newton steps of each hypothesis, how many times as many go on as
+/// are searched at last, and how many times the loss of the best theirs may be. A coarse body tells good from bad, but not the best from the
+/// second best, so that it is searched little and hands on many.
+const RUNGS: [(&str, Fidelity, usize, usize, f64); 4] = [
+    ("what is plausible", Fidelity::Coarse, 0, 12, 4.0),
+    ("material, coarse", Fidelity::Coarse, 1, 6, 3.0),
+    ("material, few substeps", Fidelity::FewSubsteps, 0, 3, 2.0),
+    ("material, few substeps, on", Fidelity::FewSubsteps, 2, 1, 1.5),
+];
 
-/// Gauss–Newton steps of each there.
-const COARSE_STEPS: usize = 5;
-
-/// A hypothesis goes on whose loss is at most so many times that of the best: after the first look, on the coarse grid, on the full one, and
-/// once the shape is fitted to the motion.
-const GO_ON: [f64; 4] = [4.0, 2.0, 1.5, 1.3];
+/// A hypothesis goes on whose loss is at most so many times that of the best: on the full grid, and once the shape is fitted to the motion.
+const GO_ON: [f64; 2] = [1.5, 1.3];
 
 impl Stages<'_> {
     /// From a body in flight to the posterior: the pool on a coarse body, the better ones on the full one, and in rounds the shape from the
@@ -30,16 +35,64 @@ impl Stages<'_> {
         let mut survivors: Vec<Hypothesis> =
             survivors.into_iter().filter(|one| families.iter().any(|family| family.name == one.family)).collect();
         for round in 1..=run.config.pool.rounds {
-            stages.reshape(run, &format!("shape in motion {round}"), &survivors[0].unknowns)?;
+            survivors = stages.body(run, round, &families, survivors)?;
             let full = Level { particles: stages.particles(run)?, observed: self.observed };
             let stage = format!("material {round}");
             let (steps, most) = (run.config.pool.steps.div_ceil(2), run.config.pool.survivors);
-            let rung = Rung { stage: &stage, coarse: false, world: true, steps, keep: (most, GO_ON[3]) };
+            let rung = Rung { stage: &stage, fidelity: Fidelity::Full, world: true, steps, keep: (most, GO_ON[1]) };
             survivors = stages.rung(run, rung, &families, &full, survivors)?;
         }
         let full = Level { particles: stages.particles(run)?, observed: self.observed };
         stages.survey(run, "posterior", &families, &full, &survivors)?;
         stages.conclude(run, &families)
+    }
+
+    /// Fits the body to the whole motion, held as it was, and of solids then as they move with the new shape; keeps the shape with which the
+    /// best survivor is the more probable. The survivors with it.
+    fn body(
+        &self,
+        run: &mut Run,
+        round: usize,
+        families: &[Family],
+        survivors: Vec<Hypothesis>,
+    ) -> Result<Vec<Hypothesis>> {
+        let agrees = |run: &mut Run, stage: &str, survivors: &[Hypothesis]| {
+            let full = Level { particles: self.particles(run)?, observed: self.observed };
+            let keep = (survivors.len(), f64::INFINITY);
+            let rung = Rung { stage, fidelity: Fidelity::Full, world: true, steps: 0, keep };
+            let best = self.rung(run, rung, families, &full, survivors[..1].to_vec())?;
+            Ok::<_, gradreel::Error>(best[0].cost.unwrap_or(f64::INFINITY))
+        };
+        self.reshape(run, &format!("shape in motion {round}"), &survivors[0].unknowns)?;
+        if run.config.flows(self.law) {
+            // what flows forgets its shape
+            return Ok(survivors);
+        }
+        let stage = format!("shape and material {round}");
+        let undone = format!("{stage}: undone");
+        if run.has_finished(&undone) {
+            return Ok(survivors);
+        }
+        let held = agrees(run, &format!("shape in motion {round}: agreement"), &survivors)?;
+        let better = match self.reshape_and_follow(run, &stage, &survivors[0].unknowns) {
+            Ok(unknowns) => {
+                let mut better = survivors.clone();
+                better[0].unknowns = unknowns;
+                (agrees(run, &format!("{stage}: agreement"), &better)? < held).then_some(better)
+            }
+            Err(error) if matches!(error.kind(), ErrorKind::Physics | ErrorKind::NonFinite) => {
+                run.note(format!("{stage}: given up: {error}"));
+                None
+            }
+            Err(error) => return Err(error),
+        };
+        if let Some(better) = better {
+            return Ok(better);
+        }
+        let since = Instant::now();
+        run.restore_field()?;
+        run.finish(&undone, since)?;
+        Ok(survivors)
     }
 
     /// The pool on the coarse body, and the better ones on the full one.
@@ -49,13 +102,14 @@ impl Stages<'_> {
         let coarse = Level { particles: particles.merged(), observed: &small };
         let full = Level { particles, observed: self.observed };
         let (steps, most) = (run.config.pool.steps, run.config.pool.survivors);
-        let rung = |stage, coarse, steps, keep| Rung { stage, coarse, world: false, steps, keep };
-        let pool = self.pool(run, families, start)?;
-        let first = rung("what is plausible", true, 0, (COARSE * most, GO_ON[0]));
-        let survivors = self.rung(run, first, families, &coarse, pool)?;
-        let second = rung("material, coarse", true, COARSE_STEPS, (most, GO_ON[1]));
-        let survivors = self.rung(run, second, families, &coarse, survivors)?;
-        self.rung(run, rung("material", false, steps, (most, GO_ON[2])), families, &full, survivors)
+        let rung = |stage, fidelity, steps, keep| Rung { stage, fidelity, world: false, steps, keep };
+        let mut survivors = self.pool(run, families, start)?;
+        for (stage, fidelity, steps, times, worse) in RUNGS {
+            let level = if fidelity == Fidelity::Coarse { &coarse } else { &full };
+            survivors =
+                self.rung(run, rung(stage, fidelity, steps, (times * most, worse)), families, level, survivors)?;
+        }
+        self.rung(run, rung("material", Fidelity::Full, steps, (most, GO_ON[0])), families, &full, survivors)
     }
 }
 

@@ -17,13 +17,24 @@ use crate::particles::Particles;
 use crate::physics::Law;
 use crate::runtime::interrupt;
 
+/// How faithful a forward model is to the one that a search ends with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Fidelity {
+    /// A body, a grid and pictures of half the resolution, and the fewest substeps that are stable.
+    Coarse,
+    /// Only the substeps are the fewest that are stable.
+    FewSubsteps,
+    /// The same.
+    Full,
+}
+
 /// What a rung of the halving has to spend.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Rung<'a> {
     /// The name of its stage.
     pub stage: &'a str,
-    /// Whether it is on the coarse body, grid and pictures.
-    pub coarse: bool,
+    /// How faithful its forward model is.
+    pub fidelity: Fidelity,
     /// Whether the velocity and the height of the ground are free, too.
     pub world: bool,
     /// Gauss–Newton steps.
@@ -123,18 +134,17 @@ impl Stages<'_> {
             let since = Instant::now();
             let fallen = self.fall(run)?;
             let floor = self.floor(run, level)?;
-            let setting = |(family, free): (&Family, &Free)| Setting {
-                problem: Problem::new(&level.particles, level.observed, family.law.clone(), &run.config, DTYPE),
-                free: *free,
-                frames: frames.clone(),
-                floor,
+            let setting = |(family, free): (&Family, &Free)| {
+                let problem = Problem::new(&level.particles, level.observed, family.law.clone(), &run.config, DTYPE);
+                let problem = if rung.fidelity == Fidelity::Full { problem } else { problem.fewest_substeps() };
+                Setting { problem, free: *free, frames: frames.clone(), floor }
             };
             let settings: Vec<Setting<'_>> = families.iter().zip(&frees).map(setting).collect();
             let residuals = (frames.len() * level.observed.views.len()) as f64;
             let search = |hypothesis: &Hypothesis| {
                 let k = place(families, &hypothesis.family);
                 let mut start = hypothesis.unknowns.clone();
-                if rung.coarse {
+                if rung.fidelity == Fidelity::Coarse {
                     // the same height in wider cells
                     start.contact *= 0.5;
                 }
@@ -146,7 +156,7 @@ impl Stages<'_> {
             let ended = hypotheses.iter().zip(&searches).map(|(hypothesis, search)| {
                 let best = search.best();
                 let mut unknowns = best.unknowns.clone();
-                if rung.coarse {
+                if rung.fidelity == Fidelity::Coarse {
                     unknowns.contact *= 2.0;
                 }
                 let finite = |x: f64| Some(x).filter(|x| x.is_finite());
