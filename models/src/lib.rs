@@ -99,6 +99,6 @@ pub mod identify;
 pub mod scenes;
 pub mod runtime;
 pub mod report;
-pub mod ablation;
-pub mod coverage;
+mod ablation;
+mod coverage;
 pub mod cli;
