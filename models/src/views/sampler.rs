@@ -7,7 +7,7 @@ use super::{Ddim, Schedule, Subject, on_cpu};
 /// Settings that determine a run's result, besides model and picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SamplerSettings {
-    /// Requested steps; if they do not divide 1000, there are slightly more (see [`Ddim::new`]).
+    /// Requested steps; if they do not divide 1000, there are slightly more (see `Ddim::new`).
     pub steps: usize,
     /// Strength of the classifier-free guidance; 1 disables it and halves the cost.
     pub guidance: f64,
