@@ -106,6 +106,7 @@ pub mod render;
 pub mod identify;
 pub mod scenes;
 pub mod runtime;
+#[doc(hidden)] // the fuzz tests and benchmarks use parts of it
 pub mod report;
 mod ablation;
 mod coverage;

@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
+use crate::report::animation::{Picture, gif};
+use crate::report::ply::ply;
+use crate::report::png_file::png;
+use crate::report::quantity::{Quantity, parameters_json};
 use gradreel::ErrorKind;
-use gradreel_models::report::animation::{Picture, gif};
-use gradreel_models::report::ply::ply;
-use gradreel_models::report::png_file::png;
-use gradreel_models::report::quantity::{Quantity, parameters_json};
 use serde_json::Value;
 
 /// Reads a binary PLY by its own header: the names of the properties and the values of each vertex.

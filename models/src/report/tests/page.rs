@@ -1,11 +1,11 @@
 //! The page as a whole.
 
-use gradreel_models::report::base64::encode;
-use gradreel_models::report::page::{Headline, Page, Scene};
-use gradreel_models::report::plot::{Plot, Series};
+use crate::report::base64::encode;
+use crate::report::page::{Headline, Page, Scene};
+use crate::report::plot::{Plot, Series};
 use serde_json::Value;
 
-use crate::markup::{decode_base64, decode_entities};
+use super::markup::{decode_base64, decode_entities};
 
 const HOSTILE: &str = "</script><script>alert(1)</script>\"'><img src=x onerror=alert(2)>&amp;";
 

@@ -2,8 +2,8 @@
 
 use std::fs;
 
+use crate::report::results_file::{Measured, Section, replace, replaced};
 use gradreel::ErrorKind;
-use gradreel_models::report::results_file::{Measured, Section, replace, replaced};
 
 fn section(name: &str, body: &str) -> Section {
     let (title, split) = (format!("The {name}"), "development".to_owned());

@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use gradreel_models::report::page::{Headline, Page, Scene};
+use crate::report::page::{Headline, Page, Scene};
 use tempfile::TempDir;
 
 /// A browser on the path, or the one that `CHROMIUM` names.

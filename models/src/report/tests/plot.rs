@@ -1,8 +1,8 @@
 //! Plots: well-formed SVG, points where they belong, ticks a person would choose.
 
-use gradreel_models::report::plot::{Plot, Series};
+use crate::report::plot::{Plot, Series};
 
-use crate::markup::{Element, read};
+use super::markup::{Element, read};
 
 fn plot(log_y: bool, series: Vec<Vec<(f64, f64)>>) -> Plot {
     let series = series.into_iter().enumerate().map(|(i, points)| Series { label: format!("curve {i}"), points });
