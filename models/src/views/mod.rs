@@ -61,13 +61,15 @@ pub use ensemble::Ensemble;
 pub use memory_estimate::MemoryEstimate;
 pub use model::{Model, ModelSizes};
 pub use picture::open_picture;
-pub use sampler::{Moment, Predictor, SamplerSettings, Sampling};
+pub use sampler::{SamplerSettings, Sampling};
 pub use subject::Subject;
 pub use weights::FileWeights;
 
-pub use crate::layers::{Init, Scope, Weights, initialise};
+pub use crate::layers::{Scope, initialise};
 
 // the benchmarks use these; they are no part of the API
+#[doc(hidden)]
+pub use crate::layers::{Init, Weights};
 #[doc(hidden)]
 pub use {
     autoencoder::Autoencoder,
@@ -89,6 +91,7 @@ pub(crate) use memory_estimate::megabytes;
 pub(crate) use model::UNUSED;
 pub(crate) use preview::LatentColours;
 pub(crate) use resize::Bicubic;
+pub(crate) use sampler::{Moment, Predictor};
 pub(crate) use schedule::Ddim;
 pub(crate) use score::Score;
 pub(crate) use spatial_aware::{SpatialAware, SpatialAwareSizes};

@@ -97,3 +97,37 @@ fn a_drawn_object_is_in_the_image() {
     assert!(seen.bounds.low.iter().all(|x| *x > 0.0) && seen.bounds.high.iter().all(|x| *x < 1.0));
     assert!(seen.depth.is_some_and(|depth| (0.6..2.4).contains(&depth)));
 }
+
+#[test]
+fn a_run_goes_on_from_its_file_to_the_same_end() -> gradreel::Result<()> {
+    use crate::views::{Moment, Predictor, SamplerSettings, Sampling, Subject};
+    use gradreel::{DType, Result, Tensor};
+
+    /// A model that takes all it sees for noise.
+    struct Doubter;
+    impl Predictor for Doubter {
+        fn predict(
+            &self,
+            moment: &Moment<'_>,
+            views: &[usize],
+            found: &mut dyn FnMut(usize, Tensor) -> Result<()>,
+        ) -> Result<()> {
+            let all = moment.latents.slice::<f32>();
+            let size = all.len() / moment.latents.dims()[1];
+            views.iter().try_for_each(|&v| found(v, Tensor::from_vec(all[v * size..][..size].to_vec(), [1, 4, 2, 2])))
+        }
+    }
+
+    let latent = Tensor::zeros([1, 4, 2, 2], DType::F32);
+    let subject = Subject { embedding: Tensor::zeros([1, 1, 8], DType::F32), latent, elevation: 0.5, seen: None };
+    let settings = SamplerSettings { steps: 4, ..SamplerSettings::default() };
+    let mut run = Sampling::begin(subject, settings, 3)?;
+    run.step(&Doubter, &mut |_| Ok(()))?;
+    let mut other = Sampling::from_file(&run.to_file())?;
+    while !run.is_finished() {
+        run.step(&Doubter, &mut |_| Ok(()))?;
+        other.step(&Doubter, &mut |_| Ok(()))?;
+    }
+    assert_eq!(run.latents().slice::<f32>(), other.latents().slice::<f32>());
+    Ok(())
+}
