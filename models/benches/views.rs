@@ -9,14 +9,13 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 
 use gradreel::{Key, Result, Shape, Tape, Var};
-use gradreel_models::layers::{Init, Scope, Weights};
 use gradreel_models::views::objects::{Sample, SampleSettings};
 use gradreel_models::views::{
-    Autoencoder, AutoencoderSizes, ClipSizes, ClipTower, Condition, Denoiser, FrustumNet, FrustumSizes, ImageBox,
-    ModelSizes, Schedule, SpatialNet, SpatialSizes, Target, Unet, UnetSizes, VolumeSizes,
+    Autoencoder, AutoencoderSizes, ClipSizes, ClipTower, Condition, Denoiser, FrustumNet, FrustumSizes, ImageBox, Init,
+    ModelSizes, Schedule, Scope, SpatialNet, SpatialSizes, Target, Unet, UnetSizes, VolumeSizes, Weights,
 };
 
-#[path = "../tests/views/procedural.rs"]
+#[path = "../src/views/tests/procedural.rs"]
 mod procedural;
 
 use procedural::{Source, input};

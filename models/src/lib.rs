@@ -80,6 +80,10 @@
 
 #![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
 
+// a benchmark shares a file with the tests
+#[cfg(test)]
+extern crate self as gradreel_models;
+
 mod constant;
 mod fnv1a;
 mod mesh_files;
@@ -87,9 +91,13 @@ mod folder;
 mod nearest;
 mod text;
 mod vector;
-pub mod layers;
+#[cfg(test)]
+#[path = "../../tests/vectors/find.rs"]
+mod find;
+mod layers;
 pub mod video;
 pub mod views;
+#[doc(hidden)] // the benchmarks use parts of it
 pub mod field;
 pub mod monocular;
 pub mod particles;
@@ -98,7 +106,8 @@ pub mod render;
 pub mod identify;
 pub mod scenes;
 pub mod runtime;
+#[doc(hidden)] // the fuzz tests and benchmarks use parts of it
 pub mod report;
-pub mod ablation;
-pub mod coverage;
+mod ablation;
+mod coverage;
 pub mod cli;

@@ -2,14 +2,6 @@
 
 /// The known name nearest to `wanted` by edit distance, if at most `1 + length/3` edits apart or with the same first
 /// four letters.
-///
-/// ```
-/// use gradreel_models::scenes::nearest;
-///
-/// assert_eq!(nearest("neo_hokean", ["newtonian", "neo_hookean"]), Some("neo_hookean"));
-/// assert_eq!(nearest("radius", ["centre_m", "radius_m"]), Some("radius_m"));
-/// assert_eq!(nearest("steel", ["newtonian", "snow"]), None);
-/// ```
 pub fn nearest<'a>(wanted: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let folded = wanted.to_lowercase();
     let scored = known.into_iter().map(|name| (strsim::levenshtein(&folded, &name.to_lowercase()), name));
@@ -31,4 +23,16 @@ pub(crate) fn suggestion(message: &str) -> Option<String> {
 /// Names joined by commas, for messages.
 pub(crate) fn listed<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
     names.into_iter().collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::nearest;
+
+    #[test]
+    fn the_nearest_name_is_few_edits_away_or_begins_alike() {
+        assert_eq!(nearest("neo_hokean", ["newtonian", "neo_hookean"]), Some("neo_hookean"));
+        assert_eq!(nearest("radius", ["centre_m", "radius_m"]), Some("radius_m"));
+        assert_eq!(nearest("steel", ["newtonian", "snow"]), None);
+    }
 }

@@ -22,7 +22,7 @@ mod build;
 mod builder;
 mod clips;
 mod harness;
-#[path = "../../models/tests/views/mesh_files.rs"]
+#[path = "../../models/src/views/tests/mesh_files.rs"]
 #[allow(dead_code)]
 mod mesh_files;
 mod meshes;

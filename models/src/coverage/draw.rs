@@ -35,8 +35,6 @@ impl Split {
 
 /// A clip before it is made. Everything follows from the split, the number and the count of cameras.
 pub struct Recipe {
-    /// The number of the clip in its split.
-    pub number: u64,
     /// The family of its material.
     pub family: &'static str,
     /// The parameters of its law by name, in SI units.
@@ -136,7 +134,6 @@ impl Recipe {
         let start = [dice.within(-0.05, 0.05), fall + half, dice.within(-0.05, 0.05)];
 
         let mut scene = Self {
-            number,
             family,
             parameters,
             velocity,

@@ -25,6 +25,6 @@ pub use draw::{Recipe, Split};
 pub use film::write;
 pub use fit::{Line, fit};
 pub use histogram::ranks;
-pub use motion::{Motion, simulate};
+pub use motion::simulate;
 pub use score::Score;
-pub use summary::{Family, Summary, Unknown};
+pub use summary::Summary;

@@ -96,19 +96,6 @@ impl DenseGrid {
     /// Trilinear lookup of values `[x, y, z, channels]` at points `[n, 3]` \[m\]: `[n, channels]`. Nodes outside count
     /// as 0. Differentiable in values and points.
     ///
-    /// ```
-    /// use gradreel::{Tape, Tensor};
-    /// use gradreel_models::field::DenseGrid;
-    ///
-    /// let grid = DenseGrid::of_spacing([0.0; 3], [0.2, 0.1, 0.1], 0.1)?;
-    /// assert_eq!(grid.dims, [3, 2, 2]);
-    /// let tape = Tape::new();
-    /// let values = tape.leaf(Tensor::from_vec((0..12).map(f64::from).collect(), [3, 2, 2, 1]));
-    /// let points = tape.constant(Tensor::from_vec(vec![0.05, 0.05, 0.0], [1, 3]));
-    /// assert!((grid.lookup(&values, &points)?.item()? - 3.0).abs() < 1e-12);
-    /// # Ok::<(), gradreel::Error>(())
-    /// ```
-    ///
     /// # Errors
     /// [`ErrorKind::Device`] when constants cannot be copied to the device.
     ///

@@ -56,25 +56,6 @@ impl Faces {
     ///
     /// A total variation. An axis-aligned box is neither rounded nor shrunk; pits are closed and protrusions removed.
     ///
-    /// ```
-    /// use gradreel::ops::NodeGrid;
-    /// use gradreel::{Tape, Tensor};
-    /// use gradreel_models::field::Field;
-    ///
-    /// let node_grid = NodeGrid { origin: [0.0; 3], spacing: 0.01, dims: [5; 3] };
-    /// let faces = Field { node_grid, voxels: (0..125).collect() }.faces();
-    /// let tape = Tape::new();
-    /// let mut opacity = vec![1.0; 125];
-    /// let whole = faces.area(&tape.constant(Tensor::from_vec(opacity.clone(), [125, 1])))?.item()?;
-    /// opacity[12] = 0.0; // the middle of a side
-    /// let pitted = faces.area(&tape.constant(Tensor::from_vec(opacity, [125, 1])))?.item()?;
-    /// assert!((whole - 0.905).abs() < 1e-3 && pitted > 1.02 * whole);
-    /// // what is carved from a whole cube: nothing
-    /// let carved = faces.carved().area(&tape.constant(Tensor::full(1.0, [125, 1], gradreel::DType::F64)))?.item()?;
-    /// assert_eq!(carved, 0.0);
-    /// # Ok::<(), gradreel::Error>(())
-    /// ```
-    ///
     /// # Errors
     /// Propagates errors of the ops.
     pub fn area(&self, opacity: &Var) -> Result<Var> {

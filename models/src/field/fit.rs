@@ -13,8 +13,8 @@ pub struct FitSettings {
     pub iterations: usize,
     /// Adam iterations once the motion through all frames is known.
     pub in_motion: usize,
-    /// Weight of the surface area ([`Faces::area`](crate::field::Faces::area)) for bodies seen by several cameras. It
-    /// prevents pits where no camera faces the surface. With a single camera, fluid-like bodies use [`Faces::carved`];
+    /// Weight of the surface area (`Faces::area`) for bodies seen by several cameras. It
+    /// prevents pits where no camera faces the surface. With a single camera, fluid-like bodies use `Faces::carved`;
     /// others have no such term.
     pub smoothness: f64,
     /// Learning rate of the raw density.

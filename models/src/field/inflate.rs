@@ -48,18 +48,6 @@ impl<'a> Inflated<'a> {
 /// `d` the distance from its contour. 0 outside.
 ///
 /// A disc becomes a ball, a stripe a cylinder. This assumes that each part of the object is as deep as it is wide.
-///
-/// ```
-/// use gradreel_models::field::half_thickness;
-/// use gradreel_models::video::Frame;
-/// use ndarray::{Array2, Array3};
-///
-/// let disc = Array2::from_shape_fn((41, 41), |(y, x)| f32::from((x as f32 - 20.0).hypot(y as f32 - 20.0) < 15.0));
-/// let frame = Frame { rgb: Array3::ones((41, 41, 3)), weight: Array2::ones((41, 41)), alpha: disc };
-/// let half = half_thickness(&frame);
-/// // a ball: the edge runs half a pixel before the first pixel outside
-/// assert!((half[[20, 20]] - 14.5).abs() < 0.1 && (half[[20, 29]] - (14.5f64 * 14.5 - 9.0 * 9.0).sqrt()).abs() < 0.1);
-/// ```
 pub fn half_thickness(frame: &Frame) -> Array2<f64> {
     let inside = frame.alpha.mapv(|alpha| alpha > 0.5);
     // pad by one pixel: outside of the image is not object

@@ -1,6 +1,6 @@
 //! Field: density and colour voxels of the first frame.
 //!
-//! [`hull`] carves the visual hull from the silhouettes; [`Field`] holds raw density and colour at the hull's voxels,
+//! `hull` carves the visual hull from the silhouettes; `Field` holds raw density and colour at the hull's voxels,
 //! and `fit` fits the rendered voxels to the images. Each voxel becomes a particle: the voxel spacing is the particle
 //! spacing, half a cell of the simulation.
 //!
@@ -20,21 +20,26 @@ mod solid;
 mod static_fit;
 mod static_step;
 pub mod temporal;
+#[cfg(test)]
+mod tests;
 mod variation;
 mod voxels;
 
+pub use dense::DenseGrid;
 pub(crate) use dense::channel;
-pub use dense::{DenseGrid, opacity_shift};
-pub use faces::Faces;
-pub use fit::{FitSettings, FitState, fit};
-pub use hull::{Hull, Sphere, bounding_sphere, hull};
+pub(crate) use dense::opacity_shift;
+pub(crate) use faces::Faces;
+pub use fit::FitSettings;
+pub(crate) use fit::fit;
+pub(crate) use hull::{Hull, Sphere, bounding_sphere, hull};
 pub(crate) use hull::{fill_gaps, meeting_point, middle, place};
 pub(crate) use inflate::Inflated;
-pub use inflate::half_thickness;
 pub use occupancy::Occupancy;
 pub(crate) use occupancy::opacity;
-pub use radiance::{ColourNet, RadianceField, RadianceSizes};
-pub use static_fit::{StaticFit, StaticFitSettings, StaticProgress};
-pub use static_step::{StaticSettings, StaticStep, entropy, static_step};
-pub use variation::{Reach, variation_gradient, with_variation};
-pub use voxels::Field;
+pub(crate) use radiance::ColourNet;
+pub use radiance::{RadianceField, RadianceSizes};
+pub use static_fit::{StaticFit, StaticFitSettings};
+pub(crate) use static_step::entropy;
+pub use static_step::{StaticSettings, static_step};
+pub(crate) use variation::{Reach, with_variation};
+pub(crate) use voxels::Field;

@@ -30,28 +30,13 @@ impl Default for RadianceSizes {
 /// `radiance.density` `[x, y, z, 1]`, `radiance.features` `[x, y, z, features]` and the network's `radiance.colour.*`.
 ///
 /// C. Sun, M. Sun, H.-T. Chen, "Direct Voxel Grid Optimization", CVPR 2022; X. Li and others, "PAC-NeRF", ICLR 2023.
-///
-/// ```
-/// use gradreel::{DType, Key};
-/// use gradreel_models::field::{DenseGrid, RadianceField, RadianceSizes};
-///
-/// let grid = DenseGrid::of_spacing([-0.5, 0.1, -0.5], [0.5, 1.0, 0.5], 0.16)?;
-/// let mut field = RadianceField::new(grid, 1e-4, RadianceSizes::default());
-/// let params = field.initialise(Key::new(1), DType::F32)?;
-/// assert_eq!(params.get("radiance.features")?.dims(), [7, 7, 7, 12]);
-/// // nothing is there yet, so that the mask of opaque nodes would be empty at a threshold above α = 1e-4
-/// assert!(field.refined(&params, 1e-2)?.is_none());
-/// let (params, occupancy) = field.refined(&params, 1e-7)?.unwrap();
-/// assert_eq!((field.grid.spacing, occupancy.occupied.len()), (0.08, params.get("radiance.density")?.len()));
-/// # Ok::<(), gradreel::Error>(())
-/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct RadianceField {
     /// The grid of density and features.
     pub grid: DenseGrid,
     /// The spacing of the coarsest grid \[m\], the unit of length of raw densities.
     pub base_spacing: f64,
-    /// Added to raw densities: [`super::opacity_shift`] of the initial opacity.
+    /// Added to raw densities: `opacity_shift` of the initial opacity.
     pub shift: f64,
     /// Sizes.
     pub sizes: RadianceSizes,

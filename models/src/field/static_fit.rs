@@ -65,28 +65,6 @@ pub struct StaticProgress {
 }
 
 /// A static fit in progress.
-///
-/// ```no_run
-/// use gradreel::DType;
-/// use gradreel_models::field::temporal::ClipRays;
-/// use gradreel_models::field::{RadianceSizes, StaticFit, StaticFitSettings};
-/// use gradreel_models::render::ViewWeights;
-/// use gradreel_models::video::{Clip, OpenOptions};
-///
-/// let clip = Clip::open("examples/clips/bird".as_ref(), &OpenOptions::default())?;
-/// // all views are real
-/// let views = ViewWeights { alpha: 0.0, ..ViewWeights::default() };
-/// let rays = ClipRays::new(&clip, &views, [0.0, 0.6, 0.0], 0, &[], 0.0);
-/// let (low, high) = ([-0.6, 0.2, -0.4], [0.6, 1.0, 0.4]);
-/// let settings = StaticFitSettings::default();
-/// let mut fit = StaticFit::new(low, high, 0.16, &RadianceSizes::default(), &settings, DType::F32)?;
-/// fit.run(&rays, |_, progress| {
-///     println!("{}: {:.1} dB, {} particles", progress.iteration, progress.psnr, progress.particles);
-///     Ok(())
-/// })?;
-/// assert_eq!(fit.field.grid.spacing, 0.02);
-/// # Ok::<(), gradreel::Error>(())
-/// ```
 pub struct StaticFit {
     /// The field on its current grid.
     pub field: RadianceField,

@@ -69,7 +69,7 @@ pub fn entropy(p: &Var, margin: f64) -> Var {
     -(&p * &p.ln() + &q * &q.ln()).mean_all()
 }
 
-/// Renders rays of the first frame through the particles of a field (grids → particles → [`splat_features`] → samples)
+/// Renders rays of the first frame through the particles of a field (grids → particles → `splat_features` → samples)
 /// and evaluates the loss.
 ///
 /// `target` holds colours `[rays, 3]` of the object over the background, `mask` the weight of each ray, `[rays]`.

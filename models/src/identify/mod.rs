@@ -64,16 +64,16 @@ mod unknowns;
 mod with_voxels;
 
 pub use again::Changes;
-pub(crate) use config::no_such_parameter;
 pub use config::{
     ClipConfig, Config, EstimateConfig, FAMILIES, GeometryConfig, ImagineConfig, MaterialConfig, Method, PoolConfig,
-    WorldConfig, law_of,
+    WorldConfig,
 };
+pub(crate) use config::{law_of, no_such_parameter};
 pub use contact::first_contact;
 pub use estimate::{Evaluation, estimate};
 pub use family::{Candidate, choose, compared};
-pub use field_file::Reached;
-pub use flight::velocity_of_silhouettes;
+pub(crate) use field_file::Reached;
+pub(crate) use flight::velocity_of_silhouettes;
 pub use flowing::FlowingConfig;
 pub use gauss_newton::{Steps, apart, gauss_newton, scan};
 pub use interval::{Interval, intervals};
@@ -83,14 +83,14 @@ pub use loss::LossConfig;
 pub use oracle::{Answer, Listener};
 pub use penalty::RangePenalty;
 pub(crate) use pipeline::{Survey, known};
-pub use pixels::{FramePixels, MotionLoss, MotionSettings, body_of, dynamic_step, is_stiffness, motion_loss};
+pub use pixels::{FramePixels, MotionLoss, MotionSettings, body_of, dynamic_step};
 pub use problem::{Observed, Problem};
 pub(crate) use reconstruct::half_of_imagined;
 pub use reconstruct::{Reconstruction, reconstruct};
-pub use run::{ClipIdentity, HistoryRow, Run, Search, State};
+pub use run::{HistoryRow, Run, State};
 pub use temporal_start::TemporalConfig;
 pub use tracks::{TANGENT_COST, Tracks, TracksFit};
 pub(crate) use uncertainty::error_budget::{Discrepancy, ErrorBudget, Outliers};
 pub(crate) use uncertainty::normal;
 pub(crate) use unknowns::coordinate;
-pub use unknowns::{Bound, Chosen, Free, Ground, SPIN, Unknown, Unknowns, VELOCITY};
+pub use unknowns::{Bound, Free, Ground, SPIN, Unknowns, VELOCITY};

@@ -1,16 +1,16 @@
 //! Monocular: position and scale of an object seen by a single camera.
 //!
 //! One camera does not observe depth, but it observes the object's fall, and gravity fixes the metric scale.
-//! [`FreeFall`] fits a ballistic trajectory to the silhouettes ([`Sighting`]), frame after frame until contact;
-//! [`locate`] corrects the bias between silhouette and object centre with a body as deep as it is wide
-//! ([`half_thickness`](crate::field::half_thickness)). [`sight`] does so for a calibrated camera.
+//! `FreeFall` fits a ballistic trajectory to the silhouettes (`Sighting`), frame after frame until contact;
+//! `locate` corrects the bias between silhouette and object centre with a body as deep as it is wide
+//! (`half_thickness`). `sight` does so for a calibrated camera.
 //!
 //! [`clip_of_film`] makes a clip of an uncalibrated film. The camera is assumed to be upright; its pitch is fitted
 //! jointly with the fall. Its angle of view is assumed, which hardly affects the metric scale: an image
 //! acceleration in pixels fixes the distance in focal lengths. The ground is at the lowest position of the object
 //! after its fall.
 //!
-//! [`surround`] adds synthesized views around the object.
+//! `surround` adds synthesized views around the object.
 
 mod film;
 mod free_fall;
@@ -18,12 +18,13 @@ mod ground;
 mod locate;
 mod sighting;
 mod surround;
+#[cfg(test)]
+mod tests;
 
 pub use film::clip_of_film;
-pub use free_fall::{Down, FreeFall};
-pub use locate::locate;
-pub use sighting::Sighting;
-pub use surround::surround;
+pub(crate) use free_fall::Down;
+pub(crate) use locate::locate;
+pub(crate) use surround::surround;
 
 use gradreel::Result;
 
@@ -35,7 +36,7 @@ use crate::video::{Clip, Flight};
 ///
 /// # Errors
 /// [`gradreel::ErrorKind::NonFinite`] for a camera with a non-finite matrix.
-pub fn sight(clip: &mut Clip, gravity: [f64; 3]) -> Result<()> {
+pub(crate) fn sight(clip: &mut Clip, gravity: [f64; 3]) -> Result<()> {
     let strength = dot(gravity, gravity).sqrt();
     let ([camera], true) = (&clip.cameras[..], strength > 0.0) else { return Ok(()) };
     let turn = camera.c2w.map(|row| [row[0], row[1], row[2]]);

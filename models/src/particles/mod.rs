@@ -2,7 +2,9 @@
 
 mod seeding;
 
-pub use seeding::{Jitter, Seeded, Seeding};
+#[doc(hidden)] // the benchmarks use it
+pub use seeding::Jitter;
+pub(crate) use seeding::{Seeded, Seeding};
 
 use std::collections::BTreeMap;
 

@@ -27,7 +27,7 @@ impl Default for Seeding {
 pub enum Jitter {
     /// Drawn from a key, independently for each site.
     Drawn(Key),
-    /// Given, in 0…1 per axis, for each occupied site in the order of [`Seeding::places`].
+    /// Given, in 0…1 per axis, for each occupied site in the order of `Seeding::places`.
     Given(Vec<[f64; 3]>),
 }
 

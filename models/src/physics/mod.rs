@@ -10,7 +10,7 @@
 //!   and [`check_material`] checks them.
 //! - [`rollout`]: thousands of substeps as one node of the tape, with a [`Schedule`] and [`Remat`]; [`simulate`]: the
 //!   same for several materials; [`Rollout::jvp`]: forward mode along several directions.
-//! - [`State`], [`Simulation`], [`Tangent`]: single substeps, forward, vjp and jvp, on plain arrays.
+//! - [`State`], [`Simulation`]: single substeps, forward, vjp and jvp, on plain arrays.
 //! - [`GpuSimulation`]: many substeps on a GPU, forward and vjp; [`rollout`] and [`simulate`] use it when their inputs
 //!   are on a GPU.
 //!
@@ -53,12 +53,12 @@ mod world;
 
 pub use check::{MaterialCheck, MaterialReport, check_material};
 pub use collider::{Collider, Contact, Region, RigidMotion};
-pub use forward::Tangent;
 pub use gpu::GpuSimulation;
 pub(crate) use guard::{Guard, is_thin};
 pub use law::Law;
 pub use material::{Given, History, Material, Point};
 pub(crate) use node_grid::NodeGrid;
+#[doc(hidden)] // the benchmarks use it
 pub use node_grid::neighbours;
 pub use parameters::{Map, Parameter, lame};
 pub(crate) use parameters::{NINETY, width};
@@ -67,7 +67,8 @@ pub use rollout::{Body, Rollout, rollout};
 pub use row::Number;
 pub use scene::{Scene, Substance, simulate};
 pub use state::State;
-pub use substep::{Portion, Simulation};
-pub use timestep::{CFL, CFL_LIMIT, Schedule};
+pub(crate) use substep::Portion;
+pub use substep::Simulation;
+pub use timestep::{CFL, Schedule};
 pub use values::{ValueGradients, Values};
 pub use world::World;

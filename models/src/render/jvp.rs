@@ -18,24 +18,6 @@ use crate::render::{Rays, Splat, Surface};
 /// derivatives `[rays, directions, 4]`. A direction costs about as much as a rendering; no array over all samples is
 /// kept.
 ///
-/// ```
-/// use std::sync::Arc;
-/// use gradreel::Tensor;
-/// use gradreel_models::render::{Rays, Splat, Surface, render_jvp};
-///
-/// // One particle before a ray that looks along z, moved towards it from the side.
-/// let rays = Arc::new(Rays { origins: vec![[0.0, 0.0, -1.0]], directions: vec![[0.0, 0.0, 1.0]] });
-/// let particle = Tensor::from_vec(vec![0.04, 0.02, 0.01], [1, 3]);
-/// let closer = Tensor::from_vec(vec![-1.0, 0.0, 0.0], [1, 3]);
-/// let (opacity, colour) = (Tensor::from_vec(vec![1.0], [1, 1]), Tensor::from_vec(vec![0.5; 3], [1, 3]));
-/// let settings = Splat { spacing: 0.1, particle_spacing: 0.1 };
-/// let surface = Surface { depth: 0.5, low: 0.1, ..Surface::default() };
-/// let (pixels, changes) = render_jvp(&particle, &[closer], &opacity, &colour, &rays, &settings, &surface)?;
-/// assert!(pixels.to_vec()?[3] > 0.1, "it is seen");
-/// assert!(changes.to_vec()?[3] > 0.1, "and covers more when it is closer");
-/// # Ok::<(), gradreel::Error>(())
-/// ```
-///
 /// # Errors
 /// [`ErrorKind::Shape`] for a direction of another shape or type than the positions; as [`splat`](super::splat()).
 pub fn render_jvp(

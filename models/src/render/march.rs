@@ -32,7 +32,7 @@ pub struct Surface {
     pub low: f64,
     /// Width of the rise, in occupancy.
     pub width: f64,
-    /// Share of the grid's blur that is removed from the occupancy first ([`sharpen`](crate::render::sharpen())).
+    /// Share of the grid's blur that is removed from the occupancy first (`sharpen`).
     pub sharpening: f64,
 }
 

@@ -1,13 +1,13 @@
 //! Render: images of moving particles, differentiable from pixels to positions and opacities.
 //!
-//! [`splat`](splat()) spreads opacity and colour of the particles to a grid around them; [`march`](march()) marches one
+//! `splat` spreads opacity and colour of the particles to a grid around them; `march` marches one
 //! ray per pixel through that grid. The same renderer is used for every frame, so that its blur affects the fit of the
-//! first frame and the comparison of later ones alike. [`render_jvp`] is the forward mode, for least squares over the
+//! first frame and the comparison of later ones alike. `render_jvp` is the forward mode, for least squares over the
 //! pixels.
 //!
-//! The published radiance field is rendered likewise: [`splat_features`] averages the features of particles on a grid,
-//! and [`render_radiance`] composites its samples along rays, with colours from a network. [`ViewWeights`] and
-//! [`PixelLoss`] weight views and pixels in a loss.
+//! The published radiance field is rendered likewise: `splat_features` averages the features of particles on a grid,
+//! and `render_radiance` composites its samples along rays, with colours from a network. [`ViewWeights`] and
+//! `PixelLoss` weight views and pixels in a loss.
 
 mod composite;
 mod density_splat;
@@ -20,6 +20,8 @@ mod robust;
 mod samples;
 mod sharpen;
 mod splat;
+#[cfg(test)]
+mod tests;
 pub(crate) mod trajectory;
 mod view_weights;
 
@@ -27,19 +29,26 @@ use std::sync::Arc;
 
 use gradreel::{Result, Var};
 
-pub use composite::Pixels;
-pub use density_splat::{FeatureGrid, FeatureSplat, splat_features};
-pub use jvp::render_jvp;
-pub use march::{Surface, march};
-pub use photometric::{Robust, Target, Weights};
-pub use radiance::{RadianceSettings, render_radiance};
+pub(crate) use composite::Pixels;
+#[doc(hidden)] // documentation links to it
+pub use density_splat::splat_features;
+pub(crate) use density_splat::{FeatureGrid, FeatureSplat};
+pub(crate) use jvp::render_jvp;
+pub use march::Surface;
+pub(crate) use march::march;
+pub use photometric::Target;
+pub(crate) use photometric::{Robust, Weights};
+pub(crate) use radiance::{RadianceSettings, render_radiance};
 pub use rays::Rays;
-pub use robust::{PixelLoss, huber};
-pub use samples::{Absorption, Samples, Sampling, Visible};
-pub use sharpen::sharpen;
-pub use splat::{Splat, splat};
-pub use trajectory::Trajectory;
-pub use view_weights::{ViewWeights, camera_angles, view_angles};
+pub(crate) use robust::{PixelLoss, huber};
+pub(crate) use samples::{Absorption, Samples, Sampling, Visible};
+pub(crate) use sharpen::sharpen;
+pub(crate) use splat::{Splat, splat};
+pub(crate) use trajectory::Trajectory;
+pub use view_weights::ViewWeights;
+pub(crate) use view_weights::camera_angles;
+#[cfg(test)]
+pub(crate) use view_weights::view_angles;
 
 /// Renders particles: rows of premultiplied red, green, blue and coverage, `[rays, 4]`, in the order of the rays.
 ///
@@ -47,7 +56,7 @@ pub use view_weights::{ViewWeights, camera_angles, view_angles};
 ///
 /// # Errors
 /// [`gradreel::ErrorKind::NonFinite`] for a non-finite position.
-pub fn render(
+pub(crate) fn render(
     positions: &Var,
     opacity: &Var,
     colour: &Var,

@@ -106,7 +106,7 @@ impl Target {
         })
     }
 
-    /// `Σ weight · (rendered − target)²` for rendered pixels `[rays, 4]`, with [`huber`] in place of the square for
+    /// `Σ weight · (rendered − target)²` for rendered pixels `[rays, 4]`, with `huber` in place of the square for
     /// robust pixels, plus the centroid term.
     pub fn loss(&self, rendered: &Var) -> Var {
         let tape = rendered.tape();

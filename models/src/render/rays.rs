@@ -10,7 +10,7 @@ use crate::video::Camera;
 pub struct Rays {
     /// Origin of each ray.
     pub origins: Vec<[f64; 3]>,
-    /// Direction of each ray; of unit length, except for [`Samples`](super::Samples), which accept any length.
+    /// Direction of each ray; of unit length, except for `Samples`, which accept any length.
     pub directions: Vec<[f64; 3]>,
 }
 

@@ -254,9 +254,4 @@ impl Samples {
     pub fn len(&self) -> usize {
         self.points.len()
     }
-
-    /// Whether there are no samples.
-    pub fn is_empty(&self) -> bool {
-        self.points.is_empty()
-    }
 }

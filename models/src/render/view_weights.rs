@@ -8,17 +8,6 @@ use crate::video::Camera;
 
 /// Weights of views: `w_i = exp(−α Δθ_i)` with the angle `Δθ_i` \[rad\] between the directions from the object to view
 /// `i` and to the primary view.
-///
-/// ```
-/// use gradreel_models::render::ViewWeights;
-///
-/// let settings = ViewWeights { alpha: 1.0, ..ViewWeights::default() };
-/// let weights = settings.of_directions(&[[0.0, 0.0, 2.0], [1.0, 0.0, 0.0]], 0);
-/// assert!((weights[1] / weights[0] - (-std::f64::consts::FRAC_PI_2).exp()).abs() < 1e-12);
-/// // switched off, every view counts alike
-/// let off = ViewWeights { alpha: 0.0, ..settings };
-/// assert_eq!(off.of_directions(&[[0.0, 0.0, 2.0], [1.0, 0.0, 0.0]], 0), [0.5, 0.5]);
-/// ```
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ViewWeights {

@@ -1,15 +1,17 @@
 //! Report: output files and the page of a run.
 
 pub mod animation;
-pub mod base64;
+pub(crate) mod base64;
 mod markup;
-pub mod page;
+pub(crate) mod page;
 mod palette;
-pub mod plot;
-pub mod ply;
+pub(crate) mod plot;
+pub(crate) mod ply;
 pub mod png_file;
-pub mod quantity;
-pub mod reconstruction;
+pub(crate) mod quantity;
+pub(crate) mod reconstruction;
 pub mod results_file;
-pub mod simulation;
-pub mod synthesis;
+pub(crate) mod simulation;
+pub(crate) mod synthesis;
+#[cfg(test)]
+mod tests;

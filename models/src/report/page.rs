@@ -31,24 +31,6 @@ pub struct Headline {
 }
 
 /// Contents of the page. Empty parts are omitted.
-///
-/// ```
-/// use gradreel_models::report::page::Page;
-/// let page = Page {
-///     title: "clip <1>",
-///     subtitle: "14 frames, 11 cameras".into(),
-///     headlines: vec![],
-///     animation: None,
-///     animation_caption: String::new(),
-///     scene: None,
-///     plots: vec![],
-///     notes: vec![("scale".into(), "world units are metres".into())],
-///     timings: vec![("physics".into(), 42.0)],
-///     config_toml: "seed = 1".into(),
-///     files: vec![("parameters.json".into(), "the fitted numbers".into())],
-/// };
-/// assert!(page.html().contains("clip &lt;1&gt;"));
-/// ```
 #[derive(Debug, Clone)]
 pub struct Page<'a> {
     /// Name of the clip or run.

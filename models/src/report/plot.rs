@@ -52,20 +52,6 @@ impl Plot {
     ///
     /// Text and lines inherit the surrounding text colour. A point that is not finite (or not positive on a
     /// logarithmic axis) interrupts its curve and is counted in a line below the plot.
-    ///
-    /// ```
-    /// use gradreel_models::report::plot::{Plot, Series};
-    /// let loss = Series { label: "loss".into(), points: vec![(0.0, 1.0), (1.0, 0.1), (2.0, 0.02)] };
-    /// let plot = Plot {
-    ///     title: "Photometric loss".into(),
-    ///     x_label: "iteration".into(),
-    ///     y_label: "loss [1]".into(),
-    ///     log_y: true,
-    ///     series: vec![loss],
-    ///     reference: None,
-    /// };
-    /// assert!(plot.svg().starts_with("<svg"));
-    /// ```
     pub fn svg(&self) -> String {
         let mut body = String::new();
         let hidden = self.series.iter().flat_map(|s| &s.points).filter(|&&p| !self.shows(p)).count();

@@ -7,12 +7,6 @@ use gradreel::{Error, ErrorKind, Result};
 
 /// Encodes a point cloud: `positions` \[m\], y up, and either no colours or one sRGB colour per position.
 ///
-/// ```
-/// let bytes = gradreel_models::report::ply::ply(&[[0.0, 0.5, 0.0]], Some(&[[255, 0, 0]]))?;
-/// assert!(bytes.starts_with(b"ply\nformat binary_little_endian 1.0\n"));
-/// # Ok::<(), gradreel::Error>(())
-/// ```
-///
 /// # Errors
 ///
 /// If a coordinate is NaN or infinite; the error names the particle.

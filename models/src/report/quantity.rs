@@ -16,24 +16,6 @@ const UNITS_WITH_PREFIX: [&str; 9] = ["Pa", "Pa s", "Pa·s", "N", "J", "W", "Hz"
 const PREFIXES: [&str; 7] = ["n", "µ", "m", "", "k", "M", "G"];
 
 /// One number of a result.
-///
-/// ```
-/// use gradreel_models::report::quantity::Quantity;
-///
-/// let young = Quantity {
-///     name: "young".into(),
-///     label: "Young's modulus".into(),
-///     symbol: "E".into(),
-///     unit: "Pa".into(),
-///     value: 301_234.0,
-///     start: Some(1e6),
-///     source: "fitted".into(),
-///     interval_90: Some([295_000.0, 308_000.0]),
-///     determined: Some(true),
-/// };
-/// assert_eq!(young.readable(), "301 kPa");
-/// assert_eq!(young.readable_interval().as_deref(), Some("295 kPa to 308 kPa"));
-/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Quantity {
     /// Identifier, such as `young`.
@@ -81,12 +63,6 @@ impl Quantity {
 }
 
 /// A number for messages: full precision, in exponent notation where there would be many zeros.
-///
-/// ```
-/// use gradreel_models::report::quantity::compact;
-///
-/// assert_eq!([0.45, -1e5, 1e300, 2.5e-7, 0.0].map(compact), ["0.45", "-100000", "1e300", "2.5e-7", "0"]);
-/// ```
 pub fn compact(value: f64) -> String {
     match value.abs() {
         size if size == 0.0 || !size.is_finite() || (1e-4..1e7).contains(&size) => format!("{value}"),
@@ -95,13 +71,6 @@ pub fn compact(value: f64) -> String {
 }
 
 /// A number with three significant digits and its SI unit (`-` for none), with a prefix where customary.
-///
-/// ```
-/// use gradreel_models::report::quantity::readable;
-///
-/// assert_eq!(readable(301_234.0, "Pa"), "301 kPa");
-/// assert_eq!(readable(5.236e-4, "kg"), "5.24e-4 kg");
-/// ```
 pub fn readable(value: f64, unit: &str) -> String {
     let unit = if unit == "-" { "" } else { unit };
     let (number, prefix) = if UNITS_WITH_PREFIX.contains(&unit) {

@@ -3,4 +3,4 @@
 pub mod interrupt;
 pub mod progress;
 pub mod run_folder;
-pub mod terminal;
+pub(crate) mod terminal;

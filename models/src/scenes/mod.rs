@@ -1,8 +1,8 @@
 //! Scenes: files that describe a simulation, and running them without a video.
 //!
 //! A [`SceneFile`] is read from TOML; [`fill`](fill()) turns each shape, [`Mesh`] or particle file into particles;
-//! [`Setup`] validates the scene and plans the substeps; a [`Runner`] steps frame by frame; [`View`] renders
-//! pictures and [`Film`] a multi-view clip.
+//! [`Setup`] validates the scene and plans the substeps; a [`Runner`] steps frame by frame; `View` renders
+//! pictures and `Film` a multi-view clip.
 
 mod file;
 mod fill;
@@ -14,15 +14,15 @@ mod setup;
 mod surface;
 mod totals;
 
-pub use crate::nearest::nearest;
 pub use file::{Barrier, Camera, Grid, Ground, Object, Obstacle, Precision, SceneFile, Shape, Substance, Surroundings};
 pub use file::{Time, Touch};
 pub use fill::{Body, body, fill, positions_of};
+pub(crate) use film::Film;
 pub(crate) use film::list;
-pub use film::{Film, FilmSettings, Shot};
 pub use mesh::Mesh;
-pub use picture::View;
-pub use run::{Frame, Runner, Snapshot};
-pub use setup::{Setup, Stuff};
+pub(crate) use picture::View;
+pub(crate) use run::Snapshot;
+pub use run::{Frame, Runner};
+pub use setup::Setup;
 pub(crate) use surface::{Hit, Surface};
-pub use totals::Totals;
+pub(crate) use totals::Totals;

@@ -8,17 +8,6 @@ use super::{ImageBox, Ring};
 ///
 /// The box alone gives the direction only. With a depth it becomes a region in space; the object is assumed to be
 /// as deep as the longer side of its box.
-///
-/// ```
-/// use gradreel_models::views::{Detection, ImageBox, Ring};
-///
-/// let (ring, bounds) = (Ring::published(16), ImageBox { low: [0.4; 2], high: [0.6; 2] });
-/// let covered = |depth| {
-///     let found = ring.covered(16, 0.5, &Detection { bounds, depth });
-///     found.into_iter().filter(|inside| *inside).count()
-/// };
-/// assert!(covered(Some(1.5)) > 0 && covered(Some(1.5)) < covered(None));
-/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Detection {
     /// The box in the input image.

@@ -13,7 +13,7 @@ use super::denoiser::Sight;
 use super::{Condition, Denoiser, DenoiserSizes, Look, Moment, Output, Predictor, Subject, Target, on_cpu};
 use crate::layers::{Init, Scope, Weights};
 
-/// The multi-view denoiser as a [`Predictor`].
+/// The multi-view denoiser as a `Predictor`.
 ///
 /// On the CPU every view is evaluated separately, so that its result is bitwise independent of the number of
 /// concurrent views, each of which runs on a share of the threads. Concurrent views use the CPU better than one

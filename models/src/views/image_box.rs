@@ -6,15 +6,6 @@ use serde::{Deserialize, Serialize};
 /// A box in an image, as shares of the image's sides: (0, 0) is the upper left corner, (1, 1) the lower right.
 ///
 /// Pixels cover an area: the box of a mask ends after its last pixel.
-///
-/// ```
-/// use gradreel_models::views::ImageBox;
-///
-/// // the third and fourth pixel of the second row of four
-/// let coverage = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-/// let found = ImageBox::of_coverage(&coverage, 4).unwrap();
-/// assert_eq!((found.low, found.high), ([0.5, 0.25], [1.0, 0.5]));
-/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ImageBox {

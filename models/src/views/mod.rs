@@ -11,9 +11,9 @@
 //! picture, and [`Sampling`] is the state of a run. It requests the noise in the views from an [`Ensemble`], as
 //! many at once as [`MemoryEstimate`] allows; [`decode`] turns the latents into pictures.
 //!
-//! [`spatial_aware`] corrects the spatial volume such that the object is aligned with the picture. [`Training`]
+//! `spatial_aware` corrects the spatial volume such that the object is aligned with the picture. `Training`
 //! trains a model, published or [`ModelSizes::small`], or that module alone, on procedural [`objects`] or meshes
-//! from files; [`Score`] measures how well views agree.
+//! from files; `Score` measures how well views agree.
 
 mod resize;
 mod image;
@@ -28,12 +28,13 @@ mod cameras;
 mod volume;
 mod image_box;
 mod detection;
-pub mod spatial_aware;
+pub(crate) mod spatial_aware;
 mod denoiser;
 mod schedule;
 mod model;
 mod sizes;
 mod weights;
+#[doc(hidden)] // the benchmarks and the fuzz tests use parts of it
 pub mod objects;
 mod score;
 mod training;
@@ -47,35 +48,56 @@ mod memory_estimate;
 mod ensemble;
 mod preview;
 mod decoding;
+#[cfg(test)]
+mod tests;
 
-pub use autoencoder::{Autoencoder, AutoencoderSizes, Posterior};
+pub use autoencoder::AutoencoderSizes;
 pub use cameras::Ring;
-pub use clip::{ClipSizes, ClipTower};
-pub use coding::{Coder, Coding, Patches};
+pub use clip::ClipSizes;
+pub use coding::Coding;
 pub use decoding::decode;
-pub use denoiser::{Condition, Denoiser, DenoiserSizes, Look, Output, Target, Told};
-pub use detection::Detection;
+pub use denoiser::DenoiserSizes;
 pub use ensemble::Ensemble;
-pub use frustum_net::{FrustumNet, FrustumSizes};
-pub use image::prepare;
-pub use image_box::ImageBox;
 pub use memory_estimate::MemoryEstimate;
-pub(crate) use memory_estimate::megabytes;
-pub use model::{Model, ModelSizes, UNUSED};
+pub use model::{Model, ModelSizes};
 pub use picture::open_picture;
-pub use preview::LatentColours;
-pub use resize::Bicubic;
-pub use sampler::{Moment, Predictor, SamplerSettings, Sampling};
-pub use schedule::{Ddim, Schedule, TIMES};
-pub use score::Score;
-pub use spatial_aware::{SpatialAware, SpatialAwareSizes};
-pub use spatial_net::{SpatialNet, SpatialSizes};
+pub use sampler::{SamplerSettings, Sampling};
 pub use subject::Subject;
-pub use target_encoder::{EncoderSizes, TargetEncoder};
-pub use training::{Batch, BatchGradients, Detector, Draw, Plan, Step, Training, encode, subject_of};
-pub use unet::{Unet, UnetSizes};
-pub use volume::{VolumePath, VolumeSizes};
-pub use weights::{FileWeights, Report};
+pub use weights::FileWeights;
+
+pub use crate::layers::{Scope, initialise};
+
+// the benchmarks use these; they are no part of the API
+#[doc(hidden)]
+pub use crate::layers::{Init, Weights};
+#[doc(hidden)]
+pub use {
+    autoencoder::Autoencoder,
+    clip::ClipTower,
+    denoiser::{Condition, Denoiser, Target},
+    frustum_net::{FrustumNet, FrustumSizes},
+    image_box::ImageBox,
+    schedule::Schedule,
+    spatial_net::{SpatialNet, SpatialSizes},
+    unet::{Unet, UnetSizes},
+    volume::VolumeSizes,
+};
+
+pub(crate) use coding::{Coder, Patches};
+pub(crate) use denoiser::{Look, Output, Told};
+pub(crate) use detection::Detection;
+pub(crate) use image::prepare;
+pub(crate) use memory_estimate::megabytes;
+pub(crate) use model::UNUSED;
+pub(crate) use preview::LatentColours;
+pub(crate) use resize::Bicubic;
+pub(crate) use sampler::{Moment, Predictor};
+pub(crate) use schedule::Ddim;
+pub(crate) use score::Score;
+pub(crate) use spatial_aware::{SpatialAware, SpatialAwareSizes};
+pub(crate) use target_encoder::{EncoderSizes, TargetEncoder};
+pub(crate) use training::{Detector, Plan, Training, encode, subject_of};
+pub(crate) use volume::VolumePath;
 
 use gradreel::{Device, Result, Tensor, Var};
 

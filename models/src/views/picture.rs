@@ -10,7 +10,7 @@ use crate::video::{Image, from_white};
 /// Minimum estimated alpha of object pixels in a picture without an alpha channel.
 const SURE: f32 = 0.5;
 
-/// Reads a PNG or JPEG file and prepares it as [`prepare`] does: `[1, 3, size, size]` in −1..1, the object on white.
+/// Reads a PNG or JPEG file and prepares it as `prepare` does: `[1, 3, size, size]` in −1..1, the object on white.
 ///
 /// The object is given by the alpha channel, or else is everything that is not white.
 ///

@@ -7,7 +7,7 @@ use super::{Ddim, Schedule, Subject, on_cpu};
 /// Settings that determine a run's result, besides model and picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SamplerSettings {
-    /// Requested steps; if they do not divide 1000, there are slightly more (see [`Ddim::new`]).
+    /// Requested steps; if they do not divide 1000, there are slightly more (see `Ddim::new`).
     pub steps: usize,
     /// Strength of the classifier-free guidance; 1 disables it and halves the cost.
     pub guidance: f64,
@@ -84,41 +84,6 @@ pub trait Predictor {
 }
 
 /// A run of the sampler: noised latents of all views, and the known predictions of the next step.
-///
-/// ```
-/// use gradreel::{DType, Key, Result, Tensor};
-/// use gradreel_models::views::{Moment, Predictor, SamplerSettings, Sampling, Subject};
-///
-/// /// A model that takes all it sees for noise.
-/// struct Doubter;
-/// impl Predictor for Doubter {
-///     fn predict(
-///         &self,
-///         moment: &Moment<'_>,
-///         views: &[usize],
-///         found: &mut dyn FnMut(usize, Tensor) -> Result<()>,
-///     ) -> Result<()> {
-///         let all = moment.latents.slice::<f32>();
-///         let size = all.len() / moment.latents.dims()[1];
-///         views.iter().try_for_each(|&v| {
-///             found(v, Tensor::from_vec(all[v * size..][..size].to_vec(), [1, 4, 2, 2]))
-///         })
-///     }
-/// }
-///
-/// let latent = Tensor::zeros([1, 4, 2, 2], DType::F32);
-/// let subject = Subject { embedding: Tensor::zeros([1, 1, 8], DType::F32), latent, elevation: 0.5, seen: None };
-/// let settings = SamplerSettings { steps: 4, ..SamplerSettings::default() };
-/// let mut run = Sampling::begin(subject, settings, 3)?;
-/// run.step(&Doubter, &mut |_| Ok(()))?;
-/// let mut other = Sampling::from_file(&run.to_file())?;
-/// while !run.is_finished() {
-///     run.step(&Doubter, &mut |_| Ok(()))?;
-///     other.step(&Doubter, &mut |_| Ok(()))?;
-/// }
-/// assert_eq!(run.latents().slice::<f32>(), other.latents().slice::<f32>());
-/// # Ok::<(), gradreel::Error>(())
-/// ```
 #[derive(Debug, Clone)]
 pub struct Sampling {
     pub(super) subject: Subject,

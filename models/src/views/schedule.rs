@@ -111,11 +111,6 @@ impl Ddim {
         self.times.len()
     }
 
-    /// Whether there are no steps; always false.
-    pub fn is_empty(&self) -> bool {
-        self.times.is_empty()
-    }
-
     /// Estimate of the clean latents given a predicted noise ε: `x₀ = (x − √(1−ᾱ) ε) / √ᾱ`.
     ///
     /// # Panics

@@ -20,7 +20,7 @@ pub struct Subject {
 }
 
 impl Subject {
-    /// Embeds and encodes a picture `[1, 3, s, s]` in −1..1 (see [`super::prepare`]) taken from this elevation in
+    /// Embeds and encodes a picture `[1, 3, s, s]` in −1..1 (see `prepare`) taken from this elevation in
     /// radians. The latent is sampled from the encoder's distribution with noise from `key`. A model with a
     /// spatial-aware module receives the bounding box of the non-white pixels.
     ///

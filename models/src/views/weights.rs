@@ -20,30 +20,6 @@ use crate::layers::{Init, Weights};
 ///
 /// Names are those of the published checkpoint. Those of its single-view parent model, whose image encoder is under
 /// `cond_stage_model`, are recognised, too.
-///
-/// ```
-/// use gradreel::io::TensorFile;
-/// use gradreel::{Device, Shape, Tape, Tensor};
-/// use gradreel_models::layers::{Linear, Scope};
-/// use gradreel_models::views::FileWeights;
-///
-/// let path = std::env::temp_dir().join("gradreel-file-weights.safetensors");
-/// let mut file = TensorFile::default();
-/// file.tensors.insert("head.weight".into(), Tensor::from_vec(vec![1.0f32, 2.0], [1, 2]));
-/// file.tensors.insert("head.bias".into(), Tensor::from_vec(vec![0.5f32], [1]));
-/// file.write(&path)?;
-///
-/// let weights = FileWeights::open(&path, &Device::Cpu)?;
-/// let head = Linear::new(&Scope::root(&weights).at("head"), 2, 1)?;
-/// let tape = Tape::new();
-/// let x = tape.constant(Tensor::from_vec(vec![3.0f32, 4.0], [1, 2]));
-/// assert_eq!(head.forward(&x).item()?, 11.5);
-///
-/// let wanted = [("head.weight".to_string(), Shape::from([2, 2])), ("head.scale".to_string(), Shape::from([1]))];
-/// let report = weights.check(&wanted);
-/// assert_eq!((report.missing.len(), report.unexpected.len(), report.misshaped.len()), (1, 1, 1));
-/// # Ok::<(), gradreel::Error>(())
-/// ```
 #[derive(Clone)]
 pub struct FileWeights {
     file: Arc<File>,

@@ -10,7 +10,7 @@ mod fixes;
 mod interrupted;
 #[cfg(unix)]
 mod killed;
-#[path = "../views/mesh_files.rs"]
+#[path = "../../src/views/tests/mesh_files.rs"]
 #[allow(dead_code)]
 mod mesh_files;
 mod meshes;

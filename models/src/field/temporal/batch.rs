@@ -16,7 +16,7 @@ const MARGIN: usize = 4;
 pub struct RayBatch {
     /// The rays.
     pub rays: Rays,
-    /// The frame of each ray, an index into [`ClipRays::times`].
+    /// The frame of each ray, an index into `ClipRays::times`.
     pub moment_of: Vec<u32>,
     /// Their targets.
     pub targets: RayTargets,

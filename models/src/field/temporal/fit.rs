@@ -80,36 +80,6 @@ pub struct TemporalProgress {
 
 /// A temporal fit in progress: field, values and optimiser. [`TemporalFit::save`] and [`TemporalFit::restore`] write
 /// and read it as a checkpoint.
-///
-/// ```no_run
-/// use gradreel::DType;
-/// use gradreel::io::TensorFile;
-/// use gradreel_models::field::temporal::{ClipRays, TemporalFit, TemporalFitSettings, TemporalSettings};
-/// use gradreel_models::render::ViewWeights;
-/// use gradreel_models::video::{Clip, OpenOptions};
-///
-/// let clip = Clip::open("examples/clips/bird".as_ref(), &OpenOptions::default())?;
-/// // camera 0 is real, the others were imagined
-/// let imagined: Vec<usize> = (1..clip.cameras.len()).collect();
-/// let rays = ClipRays::new(&clip, &ViewWeights::default(), [0.0, 0.5, 0.0], 0, &imagined, 0.5);
-/// let (low, high) = ([-0.6, 0.0, -0.5], [0.6, 1.0, 0.5]);
-/// let (sizes, settings) = (TemporalSettings::default(), TemporalFitSettings::default());
-/// let mut fit = TemporalFit::new(low, high, &sizes, &settings, DType::F32)?.within_silhouettes(&rays)?;
-/// fit.run(&rays, |fit, progress| {
-///     if progress.iteration % 500 == 0 {
-///         println!("{}: {:.1} dB", progress.iteration, progress.psnr);
-///         let mut file = TensorFile::default();
-///         fit.save(&mut file);
-///         file.write("field.safetensors")?;
-///     }
-///     Ok(())
-/// })?;
-/// let motion = fit.field.motion(&fit.params, &rays.times, &clip.times, 64 * 64 * 64)?;
-/// let contact = motion.first_contact(0.0, 0.04).unwrap_or(clip.frame_count());
-/// let (_, velocity) = motion.ballistic([0.0, -9.8, 0.0], contact)?;
-/// println!("{velocity:?} m/s before frame {contact}");
-/// # Ok::<(), gradreel::Error>(())
-/// ```
 pub struct TemporalFit {
     /// The field on its current grid.
     pub field: TemporalField,

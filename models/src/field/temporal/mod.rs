@@ -5,9 +5,9 @@
 //! returns density and, with the viewing direction, colour. J. Fang and others, "Fast Dynamic Radiance Fields with
 //! Time-Aware Neural Voxels", SIGGRAPH Asia 2022. [`TemporalSettings`] documents where the default differs.
 //!
-//! [`TemporalField`] renders, [`TemporalFit`] fits it to a clip, and [`FieldMotion`] is the motion derived from it:
-//! position in each frame, first contact with the ground, and velocity before. [`Agreement`] finds images that
-//! contradict the field. [`FirstFrames`] is a small fit to the frames before contact.
+//! `TemporalField` renders, [`TemporalFit`] fits it to a clip, and `FieldMotion` is the motion derived from it:
+//! position in each frame, first contact with the ground, and velocity before. `Agreement` finds images that
+//! contradict the field. `FirstFrames` is a small fit to the frames before contact.
 
 mod batch;
 mod consistency;
@@ -21,12 +21,11 @@ mod render;
 mod settings;
 mod silhouettes;
 
-pub use batch::{ClipRays, RayBatch};
-pub use consistency::Agreement;
-pub use first_frames::{FirstFrames, FirstFramesClip, Flight};
-pub use fit::{TemporalFit, TemporalFitSettings, TemporalProgress};
-pub use losses::{RayTargets, TemporalLoss, TemporalWeights};
-pub use motion::FieldMotion;
-pub use network::{Moments, TemporalNet, TemporalSample};
-pub use render::{TemporalField, TemporalPixels};
-pub use settings::{Canonical, TemporalSettings};
+pub(crate) use batch::ClipRays;
+pub use batch::RayBatch;
+pub(crate) use first_frames::{FirstFrames, FirstFramesClip, Flight};
+pub(crate) use fit::TemporalProgress;
+pub use fit::{TemporalFit, TemporalFitSettings};
+pub use losses::{RayTargets, TemporalWeights};
+pub(crate) use render::TemporalField;
+pub use settings::TemporalSettings;

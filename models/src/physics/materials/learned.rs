@@ -50,7 +50,7 @@ impl Learned {
     ///
     /// # Panics
     ///
-    /// If there are no units or more than [`WIDEST`], or the scale is not positive.
+    /// If there are no units or more than 16, or the scale is not positive.
     #[track_caller]
     pub fn alone(hidden: usize, scale: f64, seed: u64) -> Self {
         Self::new("learned".to_owned(), None, hidden, scale, seed)

@@ -25,7 +25,7 @@ mod von_mises;
 
 pub use drucker_prager::DruckerPrager;
 pub use fixed_corotated::FixedCorotated;
-pub use learned::{Learned, WIDEST};
+pub use learned::Learned;
 pub use neo_hookean::NeoHookean;
 pub use newtonian::Newtonian;
 pub use snow::Snow;

@@ -1,21 +1,8 @@
 //! Training objects: procedural shapes with patterns, rendered by the model's cameras. The built-in model is
-//! trained on them. Textured meshes from a folder can replace them ([`MeshFolder`]).
+//! trained on them. Textured meshes from a folder can replace them (`MeshFolder`).
 //!
 //! A body consists of a few implicit solids (superquadrics, boxes, tori, cylinders, letters, blobs), joined with
 //! fillets, carved, mirrored, twisted, tapered, bent. It is determined by a key.
-//!
-//! ```
-//! use gradreel::Key;
-//! use gradreel_models::views::Ring;
-//! use gradreel_models::views::objects::{Sample, SampleSettings};
-//!
-//! let ring = Ring::published(16);
-//! let sample = Sample::draw(Key::new(7), &ring, 32, &SampleSettings::default());
-//! assert_eq!(sample.views.len(), 16);
-//! let seen = sample.seen(&ring).expect("the object is in the image");
-//! assert!(seen.bounds.low.iter().all(|x| *x > 0.0) && seen.bounds.high.iter().all(|x| *x < 1.0));
-//! assert!(seen.depth.is_some_and(|depth| (0.6..2.4).contains(&depth)));
-//! ```
 
 mod body;
 mod dice;
@@ -37,11 +24,11 @@ use rayon::prelude::*;
 pub(crate) use body::Body;
 pub(crate) use dice::Dice;
 pub(crate) use field::Field;
-pub use folder::{FolderSettings, MeshFile, MeshFolder};
+pub(crate) use folder::{FolderSettings, MeshFile, MeshFolder};
 pub(crate) use made::Made;
 pub use mesh::TexturedMesh;
 pub(crate) use mesh::{Bvh, crossed};
-pub use placement::Placement;
+pub(crate) use placement::Placement;
 pub use sample::{Sample, SampleSettings};
 
 use self::lamp::Lamp;

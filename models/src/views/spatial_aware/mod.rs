@@ -10,15 +10,13 @@
 //! The last convolution is initialised to zero, so that an untrained module changes nothing. The model itself is
 //! not changed; its depth-wise attention reads the corrected volume.
 
-mod epipolar;
+pub(super) mod epipolar;
 mod region;
 
 use gradreel::{Error, ErrorKind, Result, Tensor, Var};
 use serde::{Deserialize, Serialize};
 
-pub use epipolar::{EpipolarAttention, EpipolarLines};
-
-use self::epipolar::ALIGNED;
+use self::epipolar::{ALIGNED, EpipolarAttention};
 use self::region::NEAR;
 use super::{Detection, EncoderSizes, Ring, SpatialNet, SpatialSizes, TargetEncoder, VolumeSizes, constant};
 use crate::layers::{Convolution, GroupNorm, Kernel, Scope};

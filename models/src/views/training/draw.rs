@@ -29,11 +29,6 @@ impl Batch {
         self.elevations.len()
     }
 
-    /// Whether there are no samples.
-    pub fn is_empty(&self) -> bool {
-        self.elevations.is_empty()
-    }
-
     pub(super) fn check(&self, views: usize, latent: usize, context: usize) -> Result<()> {
         let b = self.len();
         let wrong = |what: &str, found: &Tensor, wanted: String| {

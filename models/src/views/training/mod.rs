@@ -29,23 +29,6 @@ use crate::layers::{Scope, Weights, initialise, listing};
 ///
 /// Frozen weights stay in their file ([`FileWeights`]). Checkpoints ([`Training::save`]) are safetensors with the
 /// trained weights under the published names, and the optimiser's state under `optimizer.`.
-///
-/// ```no_run
-/// use gradreel::Device;
-/// use gradreel_models::views::{Batch, DenoiserSizes, FileWeights, Plan, Training};
-///
-/// # fn batches() -> Vec<Batch> { Vec::new() }
-/// let weights = FileWeights::open("zero123-xl.ckpt", &Device::Cpu)?;
-/// let plan = Plan { at_once: 2, average: Some(0.9999), ..Plan::published() };
-/// let mut training = Training::new(weights, DenoiserSizes::published(), plan)?;
-/// for batch in batches() {
-///     let step = training.step(&batch)?;
-///     println!("step {}: loss {:.4}", step.update.step, step.loss);
-///     training.save("training.safetensors")?;
-/// }
-/// training.export("trained.safetensors")?;
-/// # Ok::<(), gradreel::Error>(())
-/// ```
 pub struct Training {
     plan: Plan,
     sizes: DenoiserSizes,
