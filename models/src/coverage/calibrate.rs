@@ -21,9 +21,12 @@ const FACTORS: [f64; 5] = [3.0, 1.8, 1.35, 1.15, 1.05];
 /// Rounds through all scales with each factor at most.
 const ROUNDS: usize = 6;
 
-/// Scales stay within this, and outliers are few: what half of all clips have is the rule.
+/// Scales stay within this.
 const RANGE: [f64; 2] = [2e-3, 30.0];
-const FEW: f64 = 0.2;
+
+/// Outliers are few, and a few times farther off: what half of all clips have is the rule, and a normal distribution much wider than the prior
+/// says nothing.
+const OUTLIERS: Outliers = Outliers { share: 0.2, times: 6.0 };
 
 /// Where the search starts, besides the shipped budget: a share of a cell everywhere.
 const PLAIN: ErrorBudget = ErrorBudget {
@@ -67,7 +70,11 @@ pub(crate) fn calibrate(lines: &[Line]) -> Result<Calibrated> {
 
 /// Changes one scale after another as long as the score grows.
 fn climb(clips: &[Clip<'_>], mut budget: ErrorBudget) -> (ErrorBudget, f64) {
-    budget.outliers.share = budget.outliers.share.min(FEW);
+    let within = |budget: &mut ErrorBudget| {
+        let Outliers { share, times } = &mut budget.outliers;
+        (*share, *times) = (share.min(OUTLIERS.share), times.min(OUTLIERS.times));
+    };
+    within(&mut budget);
     let mut best = mean_log_score(clips, &budget);
     for factor in FACTORS {
         for _ in 0..ROUNDS {
@@ -77,7 +84,7 @@ fn climb(clips: &[Clip<'_>], mut budget: ErrorBudget) -> (ErrorBudget, f64) {
                     let mut other = budget;
                     let value = &mut *other.values_mut()[k];
                     *value = (*value * times).clamp(RANGE[0], RANGE[1]);
-                    other.outliers.share = other.outliers.share.min(FEW);
+                    within(&mut other);
                     let found = mean_log_score(clips, &other);
                     if found > best {
                         (budget, best) = (other, found);
