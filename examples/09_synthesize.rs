@@ -11,9 +11,10 @@
 //! ```
 
 use gradreel::{DType, Device, Key, Result, Tape, Tensor};
+use gradreel_models::layers::initialise;
 use gradreel_models::views::{
     AutoencoderSizes, ClipSizes, Ensemble, MemoryEstimate, Model, ModelSizes, SamplerSettings, Sampling, Subject,
-    decode, initialise,
+    decode,
 };
 
 /// The published model with fewer channels, pixels and views.

@@ -14,12 +14,11 @@ use bodies::ball;
 use gradreel::backend::gpu::{Gpu, Kernel, Work};
 use gradreel::ops::{self, Conv, registry};
 use gradreel::{DType, Device, Error, ErrorKind, Key, Result, Shape, Spec, Tape, Tensor, Var};
+use gradreel_models::layers::{Init, Scope, Weights};
 use gradreel_models::physics::{
     Collider, GpuSimulation, Remat, Simulation, State, Values, World, materials, neighbours,
 };
-use gradreel_models::views::{
-    Condition, Denoiser, ImageBox, Init, ModelSizes, Schedule, Scope, Target, Unet, UnetSizes, Weights,
-};
+use gradreel_models::views::{Condition, Denoiser, ImageBox, ModelSizes, Schedule, Target, Unet, UnetSizes};
 
 /// Fused multiply-adds in registers: per invocation ROUNDS times 8 vectors of four numbers.
 static MULTIPLY_ADD: Kernel = Kernel::new(

@@ -9,10 +9,11 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 
 use gradreel::{Key, Result, Shape, Tape, Var};
+use gradreel_models::layers::{Init, Scope, Weights};
 use gradreel_models::views::objects::{Sample, SampleSettings};
 use gradreel_models::views::{
-    Autoencoder, AutoencoderSizes, ClipSizes, ClipTower, Condition, Denoiser, FrustumNet, FrustumSizes, ImageBox, Init,
-    ModelSizes, Schedule, Scope, SpatialNet, SpatialSizes, Target, Unet, UnetSizes, VolumeSizes, Weights,
+    Autoencoder, AutoencoderSizes, ClipSizes, ClipTower, Condition, Denoiser, FrustumNet, FrustumSizes, ImageBox,
+    ModelSizes, Schedule, SpatialNet, SpatialSizes, Target, Unet, UnetSizes, VolumeSizes,
 };
 
 #[path = "../src/views/tests/procedural.rs"]

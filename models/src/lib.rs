@@ -94,7 +94,7 @@ mod vector;
 #[cfg(test)]
 #[path = "../../tests/vectors/find.rs"]
 mod find;
-mod layers;
+pub mod layers;
 pub mod video;
 pub mod views;
 #[doc(hidden)] // the benchmarks use parts of it

@@ -24,7 +24,7 @@ const ROUNDS: usize = 6;
 /// Scales stay within this.
 const RANGE: [f64; 2] = [2e-3, 30.0];
 
-/// Outliers are few, and a few times farther off: what half of all clips have is the rule, and a normal distribution much wider than the prior
+/// Outliers are few, and a few times further off: what half of all clips have is the rule, and a normal distribution much wider than the prior
 /// says nothing.
 const OUTLIERS: Outliers = Outliers { share: 0.2, times: 6.0 };
 

@@ -63,7 +63,7 @@ impl<'a> Scope<'a> {
         Self { weights: self.weights, path, recomputed: self.recomputed }
     }
 
-    /// The same scope, with segments built there recomputed in the backward pass (`Segment`).
+    /// The same scope, with segments built there recomputed in the backward pass ([`super::Segment`]).
     #[must_use]
     pub fn recomputed(&self) -> Self {
         Self { recomputed: true, ..self.clone() }

@@ -10,6 +10,25 @@ use super::{Init, Scope, Weights};
 
 /// A segment of a network. Built at a scope with recomputation ([`Scope::recomputed`]), its intermediate values are not
 /// kept; the backward pass evaluates the segment again. Results are identical.
+///
+/// ```
+/// use gradreel::{DType, Key, Tape, Tensor};
+/// use gradreel_models::layers::{Linear, Scope, Segment, initialise};
+///
+/// let params = initialise(Key::new(1), DType::F64, |scope| Linear::new(scope, 3, 2))?;
+/// let gradient = |recomputed: bool| {
+///     let tape = Tape::new();
+///     let bound = params.bind(&tape);
+///     let scope = Scope::root(&bound);
+///     let scope = if recomputed { scope.recomputed() } else { scope };
+///     let part = Segment::new(&scope, |scope| Linear::new(scope, 3, 2))?;
+///     let x = tape.constant(Tensor::full(0.5, [4, 3], DType::F64));
+///     let y = part.run(&[&x], |linear, inputs| linear.forward(&inputs[0]).silu())?;
+///     bound.gradients(&y.sum_all().backward()?)
+/// };
+/// assert_eq!(gradient(false)?["weight"].slice::<f64>(), gradient(true)?["weight"].slice::<f64>());
+/// # Ok::<(), gradreel::Error>(())
+/// ```
 pub struct Segment<M> {
     module: M,
     again: Option<Again<M>>,

@@ -65,11 +65,7 @@ pub use sampler::{SamplerSettings, Sampling};
 pub use subject::Subject;
 pub use weights::FileWeights;
 
-pub use crate::layers::{Scope, initialise};
-
 // the benchmarks use these; they are no part of the API
-#[doc(hidden)]
-pub use crate::layers::{Init, Weights};
 #[doc(hidden)]
 pub use {
     autoencoder::Autoencoder,

@@ -35,6 +35,9 @@ fn options(scene: &Scene, command: &str, found: &mut BTreeSet<String>) {
 fn named(folder: &Path, found: &mut Vec<(String, String)>) {
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
+        if path.file_stem().is_some_and(|name| name == "tests") {
+            continue;
+        }
         if path.is_dir() {
             named(&path, found);
             continue;

@@ -1,7 +1,7 @@
 //! Weights that are computed from their path and a seed, so that large networks need no large files.
 
 use gradreel::{Result, Shape, Tape, Tensor, Var};
-use gradreel_models::views::{Init, Weights};
+use gradreel_models::layers::{Init, Weights};
 use rayon::prelude::*;
 
 /// FNV-1a of the text, then SplitMix64 counters to numbers in −1..1, each given to `make`.
