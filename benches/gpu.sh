@@ -14,7 +14,7 @@ cd "$(dirname "$0")/.."
 tree=$PWD
 bundle=$tree/.gpu
 weights=models/weights/novel_view.safetensors
-programs=(gpu gpu_limits scalar_wgsl cast physics field views)
+programs=(gpu gpu_limits scalar_wgsl cast physics gradreel_models)
 
 fail() {
     echo "error: $*" >&2
@@ -63,8 +63,7 @@ pack() {
     declare -A words=(
         [gpu]=every_kernel_agrees_with_the_cpu [gpu_limits]=dispatches_use_three_axes
         [scalar_wgsl]=emitted_functions_compute_the_same_on_a_gpu [cast]=every_half_widens_to_the_same_number
-        [physics]=every_material_moves_as_on_the_cpu [field]=lookups_and_their_gradients
-        [views]=a_gpu_takes_the_same_steps
+        [physics]=every_material_moves_as_on_the_cpu [gradreel_models]=a_gpu_takes_the_same_steps
     )
     for name in "${programs[@]}"; do
         file=$(newest "$name" "${words[$name]}")
@@ -211,11 +210,11 @@ run() {
     tests physics 60 gpu::
     if [ -n "$small" ]; then
         # a software driver takes minutes for whole networks
-        tests views 120 layers:: networks::clip networks::autoencoder spatial_aware::attention weights::a_layer
+        tests gradreel_models 120 tests::layers:: networks::clip networks::autoencoder spatial_aware::attention weights::a_layer
     else
-        tests views 90 --skip mesh --skip objects:: --skip fullsize:: --skip keys:: --skip cameras::
+        tests gradreel_models 90 views::tests:: --skip mesh --skip objects:: --skip fullsize:: --skip keys:: --skip cameras::
     fi
-    tests field 60 --skip falling:: --skip claimed::
+    tests gradreel_models 60 field::tests:: --skip falling:: --skip claimed::
     for name in rates gemm conv2d conv3d attention; do measure "$name" 30; done
     measure "mpm 100k" 40
     measure "mpm 1M" 60
