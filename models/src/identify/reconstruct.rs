@@ -61,7 +61,10 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
 
     let frames = clip.frame_count();
     let iterations = run.config.geometry.fit.iterations;
-    stages.choose_surface(run)?;
+    if !run.has_finished("shape") {
+        // a family that was chosen since says nothing of how the first shape was drawn
+        stages.choose_surface(run)?;
+    }
     stages.shape(run, "shape", iterations, Moved::Flying { frames: 1, velocity: [0.0; 3], spin: [0.0; 3] })?;
     let few = frames.min(3);
     unknowns.velocity = match stages.flight_of_field(run)? {

@@ -6,7 +6,7 @@ use gradreel::{Result, Var};
 use crate::field::{Field, fit};
 use crate::identify::reconstruct::{DTYPE, Stages};
 use crate::identify::run::Run;
-use crate::identify::{Method, Problem, Unknowns};
+use crate::identify::{Problem, Unknowns};
 use crate::particles::Particles;
 use crate::render::Surface;
 use crate::runtime::interrupt;
@@ -24,9 +24,7 @@ impl Stages<'_> {
     pub(super) fn choose_surface(&self, run: &mut Run) -> Result<()> {
         let several = self.clip.cameras.len() > 1 && !self.clip.imagined.contains(&true);
         let asked = run.config.geometry.sharpen && several && !run.config.flows(self.law);
-        // a family that the pool chose has the surface that its shape was fitted with
-        let fitted = run.config.estimate.method == Method::Pool && run.has_finished("shape");
-        if run.state.sharpened.is_some() || !asked || fitted {
+        if run.state.sharpened.is_some() || !asked {
             return sharpened(run);
         }
         let bar = self.progress.stage("sharpness", 2);

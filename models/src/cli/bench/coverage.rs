@@ -265,20 +265,18 @@ fn publish(arguments: &Arguments, plan: &Plan, folder: &RunFolder, lines: &[Line
             Split::Development => "development",
             Split::Report => "report",
         };
-        let (with, own) = match &plan.settings {
-            None => (String::new(), ""),
+        let (name, title, told) = match &plan.settings {
+            None => ("", "", String::new()),
             Some(settings) => {
-                (format!("\n\nSettings other than the defaults:\n\n```toml\n{}\n```", settings.trim()), "-settings")
+                let told = format!("\n\nSettings other than the defaults:\n\n```toml\n{}\n```", settings.trim());
+                ("-settings", ", other settings", told)
             }
         };
         let section = Section {
-            name: format!("coverage-{}-{split}{own}", plan.cameras),
-            title: format!(
-                "Coverage, {cameras}, {split} clips{}",
-                if own.is_empty() { "" } else { ", other settings" }
-            ),
+            name: format!("coverage-{}-{split}{name}", plan.cameras),
+            title: format!("Coverage, {cameras}, {split} clips{title}"),
             split: format!("{split}: {} random clips", plan.clips),
-            body: format!("{threads} side by side.{with}\n\n{}", summary.markdown()),
+            body: format!("{threads} side by side.{told}\n\n{}", summary.markdown()),
         };
         results_file::replace(file, &section, &measured)?;
     }

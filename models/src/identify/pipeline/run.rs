@@ -10,14 +10,19 @@ use crate::identify::reconstruct::{DTYPE, Stages};
 use crate::identify::run::Run;
 use crate::identify::{MaterialConfig, Observed, Unknowns};
 
-/// The rungs before the full forward model: name, how faithful it is, Gauss–Newton steps of each hypothesis, how many times as many go on as
-/// are searched at last, and how many times the loss of the best theirs may be. A coarse body tells good from bad, but not the best from the
-/// second best, so that it is searched little and hands on many.
-const RUNGS: [(&str, Fidelity, usize, usize, f64); 4] = [
-    ("what is plausible", Fidelity::Coarse, 0, 12, 4.0),
-    ("material, coarse", Fidelity::Coarse, 1, 6, 3.0),
-    ("material, few substeps", Fidelity::FewSubsteps, 0, 3, 2.0),
-    ("material, few substeps, on", Fidelity::FewSubsteps, 2, 1, 1.5),
+/// The rungs before the full forward model; of each, so many times as many hypotheses go on as are searched at last. A coarse body tells good
+/// from bad, but not the best from the second best, so that it is searched little and hands on many.
+const RUNGS: [Rung<'static>; 4] = [
+    Rung { stage: "what is plausible", fidelity: Fidelity::Coarse, world: false, steps: 0, keep: (12, 4.0) },
+    Rung { stage: "material, coarse", fidelity: Fidelity::Coarse, world: false, steps: 1, keep: (6, 3.0) },
+    Rung { stage: "material, few substeps", fidelity: Fidelity::FewSubsteps, world: false, steps: 0, keep: (3, 2.0) },
+    Rung {
+        stage: "material, few substeps, on",
+        fidelity: Fidelity::FewSubsteps,
+        world: false,
+        steps: 2,
+        keep: (1, 1.5),
+    },
 ];
 
 /// A hypothesis goes on whose loss is at most so many times that of the best: on the full grid, and once the shape is fitted to the motion.
@@ -54,14 +59,13 @@ impl Stages<'_> {
         run: &mut Run,
         round: usize,
         families: &[Family],
-        survivors: Vec<Hypothesis>,
+        mut survivors: Vec<Hypothesis>,
     ) -> Result<Vec<Hypothesis>> {
-        let agrees = |run: &mut Run, stage: &str, survivors: &[Hypothesis]| {
+        let cost = |run: &mut Run, stage: &str, best: &Hypothesis| {
             let full = Level { particles: self.particles(run)?, observed: self.observed };
-            let keep = (survivors.len(), f64::INFINITY);
-            let rung = Rung { stage, fidelity: Fidelity::Full, world: true, steps: 0, keep };
-            let best = self.rung(run, rung, families, &full, survivors[..1].to_vec())?;
-            Ok::<_, gradreel::Error>(best[0].cost.unwrap_or(f64::INFINITY))
+            let rung = Rung { stage, fidelity: Fidelity::Full, world: true, steps: 0, keep: (1, f64::INFINITY) };
+            let found = self.rung(run, rung, families, &full, vec![best.clone()])?;
+            Ok::<_, gradreel::Error>(found[0].cost.unwrap_or(f64::INFINITY))
         };
         self.reshape(run, &format!("shape in motion {round}"), &survivors[0].unknowns)?;
         if run.config.flows(self.law) {
@@ -73,21 +77,19 @@ impl Stages<'_> {
         if run.has_finished(&undone) {
             return Ok(survivors);
         }
-        let held = agrees(run, &format!("shape in motion {round}: agreement"), &survivors)?;
-        let better = match self.reshape_and_follow(run, &stage, &survivors[0].unknowns) {
+        let held = cost(run, &format!("shape in motion {round}: agreement"), &survivors[0])?;
+        match self.reshape_and_follow(run, &stage, &survivors[0].unknowns) {
             Ok(unknowns) => {
-                let mut better = survivors.clone();
-                better[0].unknowns = unknowns;
-                (agrees(run, &format!("{stage}: agreement"), &better)? < held).then_some(better)
+                let followed = Hypothesis { unknowns, ..survivors[0].clone() };
+                if cost(run, &format!("{stage}: agreement"), &followed)? < held {
+                    survivors[0] = followed;
+                    return Ok(survivors);
+                }
             }
             Err(error) if matches!(error.kind(), ErrorKind::Physics | ErrorKind::NonFinite) => {
                 run.note(format!("{stage}: given up: {error}"));
-                None
             }
             Err(error) => return Err(error),
-        };
-        if let Some(better) = better {
-            return Ok(better);
         }
         let since = Instant::now();
         run.restore_field()?;
@@ -102,14 +104,14 @@ impl Stages<'_> {
         let coarse = Level { particles: particles.merged(), observed: &small };
         let full = Level { particles, observed: self.observed };
         let (steps, most) = (run.config.pool.steps, run.config.pool.survivors);
-        let rung = |stage, fidelity, steps, keep| Rung { stage, fidelity, world: false, steps, keep };
         let mut survivors = self.pool(run, families, start)?;
-        for (stage, fidelity, steps, times, worse) in RUNGS {
-            let level = if fidelity == Fidelity::Coarse { &coarse } else { &full };
-            survivors =
-                self.rung(run, rung(stage, fidelity, steps, (times * most, worse)), families, level, survivors)?;
+        for rung in RUNGS {
+            let level = if rung.fidelity == Fidelity::Coarse { &coarse } else { &full };
+            let (times, worse) = rung.keep;
+            survivors = self.rung(run, Rung { keep: (times * most, worse), ..rung }, families, level, survivors)?;
         }
-        self.rung(run, rung("material", Fidelity::Full, steps, (most, GO_ON[0])), families, &full, survivors)
+        let last = Rung { stage: "material", fidelity: Fidelity::Full, world: false, steps, keep: (most, GO_ON[0]) };
+        self.rung(run, last, families, &full, survivors)
     }
 }
 
