@@ -1,12 +1,12 @@
 //! Noise schedule, sampler and a whole denoising step.
 
 use crate::layers::Scope;
-use crate::views::{Condition, Ddim, Denoiser, DenoiserSizes, Output, Ring, Schedule, Target, UnetSizes, VolumeSizes};
+use crate::views::{Condition, Ddim, Denoiser, DenoiserSizes, Output, Ring, Schedule, Target, UnetSizes};
 use gradreel::io::TensorFile;
 use gradreel::{DType, Tape, Tensor};
 
 use super::harness::{Case, close, gradient, load, places};
-use super::procedural;
+use super::{procedural, volumes};
 
 fn table(values: &[f32]) -> Tensor {
     Tensor::from_vec(values.to_vec(), [values.len()])
@@ -70,16 +70,7 @@ pub fn sizes(case: &Case<'_>, latent: usize) -> DenoiserSizes {
             context: case.size("ctx"),
             volumes: case.sizes("vdims"),
         },
-        volume: VolumeSizes {
-            latent,
-            features: case.size("enc"),
-            time: case.size("time_dim"),
-            spatial: case.sizes("sdims"),
-            frustum: case.sizes("vdims"),
-            voxels: case.size("V"),
-            depth: case.size("D"),
-            input: false,
-        },
+        volume: volumes::sizes(case, latent),
         spatial_aware: None,
         output: Default::default(),
     }

@@ -44,9 +44,10 @@ fn frustum_net() {
     });
 }
 
-fn sizes(case: &Case<'_>) -> VolumeSizes {
+/// The sizes that a file tells, for latents of so many channels.
+pub fn sizes(case: &Case<'_>, latent: usize) -> VolumeSizes {
     VolumeSizes {
-        latent: case.dims("in.x_noisy")[2],
+        latent,
         features: case.size("enc"),
         time: case.size("time_dim"),
         spatial: case.sizes("sdims"),
@@ -60,7 +61,7 @@ fn sizes(case: &Case<'_>) -> VolumeSizes {
 #[test]
 fn from_noised_views_to_frustum_volumes() {
     check("volume_path", "", Tolerance { value: 5e-5, gradient: 1e-3 }, |case| {
-        let sizes = sizes(case);
+        let sizes = sizes(case, case.dims("in.x_noisy")[2]);
         let time = TimeEmbedding::new(&case.scope().at("time_embed"), sizes.time, sizes.time)?;
         let path = VolumePath::new(&case.scope().at("spatial_volume"), sizes, Ring::published(case.size("views")))?;
         let noised = case.input("x_noisy");
