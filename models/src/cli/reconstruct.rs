@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use gradreel::backend::cpu::pool;
 use gradreel::{Error, ErrorKind, Result};
 
 use crate::cli::film::{ChoiceArguments, FilmArguments};
@@ -101,6 +102,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     interrupt::install()?;
     let progress = Progress::new(arguments.quiet);
     let (mut run, mut clip) = if arguments.resume { resume(arguments)? } else { begin(arguments)? };
+    // buffers that wait for their next use count towards what may be in memory
+    pool::set_limit(pool::limit().min(run.config.world.memory_mib << 19));
     let go_on = |error: Error, run: &Run| match error.kind() {
         ErrorKind::Interrupted => error.fix(format!(
             "go on with `gradreel reconstruct {} --out {} --resume`",

@@ -311,6 +311,9 @@ impl<'a> Problem<'a> {
 
     /// The same of particles of another opacity and colour, and of what `observed` says was seen of a frame; each frame counts as much
     /// as its weight says.
+    ///
+    /// Each frame is differentiated at once, on a tape of its own, so that the pictures of one frame are in memory at a time. What is
+    /// returned has the value of the loss and its gradient, and no second derivatives.
     pub(super) fn loss_of<'o>(
         &self,
         motion: &Var,
@@ -318,16 +321,33 @@ impl<'a> Problem<'a> {
         observed: &dyn Fn(usize) -> &'o Observed,
         weights: &[f64],
     ) -> Result<Var> {
-        let mut total: Option<Var> = None;
+        let tape = motion.tape();
+        let (mut value, mut slopes) = (0.0, Vec::new());
         for (frame, weight) in weights.iter().enumerate() {
+            let inputs = [&motion.select(0, frame), opacity, colour];
             let seen = observed(frame);
-            let pixels = self.render(&motion.select(0, frame), opacity, colour, &seen.rays)?;
-            let loss = seen.targets[frame].loss(&pixels);
-            let loss = if *weight == 1.0 { loss } else { &loss * *weight };
-            total = Some(total.map_or(loss.clone(), |sum| &sum + &loss));
+            let own = Tape::new();
+            let here = |input: &&Var| {
+                let value = input.value()?.clone();
+                Ok(if input.is_differentiable() { own.leaf(value) } else { own.constant(value) })
+            };
+            let own: Vec<Var> = inputs.iter().map(here).collect::<Result<_>>()?;
+            let pixels = self.render(&own[0], &own[1], &own[2], &seen.rays)?;
+            let loss = &seen.targets[frame].loss(&pixels) * (*weight / weights.len() as f64);
+            value += loss.item()?;
+            if !loss.is_differentiable() {
+                continue;
+            }
+            let gradients = loss.backward()?;
+            for (input, own) in inputs.iter().zip(&own).filter(|(_, own)| own.is_differentiable()) {
+                // nothing arrives where nothing of the frame depends on it
+                if let Ok(rate) = gradients.wrt(own) {
+                    slopes.push((&(*input - &input.detach()) * &tape.constant(rate.clone())).sum_all());
+                }
+            }
         }
-        let total = total.unwrap_or_else(|| motion.tape().constant(Tensor::scalar(0.0, self.dtype)));
-        Ok(&total / weights.len().max(1) as f64)
+        let value = tape.constant(Tensor::scalar(value, self.dtype));
+        Ok(slopes.iter().fold(value, |sum, slope| &sum + slope))
     }
 
     /// The pixels of particles at these positions along some rays.
