@@ -24,12 +24,9 @@ fn main() -> Result<()> {
     config.geometry.dx = 0.05;
     config.geometry.fit.iterations = 20;
     config.geometry.fit.in_motion = 5;
-    config.estimate.scan = 4;
-    config.estimate.starts = 1;
-    config.estimate.first = 2;
-    config.estimate.fine = 2;
-    config.estimate.coarse = 1;
-    config.estimate.rounds = 1;
+    config.estimate.points = 4;
+    config.estimate.survivors = 1;
+    config.estimate.steps = 2;
 
     // A run lives in a folder, from which it could go on after an interruption.
     let folder = std::env::temp_dir().join(format!("gradreel-06-{}", std::process::id()));

@@ -11,7 +11,7 @@ use crate::cli::imagine::{self, ImagineArguments};
 use crate::cli::output::{say, tell};
 use crate::cli::unit::{self, Named, number_in};
 use crate::field::{bounding_sphere, hull};
-use crate::identify::{Candidate, Config, Reconstruction, Run, WorldConfig, compared, half_of_imagined, reconstruct};
+use crate::identify::{Config, Reconstruction, Run, Standing, WorldConfig, half_of_imagined, reconstruct};
 use crate::monocular;
 use crate::physics::Law;
 use crate::report::reconstruction::{publish, quantities};
@@ -351,17 +351,12 @@ pub(super) fn check_is_clip(path: &Path) -> Result<()> {
 
 fn summarise(found: &Reconstruction, run: &Run) {
     say!();
-    if !run.state.candidates.is_empty() {
-        let (mut chosen, name) = ("", &run.config.material.name);
-        say!("  family            loss of frames fitted   of frames foretold   of all   less probable by e^");
-        for (candidate, behind) in compared(&run.state.candidates, found.observed.pictures()) {
-            let Candidate { family, seen, foretold, all, .. } = candidate;
-            say!("  {family:<16} {seen:>22.5} {foretold:>20.5} {all:>8.5} {behind:>21.1}");
-            if family == name && behind > 0.0 {
-                chosen = OUTVOTED;
-            }
+    if !run.state.standings.is_empty() {
+        say!("  family             loss   less probable by e^   after the stage");
+        for Standing { family, stage, loss, behind } in &run.state.standings {
+            say!("  {family:<14} {loss:>8.5} {behind:>21.1}   {stage}");
         }
-        say!("  chosen: {name}{chosen}\n");
+        say!("  chosen: {}\n", run.config.material.name);
     }
     for quantity in quantities(found, run) {
         let known = match (quantity.readable_interval(), quantity.determined) {
@@ -373,9 +368,6 @@ fn summarise(found: &Reconstruction, run: &Run) {
     }
     say!("\n  open {}", run.folder.path("index.html").display());
 }
-
-/// Printed for a family that is chosen although another one is more probable.
-const OUTVOTED: &str = ", as what yields is not more probable by the frames alone";
 
 /// Source of the ground height \[m\].
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -47,7 +47,7 @@ const PLAIN: ErrorBudget = ErrorBudget {
 /// one. The fits are not repeated: what a clip says of its hypotheses does not hang on the budget.
 ///
 /// # Errors
-/// [`ErrorKind::Input`] for clips of the report split, and where no clip was fitted by a pool.
+/// [`ErrorKind::Input`] for clips of the report split, and where no clip was fitted.
 pub(crate) fn calibrate(lines: &[Line]) -> Result<Calibrated> {
     if let Some(line) = lines.iter().find(|line| line.split == Split::Report) {
         return Err(Error::new(ErrorKind::Input, "an error budget is never measured on clips that are reported")
@@ -59,8 +59,8 @@ pub(crate) fn calibrate(lines: &[Line]) -> Result<Calibrated> {
         lines.iter().filter(|line| !line.surveys.is_empty()).map(Clip::of).collect::<Result<_>>()?;
     if clips.is_empty() {
         return Err(Error::new(ErrorKind::Input, "no clip tells anything of the error budget")
-            .found(format!("{} clips that were not fitted by a pool of hypotheses", lines.len()))
-            .fix("fit them with `estimate.method = \"pool\"` in the file of --config"));
+            .found(format!("{} clips, all refused", lines.len()))
+            .fix("fit more clips with `gradreel bench coverage`"));
     }
     let before = mean_log_score(&clips, &ErrorBudget::shipped());
     let found = [ErrorBudget::shipped(), PLAIN].map(|start| climb(&clips, start));

@@ -37,10 +37,8 @@ pub struct Config {
     pub temporal: TemporalConfig,
     /// The views of what a single camera did not see.
     pub imagine: ImagineConfig,
-    /// Effort of the estimates.
+    /// The search for velocity and material.
     pub estimate: EstimateConfig,
-    /// The search by a pool of hypotheses.
-    pub pool: PoolConfig,
 }
 
 /// Where views of the first frame come from that nobody filmed, of what a single camera saw; without any, the object is taken to be
@@ -85,9 +83,6 @@ pub struct GeometryConfig {
     /// Grid spacing of the simulation \[m\]; particles and voxels are half as far apart. 0 chooses 0.02 m, or a spacing
     /// that gives about ten thousand particles if 0.02 m gives fewer than 3 000 or more than 40 000.
     pub dx: f64,
-    /// The grid of the simulation's material stages as a share of `dx`, with the same particles, and below 1 with the same substep. 0 lets a body that flows, and that several
-    /// cameras filmed, take 0.7 if the clip then agrees better; 1 otherwise.
-    pub grid: f64,
     /// Coverage that every camera must see at a voxel of the visual hull; below ½ leaves room around the silhouettes.
     pub hull_coverage: f32,
     /// Voxels less opaque than this become no particle.
@@ -101,14 +96,7 @@ pub struct GeometryConfig {
 
 impl Default for GeometryConfig {
     fn default() -> Self {
-        Self { dx: 0.0, grid: 0.0, hull_coverage: 0.3, least_opacity: 0.2, sharpen: true, fit: FitSettings::default() }
-    }
-}
-
-impl GeometryConfig {
-    /// Grid spacing of a simulation as a share of `dx`: 1 until another is given or chosen.
-    pub fn grid_share(&self) -> f64 {
-        if self.grid > 0.0 { self.grid } else { 1.0 }
+        Self { dx: 0.0, hull_coverage: 0.3, least_opacity: 0.2, sharpen: true, fit: FitSettings::default() }
     }
 }
 
@@ -231,28 +219,20 @@ pub(super) fn published(law: &Law, parameter: &crate::physics::Parameter) -> Opt
     known.map(|(_, value)| *value)
 }
 
-/// How a material is searched once its neighbourhood is known.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Method {
-    /// L-BFGS with gradients in reverse mode: for laws with many parameters.
-    Descent,
-    /// Gauss–Newton with derivatives in forward mode.
-    #[default]
-    GaussNewton,
-    /// A pool of hypotheses, searched by successive halving, and the mixture posterior of those that survive ([`PoolConfig`]).
-    Pool,
-}
-
-/// The search by a pool of hypotheses (`estimate.method = "pool"`).
+/// The search for velocity and material, by a pool of hypotheses.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct PoolConfig {
-    /// Points of the prior for each parameter and mode of the body that is free, besides the one to start from.
+pub struct EstimateConfig {
+    /// Gauss–Newton steps at most for the velocity before contact, each time.
+    pub velocity: usize,
+    /// Whether the object may spin: its initial angular velocity is searched with the velocity.
+    pub spin: bool,
+    /// Points of the prior for each parameter and mode of the body that is free, besides the one to start from. More find narrow
+    /// valleys, and take as much longer.
     pub points: usize,
-    /// Hypotheses of a family at most that are searched on the full grid.
+    /// Hypotheses of a family at most that are searched with the full forward model.
     pub survivors: usize,
-    /// Gauss–Newton steps at most of each search on the full grid.
+    /// Gauss–Newton steps at most of each of these searches.
     pub steps: usize,
     /// How far derivatives reach, as a share of the longest step of a search: differences of rollouts side by side cost less than
     /// forward mode, and see past the jumps of thin rims. 0 for those of an infinitesimal step, in forward mode.
@@ -261,62 +241,9 @@ pub struct PoolConfig {
     pub rounds: usize,
 }
 
-impl Default for PoolConfig {
-    fn default() -> Self {
-        Self { points: 32, survivors: 2, steps: 3, reach: 0.1, rounds: 1 }
-    }
-}
-
-/// Effort of the estimates.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct EstimateConfig {
-    /// How the material is searched.
-    pub method: Method,
-    /// Gauss–Newton steps at most for the velocity before contact, each time.
-    pub velocity: usize,
-    /// Whether the object may spin: its initial angular velocity is searched with the velocity.
-    pub spin: bool,
-    /// Materials tried for each free parameter, spread over what is plausible, besides the one to start from.
-    pub scan: usize,
-    /// The best of these from which a search goes out, if they lie apart and are alike good.
-    pub starts: usize,
-    /// Gauss–Newton steps at most of each of these searches; only the best goes on.
-    pub first: usize,
-    /// Gauss–Newton steps at most from there, and half as many in each round; half the evaluations of a descent.
-    pub fine: usize,
-    /// Gauss–Newton steps more of each of these as long as every one lowers the loss by 1 %: a lump of plasticine whose search from afar ended
-    /// at seven times less than its modulus, 7 % a step, had its shape fitted to that and stayed there; so did another after 15 such steps.
-    pub falling: usize,
-    /// Rounds at most of fitting the shape to the whole motion and the material to the new shape; one more, if there are any, is of
-    /// the early frames.
-    pub rounds: usize,
-    /// The share of the frames in contact that the first searches see of an elastic body that several cameras filmed; 1 for all of
-    /// them. How it lands tells its stiffness; how it bounces and rolls on hangs on the smallest errors, and misleads a search from afar.
-    pub early: f64,
-    /// Gauss–Newton steps at most on a grid of twice the spacing, which shows how much the grid matters.
-    pub coarse: usize,
-    /// Gauss–Newton steps at most to the most probable material, where what the clip hardly shows is pulled to the middle of
-    /// what is plausible; 0 leaves what fits the clip best.
-    pub weigh: usize,
-}
-
 impl Default for EstimateConfig {
     fn default() -> Self {
-        Self {
-            method: Method::GaussNewton,
-            velocity: 10,
-            spin: false,
-            scan: 6,
-            starts: 2,
-            first: 3,
-            fine: 5,
-            falling: 40,
-            rounds: 1,
-            early: 0.4,
-            coarse: 4,
-            weigh: 3,
-        }
+        Self { velocity: 10, spin: false, points: 32, survivors: 2, steps: 3, reach: 0.1, rounds: 1 }
     }
 }
 
@@ -396,11 +323,10 @@ impl Config {
     pub fn check(&self) -> Result<()> {
         let positive = |x: f64| x > 0.0 && x.is_finite();
         let fraction = |x: f64| (0.0..=1.0).contains(&x);
-        let GeometryConfig { dx, grid, .. } = self.geometry;
+        let dx = self.geometry.dx;
         let fit = &self.geometry.fit;
         let rules = [
             (dx == 0.0 || (1e-5..=10.0).contains(&dx), "geometry.dx", "0, or 0.00001 to 10 m"),
-            (grid == 0.0 || (0.5..=2.0).contains(&grid), "geometry.grid", "0, or 0.5 to 2 times dx"),
             (positive(fit.density_rate), "geometry.fit.density_rate", "a positive number"),
             (positive(fit.density_rate_in_motion), "geometry.fit.density_rate_in_motion", "a positive number"),
             ((0.0..=1.0).contains(&fit.material_rate), "geometry.fit.material_rate", "0 to 1"),
@@ -414,9 +340,8 @@ impl Config {
             ((0.01..=1.0).contains(&self.world.cfl), "world.cfl", "0.01 to 1"),
             ((0.0..=1e4).contains(&self.world.least_speed), "world.least_speed", "0 to 10000 m/s"),
             (self.world.memory_mib >= 16, "world.memory_mib", "at least 16 MiB"),
-            (fraction(self.estimate.early), "estimate.early", "0 to 1"),
-            (self.pool.survivors > 0, "pool.survivors", "1 or more"),
-            (fraction(self.pool.reach), "pool.reach", "0 to 1"),
+            (self.estimate.survivors > 0, "estimate.survivors", "1 or more"),
+            (fraction(self.estimate.reach), "estimate.reach", "0 to 1"),
             (self.imagine.steps.is_none_or(|n| (1..=1000).contains(&n)), "imagine.steps", "1 to 1000"),
             (self.imagine.guidance.is_none_or(f64::is_finite), "imagine.guidance", "a number"),
             (self.weights.colour >= 0.0 && positive(self.weights.coverage), "weights", "not negative"),

@@ -3,7 +3,6 @@
 use faer::{Mat, Side};
 use gradreel::{Error, ErrorKind, Result};
 
-use crate::vector::minus;
 use crate::video::Flight;
 
 /// A velocity, and with it a distance, known to a covariance: what is expected, and directions at right angles along which it is unsure
@@ -51,21 +50,6 @@ impl Fallen {
         self.deviations.len()
     }
 
-    /// How far a velocity and a distance (as a share farther) are from what is expected along each direction, in standard deviations.
-    pub fn standard(&self, velocity: [f64; 3], farther: f64) -> Vec<f64> {
-        let [x, y, z] = minus(velocity, self.middle);
-        let off = [x, y, z, farther];
-        let along = |(direction, deviation): (&Vec<f64>, &f64)| {
-            direction.iter().zip(off).map(|(a, b)| a * b).sum::<f64>() / deviation
-        };
-        self.directions.iter().zip(&self.deviations).map(along).collect()
-    }
-
-    /// The derivative of direction `k`'s standard distance with respect to each of them.
-    pub fn rate(&self, k: usize) -> Vec<f64> {
-        self.directions[k].iter().map(|along| along / self.deviations[k]).collect()
-    }
-
     /// How far one standard deviation along direction `k` leads.
     pub fn step(&self, k: usize) -> Vec<f64> {
         self.directions[k].iter().map(|along| along * self.deviations[k]).collect()
@@ -76,7 +60,7 @@ impl Fallen {
 mod tests {
     use super::*;
 
-    /// Steps and rates are inverse, and steps make up the covariance.
+    /// Steps make up the covariance.
     #[test]
     fn a_covariance_in_directions() {
         let of_velocity = [[0.05, 0.01, -0.02], [0.01, 0.02, 0.0], [-0.02, 0.0, 0.09]];
@@ -101,20 +85,12 @@ mod tests {
             let fallen = Fallen::of(&flight, distance).unwrap();
             let count = fallen.count();
             assert_eq!(count, if distance { 4 } else { 3 });
-            let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
             for i in 0..count {
                 for j in 0..count {
                     let made: f64 = (0..count).map(|k| fallen.step(k)[i] * fallen.step(k)[j]).sum();
                     approx::assert_relative_eq!(made, whole[i][j], epsilon = 1e-12);
-                    let product = dot(&fallen.step(i), &fallen.rate(j));
-                    approx::assert_relative_eq!(product, f64::from(i == j), epsilon = 1e-12);
                 }
             }
-            let (step, farther) = (fallen.step(1), fallen.step(1).get(3).map_or(0.0, |share| 2.0 * share));
-            let there = [0, 1, 2].map(|i| flight.velocity[i] + 2.0 * step[i]);
-            let z = fallen.standard(there, farther);
-            approx::assert_relative_eq!(z[1], 2.0, max_relative = 1e-9);
-            assert!((0..count).all(|k| k == 1 || z[k].abs() < 1e-9), "{z:?}");
         }
         let lost = Flight { velocity_covariance: [[f64::NAN; 3]; 3], ..flight };
         assert_eq!(Fallen::of(&lost, false).unwrap_err().kind(), ErrorKind::NonFinite);

@@ -5,7 +5,6 @@ use std::borrow::Cow;
 use gradreel::Result;
 
 use crate::field::bounding_sphere;
-use crate::identify::Unknowns;
 use crate::particles::Particles;
 use crate::vector::{dot, minus};
 use crate::video::{Camera, Clip};
@@ -72,7 +71,7 @@ impl Sight {
 }
 
 /// The range in which a lean is expected, in metres of depth for each to the right or upwards: 90 % of bodies that are no deeper
-/// than they are wide, turned anyhow, lean less (root mean square 0.34 over seven filmed bodies).
+/// than they are wide, turned anyhow, lean less.
 const LEAN: [f64; 2] = [-0.6, 0.6];
 
 /// The range in which the distance of a body is expected to differ from what its fall says, as a share, where nothing more is said of it.
@@ -81,12 +80,4 @@ const FARTHER: [f64; 2] = [-0.15, 0.15];
 /// The range in which a component of the lean is expected.
 pub(super) fn range_of(axis: usize) -> [f64; 2] {
     if axis < 2 { LEAN } else { FARTHER }
-}
-
-/// Bodies that lean to all sides by three quarters of that, otherwise alike.
-pub(super) fn leans(start: &Unknowns) -> Vec<Unknowns> {
-    let far = LEAN.map(|end| 0.75 * end);
-    let steps = [far[0], 0.0, far[1]];
-    let all = steps.into_iter().flat_map(|right| steps.map(|up| [right, up, start.farther()]));
-    all.filter(|lean| lean[..2] != [0.0; 2]).map(|lean| Unknowns { lean, ..start.clone() }).collect()
 }

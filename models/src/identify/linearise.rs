@@ -7,9 +7,7 @@ use rayon::prelude::*;
 
 use crate::identify::flight::displacement;
 use crate::identify::penalty::add_penalty;
-use crate::identify::plausible::Plausible;
 use crate::identify::problem::is_stress;
-use crate::identify::recent::Recent;
 use crate::identify::spin::Gyration;
 use crate::identify::uncertainty::prior::Prior;
 use crate::identify::unknowns::Unknown;
@@ -32,25 +30,12 @@ pub struct Linearised {
     pub gradient: Vec<f64>,
     /// Its curvature as Gauss and Newton see it, row by row.
     pub curvature: Vec<Vec<f64>>,
-    /// The share of each frame and camera in the gradient.
-    pub scores: Vec<Score>,
-}
-
-/// What one picture adds to the gradient of the loss.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Score {
-    /// Number of the frame.
-    pub frame: usize,
-    /// Number of the camera, in the order of the rays.
-    pub camera: usize,
-    /// The picture's part of the gradient.
-    pub gradient: Vec<f64>,
 }
 
 impl Linearised {
     fn zero(unknowns: usize) -> Self {
         let (gradient, curvature) = (vec![0.0; unknowns], vec![vec![0.0; unknowns]; unknowns]);
-        Self { loss: 0.0, gradient, curvature, scores: Vec::new() }
+        Self { loss: 0.0, gradient, curvature }
     }
 
     /// Adds one picture: rendered and filmed values and weights of its pixels `[rays, 4]`, and the changes of the rendered
@@ -105,11 +90,6 @@ impl Linearised {
                 self.curvature[k][l] += 2.0 * w * changes[k] * changes[l];
             }
         }
-    }
-
-    /// Adds the sums of a picture; only the lower triangle of the curvature is summed.
-    fn add(&mut self, part: &Self) {
-        self.add_share(part, 1.0);
     }
 
     /// Completes the curvature from its lower triangle.
@@ -177,36 +157,10 @@ impl Problem<'_> {
         substeps: &mut usize,
         notes: &mut dyn FnMut(String),
     ) -> Result<Linearised> {
-        self.linearise_after(&mut Recent::default(), unknowns, free, frames, substeps, notes)
-    }
-
-    /// The same for a search, which may have simulated the motion a moment ago.
-    pub(super) fn linearise_after(
-        &self,
-        recent: &mut Recent,
-        unknowns: &Unknowns,
-        free: Free,
-        frames: usize,
-        substeps: &mut usize,
-        notes: &mut dyn FnMut(String),
-    ) -> Result<Linearised> {
-        let frames = frames.min(self.observed.targets.len());
-        let reach = if self.flying { 0.0 } else { self.secant };
-        let moved = self.with_step(unknowns, frames, substeps, notes, &mut |schedule| match reach > 0.0 {
-            true => self.beside(recent, unknowns, free, schedule, reach),
-            false => {
-                let (motion, tangents) = self.tangents(unknowns, free, schedule)?;
-                Ok(Moved { motion, along: Along::Tangents(tangents) })
-            }
-        })?;
-        let count = free.list(&self.law).len();
-        let mut total = Linearised::zero(count);
-        let share = 1.0 / frames.max(1) as f64;
-        let looks = [self.particles.opacity(self.dtype)?, self.particles.colour(self.dtype)?];
-        for frame in 0..frames {
-            self.add_frame(&mut total, &moved, &looks, frame, share)?;
-        }
-        total.mirror();
+        let each = self.linearise_frames(unknowns, free, 0..frames, Derivatives::Exact, substeps, notes)?;
+        let mut total = Linearised::zero(free.list(&self.law).len());
+        let share = 1.0 / each.len().max(1) as f64;
+        each.iter().for_each(|frame| total.add_share(frame, share));
         if let Some(ranges) = &self.ranges {
             let penalty = ranges.derivatives(&self.law, unknowns, free);
             total.loss += add_penalty(penalty, &mut total.gradient, &mut total.curvature);
@@ -229,13 +183,12 @@ impl Problem<'_> {
     ) -> Result<Vec<Linearised>> {
         let frames = frames.start..frames.end.min(self.observed.targets.len());
         let derivatives = if self.flying { Derivatives::Exact } else { derivatives };
-        let ahead = self.reaching(self.secant, &self.ahead(unknowns, free));
         let moved = self.with_step(unknowns, frames.end, substeps, notes, &mut |schedule| match derivatives {
             Derivatives::Exact => {
                 let (motion, tangents) = self.tangents(unknowns, free, schedule)?;
                 Ok(Moved { motion, along: Along::Tangents(tangents) })
             }
-            Derivatives::Ahead(share) => ahead.beside(&mut Recent::default(), unknowns, free, schedule, share),
+            Derivatives::Ahead(share) => self.beside(unknowns, free, schedule, share),
         })?;
         let count = free.list(&self.law).len();
         let looks = [self.particles.opacity(self.dtype)?, self.particles.colour(self.dtype)?];
@@ -278,18 +231,8 @@ impl Problem<'_> {
             DType::F64 => self.pictures::<f64>(frame, &drawn, count, share),
             _ => self.pictures::<f32>(frame, &drawn, count, share),
         };
-        for (camera, part) in parts.into_iter().enumerate() {
-            total.add(&part);
-            total.scores.push(Score { frame, camera, gradient: part.gradient });
-        }
+        parts.iter().for_each(|part| total.add_share(part, 1.0));
         Ok(())
-    }
-
-    /// The side of each free unknown on which the middle of its prior is.
-    fn ahead(&self, unknowns: &Unknowns, free: Free) -> Vec<f64> {
-        let here = unknowns.coordinates(&self.law, free);
-        let middle = Prior::of(&self.law, free, unknowns, None).mean;
-        middle.iter().zip(here).map(|(middle, here)| 1f64.copysign(middle - here)).collect()
     }
 
     /// The sums of every camera's picture of one frame.
@@ -410,56 +353,30 @@ impl Problem<'_> {
         Ok((motion, tangents))
     }
 
-    /// Positions at every frame, and what they are with each free unknown's coordinate moved by a share of the longest step that
-    /// a search makes, to both sides or to one, each with the substep that it needs, as the losses that are compared have.
-    fn beside(
-        &self,
-        recent: &mut Recent,
-        unknowns: &Unknowns,
-        free: Free,
-        schedule: Schedule,
-        share: f64,
-    ) -> Result<Moved> {
+    /// Positions at every frame, and what they are with each free unknown's coordinate moved by a share of the longest step of a search
+    /// towards the middle of its prior, each with the substep that it needs, as the losses that are compared have.
+    fn beside(&self, unknowns: &Unknowns, free: Free, schedule: Schedule, share: f64) -> Result<Moved> {
         let here = unknowns.coordinates(&self.law, free);
-        let longest = Plausible::new(&self.law, free).longest_step(unknowns);
+        let prior = Prior::of(&self.law, free, unknowns, None);
+        let far = |((longest, middle), here): ((f64, &f64), &f64)| (share * longest).copysign(middle - here);
+        let lengths: Vec<f64> = prior.longest_step(unknowns).into_iter().zip(&prior.mean).zip(&here).map(far).collect();
         // in proportion to those here, which are more than what is needed where the simulation broke down
         let own = self.schedule(unknowns, schedule.frames).substeps;
-        let ends = |(k, longest): (usize, &f64)| {
-            let far = share * longest;
-            match self.sides.get(k).copied().filter(|side| *side != 0.0) {
-                Some(side) => [None, Some(far.copysign(side))],
-                None => [Some(-far), Some(far)],
-            }
-        };
-        let ends: Vec<[Option<f64>; 2]> = longest.iter().enumerate().map(ends).collect();
-        let moved = |k: usize, far: f64| {
+        let moved = |k: usize| {
             let mut there = here.clone();
-            there[k] += far;
+            there[k] += lengths[k];
             let there = unknowns.moved(&self.law, free, &there);
             let needed = self.schedule(&there, schedule.frames);
             let substeps = (needed.substeps * schedule.substeps).div_ceil(own);
             self.positions_at(&there, Schedule { substeps, ..needed })
         };
         // side by side: the threads of a single rollout wait for each other in every substep
-        let end = |i: usize| ends[i / 2][i % 2].map(|far| moved(i / 2, far)).transpose();
-        let known = recent.find(unknowns, schedule);
         let (motion, motions) = rayon::join(
-            || known.clone().map_or_else(|| self.positions_at(unknowns, schedule), Ok),
-            || (0..2 * ends.len()).into_par_iter().map(end).collect::<Vec<Result<_>>>(),
+            || self.positions_at(unknowns, schedule),
+            || (0..lengths.len()).into_par_iter().map(moved).collect::<Result<Vec<_>>>(),
         );
-        let mut motions = motions.into_iter();
-        let mut next = || motions.next().expect("two of each unknown");
-        let secant = |[low, high]: &[Option<f64>; 2]| {
-            let length = high.unwrap_or(0.0) - low.unwrap_or(0.0);
-            let (low, high) = (next()?, next()?.expect("there is always a high end"));
-            Ok(Secant { low, high, length })
-        };
-        let along = Along::Secants(ends.iter().map(secant).collect::<Result<_>>()?);
-        let motion = motion?;
-        if known.is_none() {
-            recent.keep(unknowns, schedule, &motion);
-        }
-        Ok(Moved { motion, along })
+        let secants = motions?.into_iter().zip(lengths).map(|(motion, length)| Secant { motion, length });
+        Ok(Moved { motion: motion?, along: Along::Secants(secants.collect()) })
     }
 
     /// The pixels of a frame of particles of this opacity and colour, `[rays, 4]`, and how they change along each unknown, `[rays, unknowns, 4]`.
@@ -476,10 +393,10 @@ impl Problem<'_> {
             Along::Secants(secants) => {
                 let (pixels, none) = draw(&moved.motion, &[])?;
                 let tape = Tape::new();
-                let changes = secants.iter().map(|Secant { low, high, length }| {
-                    let low = low.as_ref().map_or_else(|| Ok(pixels.clone()), |low| Ok(draw(low, &[])?.0))?;
-                    let [low, high] = [low, draw(high, &[])?.0].map(|pixels| tape.constant(pixels));
-                    Ok(&(&high - &low) * (1.0 / length))
+                let here = tape.constant(pixels.clone());
+                let changes = secants.iter().map(|Secant { motion, length }| {
+                    let there = tape.constant(draw(motion, &[])?.0);
+                    Ok(&(&there - &here) * (1.0 / length))
                 });
                 let changes: Vec<_> = changes.collect::<Result<_>>()?;
                 let [first, others @ ..] = &changes[..] else { return Ok((pixels, none)) };
@@ -580,11 +497,9 @@ enum Along {
     Secants(Vec<Secant>),
 }
 
-/// The motions at two values of an unknown, `length` apart.
+/// The motion at another value of an unknown's coordinate, `length` away.
 struct Secant {
-    /// Nothing where it is the motion in the middle of all.
-    low: Option<Tensor>,
-    high: Tensor,
+    motion: Tensor,
     length: f64,
 }
 
@@ -621,7 +536,6 @@ mod tests {
             loss,
             gradient: vec![slope],
             curvature: vec![vec![2.0 * slope * slope]],
-            scores: vec![],
         };
         let frames = [frame(0.1, 1.0), frame(0.9, 1.0)];
         let found = Linearised::mean_log(&frames, 0.1);

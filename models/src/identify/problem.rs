@@ -98,16 +98,12 @@ pub struct Problem<'a> {
     pub flying: bool,
     /// Memory for states.
     pub remat: Remat,
-    /// How far derivatives reach, in shares of the longest step of a search; 0 for those of an infinitesimal step.
-    pub secant: f64,
-    /// To which side of each free unknown they reach, by its sign; to both where there is none, or 0.
-    pub(super) sides: Vec<f64>,
     /// Precision of everything on the tape.
     pub dtype: DType,
 }
 
 impl<'a> Problem<'a> {
-    /// The problem of a configuration for an object whose particles are half a grid cell apart, or as `geometry.grid` says.
+    /// The problem of a configuration for an object whose particles are half a grid cell apart.
     pub fn new(particles: &'a Particles, observed: &'a Observed, law: Law, config: &Config, dtype: DType) -> Self {
         let world = World {
             gravity: config.world.gravity,
@@ -115,14 +111,12 @@ impl<'a> Problem<'a> {
             particle_volume: particles.spacing.powi(3),
             ..World::new(2.0 * particles.spacing)
         };
-        let full = Self {
+        Self {
             particles,
             observed,
             world,
             ground: config.world.ground,
             surface: config.surface_of(&law).clone(),
-            secant: config.secant_of(&law),
-            sides: Vec::new(),
             law,
             density: config.world.density,
             cfl: config.world.cfl,
@@ -131,17 +125,7 @@ impl<'a> Problem<'a> {
             flying: false,
             remat: Remat::Auto { bytes: config.world.memory_mib << 20 },
             dtype,
-        };
-        full.on_grid(config.geometry.grid_share())
-    }
-
-    /// The same body on a grid of so many times the spacing. On a wider one a substep is longer by as much; on a finer one it is as long, if it is
-    /// stable: a shorter one would damp the motion nearly as much as the wide grid does.
-    #[must_use]
-    pub(super) fn on_grid(mut self, times: f64) -> Self {
-        self.world.dx *= times;
-        self.least_speed *= times.min(1.0);
-        self
+        }
     }
 
     /// The same with the fewest substeps that are stable, however much less they damp the motion: enough to tell good from bad.
@@ -153,15 +137,9 @@ impl<'a> Problem<'a> {
     /// The same in free flight.
     #[must_use]
     pub fn flying(&self) -> Self {
+        let (world, law, surface) = (self.world.clone(), self.law.clone(), self.surface.clone());
         // flight says nothing of the material
-        Self { ranges: None, flying: true, ..self.reaching(self.secant, &[]) }
-    }
-
-    /// The same with derivatives that reach so far, to these sides.
-    pub(super) fn reaching(&self, secant: f64, sides: &[f64]) -> Self {
-        let (world, law, surface, ranges) =
-            (self.world.clone(), self.law.clone(), self.surface.clone(), self.ranges.clone());
-        Self { world, law, surface, ranges, secant, sides: sides.to_vec(), ..*self }
+        Self { world, law, surface, ranges: None, flying: true, ..*self }
     }
 
     /// A schedule for `frames` frames that is stable for these unknowns: for the sound in the material, and for the speed that

@@ -10,9 +10,8 @@ use gradreel::{DType, Error, ErrorKind, Result, Tensor, Var};
 use crate::field::{Faces, Field, Hull, Sphere, bounding_sphere, fill_gaps, fit, hull};
 use crate::identify::ground::find_ground;
 use crate::identify::run::Run;
-use crate::identify::stages::{Effort, MOVING};
 use crate::identify::with_voxels::{UNKNOWNS, WithVoxels};
-use crate::identify::{Method, Observed, Problem, Reached, Steps, Unknowns, first_contact, velocity_of_silhouettes};
+use crate::identify::{Observed, Problem, Reached, Unknowns, first_contact, velocity_of_silhouettes};
 use crate::particles::Particles;
 use crate::physics::Law;
 use crate::runtime::interrupt;
@@ -78,42 +77,7 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     // the shape is nearly there
     stages.shape(run, "shape in flight", iterations.div_ceil(2), flying)?;
     stages.velocity(run, IN_FLIGHT, flight.max(2).min(frames), &mut unknowns)?;
-    if run.config.estimate.method == Method::Pool {
-        stages.by_pool(run, &unknowns)?;
-        return stages.concluded(run, whole, flight >= frames);
-    }
-    if run.config.chooses_family() {
-        stages.choose_family(run, flight, frames, flying, &unknowns)?;
-    }
-    let law = run.config.law()?;
-    let stages = Stages { law: &law, ..stages };
-    if !run.state.candidates.is_empty() && !run.config.flows(&law) {
-        // until now it was treated as if it flowed
-        stages.choose_surface(run)?;
-        stages.shape(run, OF_WHAT_STAYS, iterations, flying)?;
-    }
-    let early = match run.state.candidates.iter().find(|candidate| candidate.family == run.config.material.name) {
-        Some(candidate) => {
-            unknowns = candidate.unknowns.clone();
-            run.config.early_of(&law, flight, &observed, unknowns.leans())
-        }
-        None => {
-            unknowns.parameters = run.config.starting_values(&law)?;
-            let config = run.config.clone();
-            stages.explore(run, &config, "", [flight, frames], &mut unknowns)?
-        }
-    };
-    stages.material(run, early, &mut unknowns)?;
-    stages.other_end(run, early, &mut unknowns)?;
-    if clip.flight.is_some() {
-        let effort = Effort::new(MOVING, run.config.fine_of(&law));
-        stages.finer(run, &effort, early, &mut unknowns)?;
-    }
-    let weighed = stages.refine(run, [early, frames], &mut unknowns)?;
-    stages.otherwise(run, early, &unknowns)?;
-    stages.weigh(run, weighed, frames, &mut unknowns)?;
-    stages.intervals(run, frames, &unknowns)?;
-    run.state.unknowns = Some(unknowns);
+    stages.by_pool(run, &unknowns)?;
     stages.concluded(run, whole, flight >= frames)
 }
 
@@ -139,78 +103,6 @@ pub(super) struct Stages<'a> {
 }
 
 impl Stages<'_> {
-    /// In rounds, fits the voxels to the frames as the simulation moves them, and then the material once more: first to the early ones,
-    /// then to all. Ends after a round that does not agree better with the clip than what was there before, and goes back to that.
-    /// Returns whether all frames were searched at last, and what is plausible weighed with them, which a descent does not do.
-    fn refine(&self, run: &mut Run, [early, all]: [usize; 2], unknowns: &mut Unknowns) -> Result<bool> {
-        let (rounds, mut fitted) = (run.config.estimate.rounds, self.fitted(run).to_owned());
-        if early < all {
-            if rounds > 0 {
-                self.round(run, "early frames", early, &fitted, unknowns)?;
-            }
-            let effort = Effort::new(LATER, run.config.fine_of(self.law));
-            self.finer(run, &effort, all, unknowns)?;
-            fitted = LATER.to_owned();
-        }
-        for round in 1..=rounds {
-            match self.round(run, &format!("round {round}"), all, &fitted, unknowns)? {
-                Some(material) => fitted = material,
-                None => break,
-            }
-        }
-        Ok(run.config.estimate.method == Method::GaussNewton && fitted != self.fitted(run))
-    }
-
-    /// One round after the stage `fitted`, and the stage that ended it; nothing if it did not help.
-    fn round(
-        &self,
-        run: &mut Run,
-        round: &str,
-        frames: usize,
-        fitted: &str,
-        unknowns: &mut Unknowns,
-    ) -> Result<Option<String>> {
-        let shape = format!("shape in motion, {round}");
-        let material = format!("{MATERIAL}, {round}");
-        let (before, loss_before) = run.best_of(fitted).unwrap_or((unknowns.clone(), f64::INFINITY));
-        let undone = format!("{shape}: undone");
-        if run.has_finished(&undone) {
-            // later stages may have changed the voxels since
-            *unknowns = before;
-            return Ok(None);
-        }
-        let since = Instant::now();
-        self.keep_before(run, &shape)?;
-        let in_motion = run.config.in_motion_of(self.law);
-        let moved = Moved::Simulated { frames, unknowns: &before, weights: None, fewest_substeps: false };
-        let no_help = match self.shape(run, &shape, in_motion, moved) {
-            Err(error) if matches!(error.kind(), ErrorKind::Physics | ErrorKind::NonFinite) => {
-                format!("the simulation breaks down: {error}")
-            }
-            Err(error) => return Err(error),
-            Ok(moved) => {
-                *unknowns = moved;
-                // the new shape changes little
-                let steps = run.config.fine_of(self.law);
-                let effort = Effort::new(&material, Steps { always: steps.always.div_ceil(2), ..steps });
-                self.finer(run, &effort, frames, unknowns)?;
-                let loss_after = run.least_loss(&material);
-                if loss_after < loss_before {
-                    return Ok(Some(material));
-                }
-                format!("loss {loss_after:.5} after, {loss_before:.5} before")
-            }
-        };
-        run.restore_field()?;
-        *unknowns = before;
-        run.state.unknowns = Some(unknowns.clone());
-        run.note(format!(
-            "fitting shape and material to their motion did not help ({round}; {no_help}): what was there before was kept"
-        ));
-        run.finish(&undone, since)?;
-        Ok(None)
-    }
-
     /// Keeps the voxels as they are before a stage changes them; once some of the new shape is written there is nothing to keep.
     pub(super) fn keep_before(&self, run: &Run, stage: &str) -> Result<()> {
         let reached = run.reached(stage)?;
@@ -434,15 +326,6 @@ pub(crate) fn describe(law: &Law, unknowns: &Unknowns) -> String {
     };
     format!("v ({x:.3}, {y:.3}, {z:.3}) m/s{spin}  {}{lean}", parameters.collect::<Vec<_>>().join("  "))
 }
-
-/// The stage that fits the shape of a body that keeps it, once its family is chosen.
-pub(super) const OF_WHAT_STAYS: &str = "shape of what stays";
-
-/// The stage that first estimates the whole material.
-pub(super) const MATERIAL: &str = "material";
-
-/// The stage that first estimates it from all frames, where the one before saw fewer.
-const LATER: &str = "material, all frames";
 
 /// How much deeper than wide an object may be of which views were imagined.
 const DEEPER: f64 = 1.5;

@@ -14,7 +14,7 @@ use crate::identify::pipeline::Survey;
 use crate::identify::settings_file;
 use crate::identify::solve;
 use crate::identify::uncertainty::mixture::Marginal;
-use crate::identify::{Answer, Candidate, Config, Evaluation, Interval, MaterialConfig, Unknowns, unknowns};
+use crate::identify::{Config, Interval, MaterialConfig, Unknowns, unknowns};
 use crate::physics::Law;
 use crate::runtime::run_folder::RunFolder;
 use crate::video::Clip;
@@ -51,25 +51,22 @@ pub struct State {
     pub history: Vec<HistoryRow>,
     /// What happened that the user should know.
     pub notes: Vec<String>,
-    /// The search that is under way.
-    #[serde(default)]
-    pub search: Option<Search>,
-    /// What the families made of the clip, if the run had to choose.
-    #[serde(default)]
-    pub candidates: Vec<Candidate>,
-    /// The batches of evaluations that a stage of the pool has had.
+    /// How the families stand, if the run has to choose.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub standings: Vec<Standing>,
+    /// The batches of evaluations that the stage under way has had.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) batches: Option<Batches>,
-    /// Which hypotheses each finished stage of the pool left.
+    /// Which hypotheses each finished stage left.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub(super) survivors: BTreeMap<String, Vec<Hypothesis>>,
     /// What the clip says of each hypothesis that survived.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(super) surveys: Vec<Survey>,
-    /// How probable each family is: `log p(y | family)`, that of the most probable hypothesis being 0 \[nat\]. Of the pool only.
+    /// How probable each family is: `log p(y | family)`, that of the most probable hypothesis being 0 \[nat\].
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub log_evidence: BTreeMap<String, f64>,
-    /// What is known of each unknown, in the coordinates of the search. Of the pool only.
+    /// What is known of each unknown, in the coordinates of the search.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub(super) marginals: BTreeMap<String, Marginal>,
     /// How sure the estimates are, once known.
@@ -100,16 +97,17 @@ impl State {
     }
 }
 
-/// A search that was begun: gone through again with the answers that are known, it goes on where it was interrupted and ends
-/// as if it had not been.
+/// How a family stands after the last stage that it took part in.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Search {
-    /// Its stage.
+pub struct Standing {
+    /// Its name.
+    pub family: String,
+    /// That stage.
     pub stage: String,
-    /// Where it started.
-    pub start: Unknowns,
-    /// What its evaluations gave so far.
-    pub answers: Vec<Answer>,
+    /// The loss of its most probable hypothesis there.
+    pub loss: f64,
+    /// How much less probable that is than the most probable one of all \[nat\].
+    pub behind: f64,
 }
 
 /// Answers to the batches of a stage, in the order of its requests: gone through again with them, it goes on where it was interrupted
@@ -233,7 +231,7 @@ impl Run {
     fn take_over_edits(&mut self) -> Result<()> {
         let (true, Some(before)) = (std::mem::take(&mut self.edited), &self.state.settings) else { return Ok(()) };
         let [other, effort] = settings_file::changes(before, &settings_file::of(&self.config)?);
-        let begun = !self.state.finished.is_empty() || self.state.search.is_some() || self.folder.has(FIELD);
+        let begun = !self.state.finished.is_empty() || self.state.batches.is_some() || self.folder.has(FIELD);
         if begun && !other.is_empty() {
             return Err(settings_file::refused(&self.folder.path(CONFIG).display(), &other));
         }
@@ -314,38 +312,7 @@ impl Run {
         self.state.finished.iter().any(|done| done == stage)
     }
 
-    /// The search of a stage: the one that was interrupted, or a new one from `start`.
-    pub fn search(&mut self, stage: &str, start: &Unknowns) -> &Search {
-        self.state.search.take_if(|search| search.stage != stage);
-        self.state.search.get_or_insert_with(|| Search {
-            stage: stage.to_owned(),
-            start: start.clone(),
-            answers: Vec::new(),
-        })
-    }
-
-    /// Keeps an evaluation of a search in the history, with its answer if it is new, and saves.
-    ///
-    /// # Errors
-    /// What writing returns.
-    pub fn record(&mut self, stage: &str, evaluation: &Evaluation, answer: Option<&Answer>) -> Result<()> {
-        let Some(answer) = answer else { return Ok(()) };
-        let row = HistoryRow {
-            stage: stage.to_owned(),
-            loss: Some(evaluation.loss).filter(|loss| loss.is_finite()),
-            unknowns: evaluation.unknowns.clone(),
-        };
-        // a point that is first tried and then differentiated is one point
-        if self.state.history.last() != Some(&row) {
-            self.state.history.push(row);
-        }
-        if let Some(search) = &mut self.state.search {
-            search.answers.push(answer.clone());
-        }
-        self.save()
-    }
-
-    /// The answers that a stage of the pool has had before it was interrupted.
+    /// The answers that a stage has had before it was interrupted.
     pub(super) fn answers_of(&self, stage: &str) -> Vec<solve::Answer> {
         let batches = self.state.batches.as_ref().filter(|batches| batches.stage == stage);
         batches.map(|batches| batches.answers.clone()).unwrap_or_default()
@@ -362,7 +329,7 @@ impl Run {
         self.save()
     }
 
-    /// The hypotheses that a finished stage of the pool left.
+    /// The hypotheses that a finished stage left.
     ///
     /// # Errors
     /// [`ErrorKind::Input`] if the run does not say.
@@ -371,12 +338,12 @@ impl Run {
         self.state.survivors.get(stage).filter(|all| !all.is_empty()).cloned().ok_or_else(lost)
     }
 
-    /// What the clip says of each hypothesis of the pool that survived.
+    /// What the clip says of each hypothesis that survived.
     pub(crate) fn surveys(&self) -> &[Survey] {
         &self.state.surveys
     }
 
-    /// What the posterior of the pool says of an unknown at a value, in its unit: the share below it, and the logarithm of the density
+    /// What the posterior says of an unknown at a value, in its unit: the share below it, and the logarithm of the density
     /// there; nothing of what was not estimated, or a value that it cannot take.
     pub fn known(&self, law: &Law, name: &str, value: f64) -> Option<(f64, f64)> {
         let marginal = self.state.marginals.get(name)?;
@@ -391,7 +358,6 @@ impl Run {
     pub fn finish(&mut self, stage: &str, since: Instant) -> Result<()> {
         self.state.finished.push(stage.to_owned());
         self.state.seconds.push(since.elapsed().as_secs_f64());
-        self.state.search = None;
         self.state.batches = None;
         self.save()
     }
@@ -413,11 +379,6 @@ impl Run {
         }
     }
 
-    /// The evaluations of a stage.
-    pub fn rows<'a>(&'a self, stage: &'a str) -> impl Iterator<Item = &'a HistoryRow> {
-        self.state.history.iter().filter(move |row| row.stage == stage)
-    }
-
     /// Where a finished stage left the unknowns: what it weighs besides the pictures may have moved them away from the least loss.
     ///
     /// # Errors
@@ -425,17 +386,6 @@ impl Run {
     pub fn end_of(&self, stage: &str) -> Result<Unknowns> {
         let lost = || damaged(&self.folder, STATE, &format!("no end of the stage {stage:?}"));
         self.state.ends.get(stage).cloned().ok_or_else(lost)
-    }
-
-    /// The unknowns of least loss that a stage has seen, and that loss.
-    pub fn best_of(&self, stage: &str) -> Option<(Unknowns, f64)> {
-        let known = self.rows(stage).filter_map(|row| Some((row.unknowns.clone(), row.loss?)));
-        known.min_by(|a, b| a.1.total_cmp(&b.1))
-    }
-
-    /// The least loss that a stage has seen; infinite if it has seen none.
-    pub fn least_loss(&self, stage: &str) -> f64 {
-        self.best_of(stage).map_or(f64::INFINITY, |(_, loss)| loss)
     }
 }
 

@@ -10,25 +10,15 @@ use crate::identify::Config;
 const MARK: &str = "# written by the run, edited if this differs from the settings above: ";
 
 /// Settings that only say how much effort is still spent, by their paths.
-const EFFORT: [&str; 19] = [
+const EFFORT: [&str; 9] = [
     "estimate.velocity",
-    "estimate.scan",
-    "estimate.starts",
-    "estimate.first",
-    "estimate.fine",
-    "estimate.falling",
+    "estimate.points",
+    "estimate.survivors",
+    "estimate.steps",
     "estimate.rounds",
-    "estimate.coarse",
-    "estimate.weigh",
     "flowing.in_motion",
-    "flowing.fine",
-    "flowing.falling",
     "geometry.fit.iterations",
     "geometry.fit.in_motion",
-    "pool.points",
-    "pool.survivors",
-    "pool.steps",
-    "pool.rounds",
     "world.memory_mib",
 ];
 
@@ -113,7 +103,7 @@ mod tests {
         assert!(is_edited(&edited, &now).unwrap());
         let [other, effort] = changes(&of(&config).unwrap(), &of(&now).unwrap());
         assert_eq!(other, ["geometry.dx: 0.0 → 0.03"]);
-        assert_eq!(effort, ["estimate.scan: 6 → 8"]);
+        assert_eq!(effort, ["estimate.points: 6 → 8"]);
     }
 
     #[test]

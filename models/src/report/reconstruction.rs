@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use gradreel::{Result, Tape, Tensor};
 
-use crate::identify::{Candidate, HistoryRow, Reconstruction, Run, compared};
+use crate::identify::{HistoryRow, Reconstruction, Run, Standing};
 use crate::render::{Rays, Splat, render};
 use crate::report::animation::{Picture, gif};
 use crate::report::page::{Headline, Page, Scene};
@@ -236,7 +236,7 @@ fn assumed(run: &Run) -> Vec<Quantity> {
         quantity("density", "Density", "ρ", "kg/m³", world.density),
         quantity("gravity_y", "Gravity, y", "g_y", "m/s²", world.gravity[1]),
         quantity("ground", "Height of the sticky ground", "y_0", "m", world.ground),
-        quantity("dx", "Grid spacing", "dx", "m", run.config.geometry.dx * run.config.geometry.grid_share()),
+        quantity("dx", "Grid spacing", "dx", "m", run.config.geometry.dx),
     ]
 }
 
@@ -298,11 +298,10 @@ fn notes(
         let share = format!("{:+.1} % of what its fall alone says, as it is where it lands", 100.0 * scale);
         notes.push(("Depth scale".into(), share));
     }
-    for (candidate, behind) in compared(&run.state.candidates, found.observed.pictures()) {
-        let Candidate { family, seen, foretold, all, .. } = candidate;
+    for Standing { family, stage, loss, behind } in &run.state.standings {
         let chosen = if *family == run.config.material.name { ": chosen" } else { "" };
-        let losses = format!("loss {all:.4} (frames it was fitted to {seen:.4}, those that it foretold {foretold:.4})");
-        notes.push((format!("As {family}"), format!("{losses}, less probable than the best by e^{behind:.1}{chosen}")));
+        let text = format!("loss {loss:.4} after \"{stage}\", less probable than the best by e^{behind:.1}{chosen}");
+        notes.push((format!("As {family}"), text));
     }
     let figure = |name: &str| quality.get(name).copied();
     if let (Some(iou), Some(psnr)) = (figure("silhouette_iou"), figure("psnr_on_object_db")) {

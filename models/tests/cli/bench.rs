@@ -143,9 +143,9 @@ fn coverage_of_a_clip_and_one_that_goes_on() {
 }
 
 #[test]
-fn the_error_budget_is_measured_on_clips_of_a_pool() {
+fn the_error_budget_is_measured_on_clips() {
     let scene = Scene::with_clip(&[0], 2);
-    let settings = "[estimate]\nmethod = 'pool'\nvelocity = 2\n[pool]\npoints = 1\nsurvivors = 1\nsteps = 1\nrounds = 0\n\
+    let settings = "[estimate]\nvelocity = 2\npoints = 1\nsurvivors = 1\nsteps = 1\nrounds = 0\n\
                     [geometry]\ndx = 0.1\n[geometry.fit]\niterations = 4\n";
     scene.write("pool.toml", settings);
     scene.succeeds("bench coverage --clips 1 --cameras 3 --config pool.toml --out out --threads 1 -q");
@@ -156,14 +156,12 @@ fn the_error_budget_is_measured_on_clips_of_a_pool() {
     assert!(printed.contains("1 clips: mean log score"), "{printed}");
     let budget = fs::read_to_string(scene.path("budget.toml")).unwrap();
     assert!(budget.contains("[discrepancy]") && budget.contains("Development split, 1 clips"), "{budget}");
-    // clips of other fits tell nothing of it, and those that are reported are not asked
-    scene.succeeds("bench coverage --quick --clips 1 --cameras 3 --out quick --threads 1 -q");
-    scene.refuses("bench calibrate quick", &["no clip tells anything of the error budget", "method = \"pool\""]);
+    // clips that are reported are not asked
     let reported = fs::read_to_string(scene.path("out/clips.jsonl")).unwrap().replace("\"development\"", "\"report\"");
     fs::write(scene.path("out/clips.jsonl"), reported).unwrap();
     scene.refuses("bench calibrate out", &["never measured on clips that are reported", "--split report"]);
-    scene.write("wrong.toml", "[pool]\nsurvivors = 0\n");
-    scene.refuses("bench coverage --config wrong.toml --out none", &["wrong.toml", "pool.survivors"]);
+    scene.write("wrong.toml", "[estimate]\nsurvivors = 0\n");
+    scene.refuses("bench coverage --config wrong.toml --out none", &["wrong.toml", "estimate.survivors"]);
     assert!(!scene.path("none").exists());
 }
 

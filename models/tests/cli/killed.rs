@@ -16,7 +16,7 @@ use crate::scene::{Scene, bundled, text};
 
 /// Fits long enough to be saved half-way, searches of a few evaluations.
 const TINY: &str = "[clip]\nshrink = 12\n[geometry]\ndx = 0.12\n[geometry.fit]\niterations = 7\nin_motion = 7\n\
-                    [estimate]\nvelocity = 1\nscan = 1\nstarts = 1\nfirst = 1\ncoarse = 1\nfine = 1\nfalling = 0\nrounds = 1\n";
+                    [estimate]\nvelocity = 1\npoints = 1\nsurvivors = 1\nsteps = 1\n";
 
 /// What a run has found: everything in its state but how long it took, what it has settled, and its voxels.
 fn found(folder: &Path) -> (Value, Vec<u8>) {
@@ -52,17 +52,12 @@ fn has_finished((state, _): &(Value, Vec<u8>), end: &str) -> bool {
 }
 
 /// Between any two writes, of which none leaves half a file behind; returns what a run finds that is not interrupted.
-fn killed_between_writes(
-    tiny: &str,
-    material: &str,
-    method: &str,
-    moments: impl Iterator<Item = u64>,
-) -> (Value, Vec<u8>) {
+fn killed_between_writes(tiny: &str, material: &str, moments: impl Iterator<Item = u64>) -> (Value, Vec<u8>) {
     let scene = Scene::new();
     let options = OpenOptions { cameras: Some(vec![0, 3]), max_frames: Some(7), ..OpenOptions::default() };
     let clip = Clip::open(&bundled(), &options).unwrap();
     assert!(!clip.assumptions.is_empty(), "they are not lost, either");
-    let config = Config::parse(&format!("{tiny}method = '{method}'\n[material]\nname = '{material}'\n")).unwrap();
+    let config = Config::parse(&format!("{tiny}[material]\nname = '{material}'\n")).unwrap();
     let whole = scene.path("whole");
     assert!(run(&clip, &whole, &config, None));
     let wanted = found(&whole);
@@ -87,57 +82,32 @@ fn killed_between_writes(
 }
 
 #[test]
-fn between_writes_of_a_descent() {
-    // all of the first fit, and some of every stage after it
-    let whole = killed_between_writes(TINY, "elastic", "descent", (0..8).chain((8..).step_by(5)));
-    assert!(!has_finished(&whole, "undone"), "{:#}", whole.0);
-}
-
-#[test]
-fn between_writes_of_a_round_that_does_not_help() {
+fn between_writes_of_a_shape_that_does_not_help() {
     // steps so long that the shape becomes worse
     let tiny = TINY.replace("in_motion = 7", "in_motion = 7\ndensity_rate_in_motion = 40.0");
-    let whole = killed_between_writes(&tiny, "elastic", "gauss_newton", (8..).step_by(3));
+    let whole = killed_between_writes(&tiny, "elastic", (8..).step_by(4));
     assert!(has_finished(&whole, "undone"), "{:#}", whole.0);
 }
 
 #[test]
 fn between_writes_of_a_choice_of_family() {
-    let whole = killed_between_writes(TINY, "auto", "gauss_newton", (5..).step_by(17));
-    assert_eq!(whole.0["candidates"].as_array().unwrap().len(), 5);
-    assert!(has_finished(&whole, "solids"), "{:#}", whole.0);
-}
-
-#[test]
-fn between_writes_of_least_squares() {
-    let tiny = format!("[flowing]\nfiner = 1\n{TINY}");
-    let whole = killed_between_writes(&tiny, "newtonian", "gauss_newton", (0..2).chain((6..).step_by(7)));
-    // what flows takes the finer grid where the loss ended lower on it
-    let rows = whole.0["history"].as_array().unwrap();
-    let least = |stage: &str| {
-        let losses = rows.iter().filter(|row| row["stage"] == stage).filter_map(|row| row["loss"].as_f64());
-        losses.fold(f64::INFINITY, f64::min)
-    };
-    let [full, finer] = ["material, full grid", "material, finer grid"].map(least);
-    assert!(full.is_finite() && finer.is_finite(), "{full} and {finer}");
-    let config = Config::parse(whole.0["config"].as_str().unwrap()).unwrap();
-    assert_eq!(config.geometry.grid_share(), if finer < full { 0.7 } else { 1.0 }, "{finer} and {full}");
+    let whole = killed_between_writes(TINY, "auto", (8..).step_by(7));
+    assert_eq!(whole.0["standings"].as_array().unwrap().len(), 5);
+    assert!(has_finished(&whole, "posterior") && whole.0["survivors"].is_object(), "{:#}", whole.0);
 }
 
 #[test]
 fn between_writes_of_a_pool() {
-    let tiny = format!("[pool]\npoints = 1\nsurvivors = 1\nsteps = 1\n{TINY}");
-    let whole = killed_between_writes(&tiny, "elastic", "pool", (6..).step_by(5));
+    // all of the first fit, and some of every stage after it
+    let whole = killed_between_writes(TINY, "elastic", (0..8).chain((8..).step_by(5)));
     assert_eq!(whole.0["surveys"].as_array().unwrap().len(), 1);
     assert!(whole.0["marginals"]["young"].is_object(), "{:#}", whole.0);
     // the shape that was fitted with its motion is kept where it is more probable
     let cost = |stage: &str| whole.0["survivors"][stage][0]["cost"].as_f64().unwrap();
     let [held, followed] = ["shape in motion 1: agreement", "shape and material 1: agreement"].map(cost);
     assert_eq!(has_finished(&whole, "shape and material 1: undone"), followed >= held, "{followed} after {held}");
-    let auto = killed_between_writes(&tiny, "auto", "pool", (8..).step_by(7));
-    assert!(has_finished(&auto, "posterior") && auto.0["survivors"].is_object(), "{:#}", auto.0);
     // what flows keeps no shape that could be fitted with its motion
-    let flowing = killed_between_writes(&tiny, "newtonian", "pool", std::iter::once(30));
+    let flowing = killed_between_writes(TINY, "newtonian", std::iter::once(30));
     assert!(has_finished(&flowing, "shape in motion 1") && !has_finished(&flowing, "agreement"), "{:#}", flowing.0);
 }
 
@@ -160,7 +130,7 @@ fn killed_in_every_kind_of_stage() {
     let state = || fs::read(scene.path("out/state.json")).ok().and_then(|s| serde_json::from_slice::<Value>(&s).ok());
     let finished =
         |stage: &str| state().is_some_and(|state| state["finished"].as_array().unwrap().iter().any(|s| s == stage));
-    let answers = || state().and_then(|state| Some(state["search"]["answers"].as_array()?.len())).unwrap_or(0);
+    let answers = || state().and_then(|state| Some(state["batches"]["answers"].as_array()?.len())).unwrap_or(0);
     let in_field = |stage: &str| {
         let file = fs::read(scene.path("out/field.safetensors")).unwrap_or_default();
         file.windows(stage.len()).any(|bytes| bytes == stage.as_bytes())
@@ -171,7 +141,7 @@ fn killed_in_every_kind_of_stage() {
         ("in the search of the velocity", &|| finished("shape") && answers() >= 2),
         ("in the search of the material", &|| finished("velocity in flight") && answers() >= 1),
         ("in the fit of the shape in motion", &|| in_field("shape in motion")),
-        ("in the intervals", &|| finished("material, round 1")),
+        ("in the posterior", &|| finished("material 1")),
     ];
     let mut killed = Vec::new();
     for (what, reached) in moments {
@@ -187,7 +157,7 @@ fn killed_in_every_kind_of_stage() {
             code => assert_eq!(code, Some(0), "{what}: {}", text(&output.stderr)),
         }
     }
-    // the intervals, and some iterations, are computed in a moment, which may be over before it is noticed
+    // the posterior, and some iterations, are computed in a moment, which may be over before it is noticed
     assert!(killed.len() >= 4, "{killed:?}");
     scene.succeeds("reconstruct clip --out out --resume");
     let file = |run: &str| fs::read(scene.path(&format!("{run}/parameters.json"))).unwrap();

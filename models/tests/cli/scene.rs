@@ -10,7 +10,7 @@ use tempfile::TempDir;
 
 /// Settings of a run of a second or two: few iterations on few pixels.
 pub const QUICK: &str = "[clip]\nshrink = 5\n[geometry]\ndx = 0.05\n[geometry.fit]\niterations = 6\nin_motion = 2\n\
-                         [estimate]\nvelocity = 2\nscan = 2\nstarts = 1\nfirst = 1\nfine = 1\nfalling = 0\ncoarse = 1\n";
+                         [estimate]\nvelocity = 2\npoints = 1\nsurvivors = 1\nsteps = 1\n";
 
 /// A folder of the test's own that goes away with it.
 pub struct Scene(TempDir);

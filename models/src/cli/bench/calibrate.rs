@@ -28,8 +28,8 @@ most probable; nothing is fitted again. Clips of the report split are refused.
 The budget that the program has is models/src/identify/uncertainty/error_budget.toml.
 
 Examples:
-  gradreel bench coverage --clips 60 --config pool.toml --out runs/c   with `estimate.method = \"pool\"` in pool.toml
-  gradreel bench calibrate runs/c                                      a few seconds";
+  gradreel bench coverage --clips 60 --out runs/c
+  gradreel bench calibrate runs/c                   a few seconds";
 
 /// Reads the lines of the folders and writes the budget.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {

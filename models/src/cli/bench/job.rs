@@ -216,11 +216,10 @@ fn coarse() -> AblationSettings {
 /// Settings of a minimal budget.
 pub(super) fn quick() -> AblationSettings {
     let mut settings = AblationSettings::default();
-    let Config { geometry, estimate, flowing, .. } = &mut settings.config;
+    let Config { geometry, estimate, .. } = &mut settings.config;
     (geometry.dx, geometry.fit.iterations, geometry.fit.in_motion) = (0.08, 6, 2);
-    (estimate.velocity, estimate.scan, estimate.starts) = (2, 1, 1);
-    (estimate.first, estimate.fine, estimate.falling, estimate.rounds, estimate.coarse) = (1, 1, 0, 0, 1);
-    (flowing.fine, flowing.falling, flowing.finer) = (1, 0, 1);
+    (estimate.velocity, estimate.points, estimate.survivors) = (2, 1, 1);
+    (estimate.steps, estimate.rounds) = (1, 0);
     let encoding = &mut settings.config.temporal.first;
     (encoding.frames, encoding.side) = (3, 24);
     (encoding.field.width, encoding.field.channels) = (8, 2);

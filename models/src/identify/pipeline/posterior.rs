@@ -114,7 +114,7 @@ impl Stages<'_> {
             settings.push(Setting { problem, free, frames: 0..frames, floor });
         }
         let bar = self.progress.stage(stage, survivors.len() as u64);
-        let derivatives = Derivatives::reaching(run.config.pool.reach);
+        let derivatives = Derivatives::reaching(run.config.estimate.reach);
         let request = |survivor: &Hypothesis| Request {
             setting: place(families, &survivor.family),
             at: survivor.unknowns.clone(),

@@ -39,11 +39,11 @@ impl Stages<'_> {
         let stages = Stages { law: &law, ..*self };
         let mut survivors: Vec<Hypothesis> =
             survivors.into_iter().filter(|one| families.iter().any(|family| family.name == one.family)).collect();
-        for round in 1..=run.config.pool.rounds {
+        for round in 1..=run.config.estimate.rounds {
             survivors = stages.body(run, round, &families, survivors)?;
             let full = Level { particles: stages.particles(run)?, observed: self.observed };
             let stage = format!("material {round}");
-            let (steps, most) = (run.config.pool.steps.div_ceil(2), run.config.pool.survivors);
+            let (steps, most) = (run.config.estimate.steps.div_ceil(2), run.config.estimate.survivors);
             let rung = Rung { stage: &stage, fidelity: Fidelity::Full, world: true, steps, keep: (most, GO_ON[1]) };
             survivors = stages.rung(run, rung, &families, &full, survivors)?;
         }
@@ -103,7 +103,7 @@ impl Stages<'_> {
         let small = Observed::of(&self.clip.scaled(2), &run.config, DTYPE)?;
         let coarse = Level { particles: particles.merged(), observed: &small };
         let full = Level { particles, observed: self.observed };
-        let (steps, most) = (run.config.pool.steps, run.config.pool.survivors);
+        let (steps, most) = (run.config.estimate.steps, run.config.estimate.survivors);
         let mut survivors = self.pool(run, families, start)?;
         for rung in RUNGS {
             let level = if rung.fidelity == Fidelity::Coarse { &coarse } else { &full };

@@ -5,14 +5,14 @@ use std::time::Instant;
 
 use gradreel::{Error, ErrorKind, Result};
 
-use crate::identify::family::of_family;
 use crate::identify::hypotheses::{Hypothesis, apart};
 use crate::identify::reconstruct::{DTYPE, IN_FLIGHT, Stages, describe};
-use crate::identify::run::{HistoryRow, Run};
+use crate::identify::run::{HistoryRow, Run, Standing};
 use crate::identify::solve::{Answer, GaussNewton, Request, Setting, Threads, drive};
+use crate::identify::stages::LEAST;
 use crate::identify::uncertainty::prior::Prior;
 use crate::identify::unknowns::Ground;
-use crate::identify::{Config, FAMILIES, Free, Observed, Problem, Unknowns};
+use crate::identify::{Config, FAMILIES, Free, MaterialConfig, Observed, Problem, Unknowns};
 use crate::particles::Particles;
 use crate::physics::Law;
 use crate::runtime::interrupt;
@@ -65,7 +65,10 @@ impl Stages<'_> {
         if !run.config.chooses_family() {
             return Ok(vec![named(&run.config.material.name, run.config.clone())?]);
         }
-        let own = |name: &str| named(name, of_family(run, name));
+        let own = |name: &str| {
+            let material = MaterialConfig { name: name.to_owned(), ..MaterialConfig::default() };
+            named(name, Config { material, ..run.config.clone() })
+        };
         FAMILIES.iter().map(|(name, _)| own(name)).collect()
     }
 
@@ -109,7 +112,7 @@ impl Stages<'_> {
             let start = Unknowns { parameters, ..start.clone() };
             let free = self.freedom(run, family, false)?;
             let prior = Prior::of(&family.law, free, &start, fallen.as_ref());
-            let count = family.config.pool.points * prior.varied();
+            let count = family.config.estimate.points * prior.varied();
             pool.push(Hypothesis::new(&family.name, start.clone()));
             pool.extend(prior.points(&start, count).into_iter().map(|point| Hypothesis::new(&family.name, point)));
         }
@@ -149,7 +152,7 @@ impl Stages<'_> {
                     start.contact *= 0.5;
                 }
                 let prior = Prior::of(&families[k].law, frees[k], &start, fallen.as_ref());
-                GaussNewton::new(prior, k, residuals, rung.steps, &start).reaching(run.config.pool.reach)
+                GaussNewton::new(prior, k, residuals, rung.steps, &start).reaching(run.config.estimate.reach)
             };
             let mut searches: Vec<GaussNewton<'_>> = hypotheses.iter().map(search).collect();
             self.searched(run, rung.stage, rung.steps, &settings, &mut searches)?;
@@ -163,7 +166,10 @@ impl Stages<'_> {
                 let family = hypothesis.family.clone();
                 Hypothesis { family, unknowns, loss: finite(best.loss), cost: finite(best.cost) }
             });
-            let ended = ended.collect();
+            let ended: Vec<Hypothesis> = ended.collect();
+            if families.len() > 1 {
+                run.state.standings = standings(std::mem::take(&mut run.state.standings), rung.stage, &ended);
+            }
             let of = |name: &str| {
                 let k = place(families, name);
                 (&families[k].law, frees[k])
@@ -221,10 +227,29 @@ impl Stages<'_> {
     }
 }
 
-/// The least loss that no motion explains: pictures have noise.
-const LEAST: f64 = 1e-3;
-
 /// The place of a family.
 pub(crate) fn place(families: &[Family], name: &str) -> usize {
     families.iter().position(|family| family.name == name).expect("hypotheses are of the families")
+}
+
+/// How families stand after a rung: those that took part by their best hypothesis, the others as they stood when they went.
+fn standings(mut before: Vec<Standing>, stage: &str, ended: &[Hypothesis]) -> Vec<Standing> {
+    let mut now: Vec<Standing> = Vec::new();
+    for hypothesis in ended {
+        let (Some(loss), Some(cost)) = (hypothesis.loss, hypothesis.cost) else { continue };
+        match now.iter_mut().find(|standing| standing.family == hypothesis.family) {
+            Some(standing) if standing.behind <= cost => {}
+            Some(standing) => (standing.loss, standing.behind) = (loss, cost),
+            None => {
+                let family = hypothesis.family.clone();
+                now.push(Standing { family, stage: stage.to_owned(), loss, behind: cost });
+            }
+        }
+    }
+    let least = now.iter().map(|standing| standing.behind).fold(f64::INFINITY, f64::min);
+    now.iter_mut().for_each(|standing| standing.behind -= least);
+    now.sort_by(|a, b| a.behind.total_cmp(&b.behind));
+    before.retain(|old| now.iter().all(|new| new.family != old.family));
+    now.extend(before);
+    now
 }

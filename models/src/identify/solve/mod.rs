@@ -8,4 +8,5 @@ mod step;
 pub(crate) use drive::drive;
 pub(crate) use evaluations::{Answer, Evaluations, Request, Setting, Threads};
 pub(crate) use gauss_newton::GaussNewton;
-pub(crate) use step::{damped, promised};
+#[cfg(test)]
+pub(crate) use gauss_newton::Point;

@@ -1,9 +1,9 @@
 //! Known unknowns are recovered from rendered frames, and break-downs of the physics are said.
 
+use crate::identify::{Free, Unknowns, estimate, first_contact};
 use gradreel::{DType, ErrorKind};
-use gradreel_models::identify::{Free, Unknowns, estimate, first_contact};
 
-use crate::scene::{block, film, problem, quick};
+use super::scene::{block, film, problem, quick};
 
 #[test]
 fn velocity_and_stiffness_are_recovered_from_rendered_frames() {
@@ -15,7 +15,7 @@ fn velocity_and_stiffness_are_recovered_from_rendered_frames() {
     let problem = problem(&particles, &observed, &config, DType::F32);
     let start = Unknowns { velocity: [0.0; 3], parameters: vec![1e4, 0.3], ..Unknowns::default() };
     let run = |start: &Unknowns, free, frames| {
-        estimate(&problem, start, free, frames, 20, &[], &mut |_, _| Ok(()), &mut |_| ()).unwrap().unknowns
+        estimate(&problem, start, free, frames, 20, &mut |_| Ok(()), &mut |_| ()).unwrap().unknowns
     };
     let flying = run(&start, Free::Velocity, 4);
     assert_eq!(first_contact(&particles, &problem.world, 0.0, &flying, observed.frame_dt, FRAMES), 4);

@@ -2,12 +2,14 @@
 
 use std::sync::Arc;
 
+use crate::identify::solve::{GaussNewton, Point, Setting, Threads, drive};
+use crate::identify::uncertainty::prior::Prior;
+use crate::identify::{Config, Free, Observed, Problem, Unknowns};
+use crate::particles::Particles;
+use crate::physics::materials;
+use crate::render::{Rays, Target};
+use crate::video::Camera;
 use gradreel::{DType, Tape, Tensor};
-use gradreel_models::identify::{Config, Observed, Problem, Unknowns};
-use gradreel_models::particles::Particles;
-use gradreel_models::physics::materials;
-use gradreel_models::render::{Rays, Target};
-use gradreel_models::video::Camera;
 
 /// A camera of `size`² pixels that looks from `angle` \[rad\] at a point above the origin.
 pub fn camera(id: i64, angle: f64, size: usize) -> Camera {
@@ -111,4 +113,19 @@ pub fn problem_of<'a>(
     dtype: DType,
 ) -> Problem<'a> {
     Problem::new(particles, observed, materials::find(law).unwrap(), config, dtype)
+}
+
+/// Where Gauss–Newton searches of so many steps end, from these starts, over the first frames.
+pub fn search(problem: Problem<'_>, starts: &[Unknowns], free: Free, frames: usize, steps: usize) -> Vec<Point> {
+    let law = problem.law.clone();
+    let pictures = (frames * problem.observed.views.len()) as f64;
+    // the pictures have no noise
+    let setting = [Setting { problem, free, frames: 0..frames, floor: 1e-7 }];
+    let reach = Config::default().estimate.reach;
+    let begun = |start: &Unknowns| {
+        GaussNewton::new(Prior::of(&law, free, start, None), 0, pictures, steps, start).reaching(reach)
+    };
+    let mut searches: Vec<GaussNewton<'_>> = starts.iter().map(begun).collect();
+    drive(&Threads(&setting), &mut searches, &[], &mut |_, _| Ok(())).unwrap();
+    searches.iter().map(|search| search.best().clone()).collect()
 }

@@ -1,9 +1,9 @@
 //! A body that turns as it flies: derivatives, a spin that is found again, and flight as it is simulated.
 
+use crate::identify::{Free, Problem, Unknowns};
 use gradreel::{DType, ErrorKind, Tape};
-use gradreel_models::identify::{Free, Problem, Unknowns, gauss_newton};
 
-use crate::scene::{block, film, problem, quick};
+use super::scene::{block, film, problem, quick, search};
 
 const FRAMES: usize = 5;
 
@@ -90,8 +90,7 @@ fn a_spin_is_found_again() {
     let problem = problem(&particles, &observed, &config, DType::F32).flying();
     let start = Unknowns { velocity: [0.0; 3], spin: [0.0; 3], ..truth.clone() };
     let free = Free::Velocity.with_spin(&problem.law, true);
-    let found =
-        gauss_newton(&problem, &start, free, 4, 12.into(), &[], &mut |_, _| Ok(()), &mut |_| ()).unwrap().unknowns;
+    let found = search(problem, &[start], free, 4, 12).remove(0).unknowns;
     for k in 0..3 {
         assert!((found.spin[k] - truth.spin[k]).abs() < 0.1, "{:?} {:?}", found.spin, truth.spin);
         assert!((found.velocity[k] - truth.velocity[k]).abs() < 0.02, "{:?} {:?}", found.velocity, truth.velocity);

@@ -1,13 +1,13 @@
 //! The switches of the loss: reverse and forward mode agree with all of them on, each acts, and none does where all views are
 //! real.
 
+use crate::identify::{Config, Free, Observed, Problem, Unknowns};
+use crate::particles::Particles;
+use crate::video::{Clip, Foreground, Frame};
 use gradreel::DType;
-use gradreel_models::identify::{Config, Free, Observed, Problem, Unknowns};
-use gradreel_models::particles::Particles;
-use gradreel_models::video::{Clip, Foreground, Frame};
 use ndarray::{Array2, Array3};
 
-use crate::scene::{block, camera, film, problem, quick};
+use super::scene::{block, camera, film, problem, quick};
 
 const FRAMES: usize = 4;
 const SIZE: usize = 20;
@@ -140,24 +140,4 @@ fn where_all_views_are_real_nothing_is_changed() {
     assert_eq!(with(plain), with(""));
     assert_eq!(with(plain), with(&ALL.replace("trajectory = 0.3", "trajectory = 0.0")));
     assert_ne!(with(plain), with(&ALL.replace("trajectory = 0.3", "ranges_for_real = true")));
-}
-
-/// Shorter substeps would damp what the finer grid does not; only what would be unstable has them.
-#[test]
-fn a_finer_grid_keeps_the_substep() {
-    let (config, particles) = (Config::default(), block(4, 0.01));
-    let soft = Unknowns { velocity: [0.0, -1.0, 0.0], parameters: vec![6e4, 0.3], ..Unknowns::default() };
-    let observed = film(&particles, &soft, &quick(), 2, 4, DType::F64);
-    let substeps = |share: f64, unknowns: &Unknowns| {
-        let mut config = config.clone();
-        config.geometry.grid = share;
-        let problem = problem(&particles, &observed, &config, DType::F64);
-        approx::assert_relative_eq!(problem.world.dx, 0.02 * share, max_relative = 1e-12);
-        problem.schedule(unknowns, 2).substeps
-    };
-    assert_eq!(substeps(0.7, &soft), substeps(1.0, &soft));
-    // a wider one has longer ones
-    assert!(substeps(2.0, &soft) < substeps(1.0, &soft));
-    let stiff = Unknowns { parameters: vec![1e7, 0.3], ..soft.clone() };
-    assert!(substeps(0.7, &stiff) > substeps(1.0, &stiff));
 }

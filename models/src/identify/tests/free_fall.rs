@@ -1,10 +1,10 @@
 //! What falls before it comes near the ground is not simulated.
 
+use crate::identify::{Free, Problem, Unknowns};
+use crate::physics::{Body, Schedule, rollout};
 use gradreel::{DType, Tape, Tensor};
-use gradreel_models::identify::{Free, Problem, Unknowns};
-use gradreel_models::physics::{Body, Schedule, rollout};
 
-use crate::scene::{block, film, problem, quick};
+use super::scene::{block, film, problem, quick};
 
 const FRAMES: usize = 5;
 

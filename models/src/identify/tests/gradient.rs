@@ -1,10 +1,10 @@
 //! The gradient of the image loss against central differences in `f64`, through contact.
 
+use crate::identify::{Config, Free, Unknowns};
+use crate::particles::Particles;
 use gradreel::{DType, Tape, Tensor};
-use gradreel_models::identify::{Config, Free, Unknowns};
-use gradreel_models::particles::Particles;
 
-use crate::scene::{block, film, problem, quick};
+use super::scene::{block, film, problem, quick};
 
 /// A block, and how it is thrown.
 fn thrown(edge: usize, spacing: f64) -> (Config, Particles, Unknowns) {

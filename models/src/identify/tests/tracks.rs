@@ -1,8 +1,8 @@
 //! Five materials from the tracks of their particles, each from a start that is far off.
 
+use crate::identify::Tracks;
+use crate::physics::{Collider, Rollout, Schedule, World, materials};
 use gradreel::Tensor;
-use gradreel_models::identify::Tracks;
-use gradreel_models::physics::{Collider, Rollout, Schedule, World, materials};
 
 const DX: f64 = 0.04;
 
@@ -51,7 +51,7 @@ fn recover(name: &str, truth: &[f64], start: &[f64], fitted: &[(usize, f64)], su
     for &(k, allowed) in fitted {
         let parameter = tracks.law.parameters()[k];
         let (a, b) = (found.parameters[k], truth[k]);
-        let off = if parameter.map == gradreel_models::physics::Map::Log10 { (a / b).log10() } else { a - b };
+        let off = if parameter.map == crate::physics::Map::Log10 { (a / b).log10() } else { a - b };
         assert!(off.abs() < allowed, "{name}: {} is {a}, not {b}", parameter.name);
     }
     let most = 15.0 * (3 + fitted.len()) as f64;

@@ -1,0 +1,130 @@
+//! Least squares over the pixels: derivatives against the tape and against differences.
+
+use crate::identify::linearise::Derivatives;
+use crate::identify::{Config, Free, Ground, Linearised, Observed, Problem, Sight, Unknowns};
+use crate::particles::Particles;
+use gradreel::DType;
+
+use super::scene::{block, camera, film, problem, quick};
+
+const FRAMES: usize = 5;
+
+/// A block of rubber that is thrown down, and the film of it.
+fn thrown() -> (Config, Particles, Unknowns, Observed) {
+    let config = quick();
+    let particles = block(5, 0.04);
+    let truth = Unknowns { velocity: [0.3, -1.2, 0.1], parameters: vec![6e4, 0.3], ..Unknowns::default() };
+    let observed = film(&particles, &truth, &config, FRAMES, 20, DType::F64);
+    (config, particles, truth, observed)
+}
+
+#[test]
+fn forward_mode_agrees_with_the_tape_and_with_differences_of_pictures() {
+    let (config, particles, truth, observed) = thrown();
+    let problem = problem(&particles, &observed, &config, DType::F64);
+    contact_height(&problem, &truth, FRAMES);
+    let unknowns = Unknowns { velocity: [0.25, -1.1, 0.15], parameters: vec![4e4, 0.22], ..Unknowns::default() };
+    let mut substeps = 128;
+    let (loss, gradient) = problem.evaluate(&unknowns, Free::Both, FRAMES, &mut substeps, &mut |_| ()).unwrap();
+    let at = problem.linearise(&unknowns, Free::Both, FRAMES, &mut substeps, &mut |_| ()).unwrap();
+    assert!((at.loss - loss).abs() < 1e-12 * loss, "{} by forward mode, {loss} on the tape", at.loss);
+    for k in 0..5 {
+        let relative = (at.gradient[k] - gradient[k]).abs() / gradient[k].abs().max(1e-3);
+        assert!(relative < 1e-7, "unknown {k}: {} by forward mode, {} on the tape", at.gradient[k], gradient[k]);
+    }
+    // Differences over a finite step become derivatives as it becomes small, in proportion to it.
+    let mut ahead = |share: f64| {
+        let how = Derivatives::Ahead(share);
+        let frames = problem.linearise_frames(&unknowns, Free::Both, 0..FRAMES, how, &mut substeps, &mut |_| ());
+        let frames: Vec<Linearised> = frames.unwrap();
+        let mean = |of: &dyn Fn(&Linearised) -> f64| frames.iter().map(of).sum::<f64>() / FRAMES as f64;
+        let off = |k: usize| (mean(&|frame| frame.curvature[k][k]) / at.curvature[k][k] - 1.0).abs();
+        let slope = |k: usize| (mean(&|frame| frame.gradient[k]) / at.gradient[k] - 1.0).abs();
+        assert!((mean(&|frame| frame.loss) / at.loss - 1.0).abs() < 1e-12, "the same picture");
+        (0..5).map(|k| [off(k), slope(k)]).collect::<Vec<_>>()
+    };
+    for (k, (far, near)) in ahead(1e-3).into_iter().zip(ahead(1e-4)).enumerate() {
+        for (far, near) in far.into_iter().zip(near) {
+            assert!(0.0 < near && near < 0.2 * far && near < 1e-2, "unknown {k}: off by {far}, then {near}");
+        }
+    }
+    // At the truth residuals vanish, and the curvature is that of the loss itself.
+    let best = problem.linearise(&truth, Free::Both, FRAMES, &mut 0, &mut |_| ()).unwrap();
+    assert!(best.loss < 1e-20, "{}", best.loss);
+    let x = truth.coordinates(&problem.law, Free::Both);
+    let slope = |x: &[f64]| {
+        let at = truth.moved(&problem.law, Free::Both, x);
+        problem.linearise(&at, Free::Both, FRAMES, &mut 0, &mut |_| ()).unwrap().gradient
+    };
+    for (k, step) in [(3, 1e-5), (4, 1e-5), (1, 1e-5)] {
+        let moved = |sign: f64| {
+            let mut x = x.clone();
+            x[k] += sign * step;
+            slope(&x)
+        };
+        let (plus, minus) = (moved(1.0), moved(-1.0));
+        for l in 0..5 {
+            let difference = (plus[l] - minus[l]) / (2.0 * step);
+            let scale = (best.curvature[k][k] * best.curvature[l][l]).sqrt();
+            assert!(
+                (difference - best.curvature[k][l]).abs() < 2e-2 * scale,
+                "curvature {k},{l}: {} by Gauss and Newton, {difference} by differences",
+                best.curvature[k][l]
+            );
+            assert_eq!(best.curvature[k][l], best.curvature[l][k]);
+        }
+    }
+}
+
+/// The derivative along the height at which the ground is felt, against differences, and forward mode against the tape there.
+fn contact_height(problem: &Problem<'_>, truth: &Unknowns, frames: usize) {
+    let at = |contact: f64| Unknowns { contact, ..truth.clone() };
+    let free = Free::NOTHING.with_ground(&problem.law, Ground::Known);
+    let loss = |contact| problem.linearise(&at(contact), free, frames, &mut 0, &mut |_| ()).unwrap();
+    let (here, plus, minus) = (loss(-0.1), loss(-0.1 + 1e-6), loss(-0.1 - 1e-6));
+    let difference = (plus.loss - minus.loss) / 2e-6;
+    assert!((here.gradient[0] - difference).abs() < 1e-5 * difference.abs(), "{} {difference}", here.gradient[0]);
+    let taped = problem.evaluate(&at(-0.1), Free::Velocity, frames, &mut 0, &mut |_| ()).unwrap().0;
+    assert!((here.loss - taped).abs() < 1e-12 * taped && here.loss > 1e-4, "{} {taped}", here.loss);
+}
+
+/// What leans away from its only camera, or is farther away, looks the same in the first frame and falls another way; derivatives along that against
+/// differences, simulated and in flight, and forward mode against the tape there.
+#[test]
+fn a_body_leans_along_the_rays_of_its_camera() {
+    let (config, particles, truth, seen_by_three) = thrown();
+    let middle = particles.centre_of_mass();
+    let observed = Observed { sight: Sight::at(&camera(1, 2.5, 20), middle), ..seen_by_three };
+    let problem = problem(&particles, &observed, &config, DType::F64);
+    let leaning = |lean: [f64; 3]| Unknowns { lean, ..truth.clone() };
+    let positions = |lean| problem.positions(&leaning(lean)).unwrap().slice::<f64>().to_vec();
+    let (upright, leans) = (positions([0.0; 3]), positions([0.4, -0.3, 0.1]));
+    let own = camera(1, 2.5, 20);
+    for (x, moved) in upright.chunks_exact(3).zip(leans.chunks_exact(3)).take(particles.len()) {
+        let of = |x: &[f64]| own.project([x[0], x[1], x[2]]).unwrap();
+        let ([u, v, depth], [u2, v2, deeper]) = (of(x), of(moved));
+        assert!((u - u2).abs() < 1e-9 && (v - v2).abs() < 1e-9, "({u}, {v}) became ({u2}, {v2})");
+        // tangents of angles, right and up
+        let [mu, mv, _] = own.project(middle).unwrap();
+        let wanted = depth * (1.1 + 0.4 * (u - mu) / own.fx + 0.3 * (v - mv) / own.fy);
+        assert!((deeper - wanted).abs() < 1e-9, "{deeper}, not {wanted} m away");
+    }
+    let free = Free::NOTHING.with_lean(&problem.law).with_distance(&problem.law);
+    for problem in [&problem, &problem.flying()] {
+        let at = |lean| problem.linearise(&leaning(lean), free, FRAMES, &mut 0, &mut |_| ()).unwrap();
+        let here = at([0.2, -0.1, 0.05]);
+        for axis in 0..3 {
+            let [plus, minus] = [1e-6, -1e-6].map(|step| {
+                let mut lean = [0.2, -0.1, 0.05];
+                lean[axis] += step;
+                at(lean).loss
+            });
+            let difference = (plus - minus) / 2e-6;
+            let found = here.gradient[axis];
+            assert!((found - difference).abs() < 1e-5 * difference.abs(), "axis {axis}: {found}, {difference}");
+        }
+        let taped =
+            problem.evaluate(&leaning([0.2, -0.1, 0.05]), Free::Velocity, FRAMES, &mut 0, &mut |_| ()).unwrap().0;
+        assert!((here.loss - taped).abs() < 1e-12 * taped && here.loss > 1e-4, "{} {taped}", here.loss);
+    }
+}

@@ -1,0 +1,12 @@
+//! The forward model and the searches, on scenes made of a known motion.
+
+mod derivatives;
+mod free_fall;
+mod gradient;
+mod likelihood;
+mod materials;
+mod recovery;
+mod scene;
+mod spin;
+mod switches;
+mod tracks;
