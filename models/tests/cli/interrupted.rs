@@ -16,7 +16,7 @@ fn history(state: &Value) -> Vec<Value> {
 fn a_run_goes_on_where_it_was_stopped() {
     let scene = Scene::with_clip(&[0, 2, 4], 8);
     // Many materials to try: only a stop ends it before long.
-    scene.write("long.toml", QUICK.replace("scan = 2", "scan = 100000"));
+    scene.write("long.toml", QUICK.replace("points = 1", "points = 100000"));
     let mut child = scene.command("reconstruct clip --out out --config long.toml").spawn().unwrap();
     let mut stderr = BufReader::new(child.stderr.take().unwrap());
     let mut line = String::new();
@@ -45,7 +45,7 @@ fn a_run_goes_on_where_it_was_stopped() {
     assert!(scene.path("out/field.safetensors").is_file());
 
     // The same run with fewer iterations ahead.
-    let config = fs::read_to_string(scene.path("out/config.toml")).unwrap().replace("= 100000\n", "= 2\n");
+    let config = fs::read_to_string(scene.path("out/config.toml")).unwrap().replace("= 100000\n", "= 1\n");
     scene.write("out/config.toml", config);
     scene.succeeds("reconstruct clip --out out --resume");
     let state = scene.state("out");
