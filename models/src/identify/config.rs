@@ -131,7 +131,7 @@ impl Default for WorldConfig {
             density: 1000.0,
             cfl: 0.55,
             least_speed: 52.8,
-            memory_mib: 1024,
+            memory_mib: 512,
         }
     }
 }

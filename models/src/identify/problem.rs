@@ -134,6 +134,13 @@ impl<'a> Problem<'a> {
         Self { least_speed: 0.0, ..self }
     }
 
+    /// The same beside this one.
+    pub(super) fn with_fewest_substeps(&self) -> Self {
+        let (world, law, surface, ranges) =
+            (self.world.clone(), self.law.clone(), self.surface.clone(), self.ranges.clone());
+        Self { world, law, surface, ranges, least_speed: 0.0, ..*self }
+    }
+
     /// The same in free flight.
     #[must_use]
     pub fn flying(&self) -> Self {

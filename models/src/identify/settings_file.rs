@@ -98,12 +98,12 @@ mod tests {
         // layout and comments are no settings
         let commented = format!("# mine\n\n{written}");
         assert!(!is_edited(&commented, &Config::parse(&commented).unwrap()).unwrap());
-        let edited = written.replace("dx = 0.0", "dx = 0.03").replace("scan = 6", "scan = 8");
+        let edited = written.replace("dx = 0.0", "dx = 0.03").replace("points = 32", "points = 48");
         let now = Config::parse(&edited).unwrap();
         assert!(is_edited(&edited, &now).unwrap());
         let [other, effort] = changes(&of(&config).unwrap(), &of(&now).unwrap());
         assert_eq!(other, ["geometry.dx: 0.0 → 0.03"]);
-        assert_eq!(effort, ["estimate.points: 6 → 8"]);
+        assert_eq!(effort, ["estimate.points: 32 → 48"]);
     }
 
     #[test]

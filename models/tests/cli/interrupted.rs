@@ -54,7 +54,7 @@ fn a_run_goes_on_where_it_was_stopped() {
     assert_eq!(&whole[..stopped.len()], &stopped[..], "what was found before is kept");
     let finished: Vec<&str> = state["finished"].as_array().unwrap().iter().filter_map(Value::as_str).collect();
     assert_eq!(finished.iter().filter(|stage| **stage == "shape").count(), 1, "a finished stage is not repeated");
-    assert!(finished.iter().any(|stage| *stage == "material 1"), "{finished:?}");
+    assert!(finished.contains(&"material 1"), "{finished:?}");
     assert_eq!(finished.last(), Some(&"posterior"), "{finished:?}");
     assert!(scene.path("out/parameters.json").is_file() && scene.path("out/index.html").is_file());
 }

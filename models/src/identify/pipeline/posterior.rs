@@ -18,6 +18,7 @@ use crate::identify::uncertainty::discrepancy::{Resolution, columns};
 use crate::identify::uncertainty::error_budget::ErrorBudget;
 use crate::identify::uncertainty::mixture::Marginal;
 use crate::identify::uncertainty::prior::{Normal, Prior};
+use crate::identify::uncertainty::profile::{self, Profile};
 use crate::identify::{Free, Interval, Problem, Unknowns};
 use crate::physics::{Law, NINETY};
 
@@ -35,6 +36,9 @@ pub(crate) struct Survey {
     /// What was free, and what was known of it before.
     pub free: Free,
     pub prior: Normal,
+    /// The likelihood along what the pictures hardly tell.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub profiles: Vec<Profile>,
 }
 
 /// A normal part of a posterior, with the logarithm of its weight.
@@ -42,6 +46,32 @@ pub(crate) struct Part {
     pub survey: usize,
     pub log_weight: f64,
     pub laplace: Laplace,
+    /// The part of each unknown for whose coordinate there is a profile, with the share of its points in place of the normal part.
+    walked: BTreeMap<usize, Marginal>,
+}
+
+impl Part {
+    /// One survey under one covariance.
+    fn of(
+        budget: &ErrorBudget,
+        times: f64,
+        survey: &Survey,
+        prior: &Prior<'_>,
+    ) -> Result<(Laplace, BTreeMap<usize, Marginal>)> {
+        let scales = budget.discrepancy.times(times);
+        let discrepancy = columns(&scales, prior.law, prior.free, &survey.unknowns, &survey.resolution);
+        let laplace = survey.expansion.posterior(prior, &discrepancy, budget.residuals)?;
+        let walk = |profile: &Profile| {
+            let k = profile.unknown;
+            let own: f64 = discrepancy.iter().map(|column| column[k] * column[k]).sum();
+            let damped = 1.0 + survey.expansion.along(&laplace, k, budget.residuals) * own;
+            let count = budget.residuals * survey.expansion.pictures as f64;
+            let parts = profile.parts(prior, count, damped);
+            (!parts.is_empty()).then(|| (k, Marginal::of(parts)))
+        };
+        let walked = survey.profiles.iter().filter_map(walk).collect();
+        Ok((laplace, walked))
+    }
 }
 
 /// The parts of a posterior: two of each survey, one with the discrepancies of most clips and one with those of outliers.
@@ -52,10 +82,8 @@ pub(crate) fn parts(budget: &ErrorBudget, surveys: &[Survey], priors: &[Prior<'_
     let mut all = Vec::new();
     for (index, (survey, prior)) in surveys.iter().zip(priors).enumerate() {
         for (share, times) in [(1.0 - budget.outliers.share, 1.0), (budget.outliers.share, budget.outliers.times)] {
-            let scales = budget.discrepancy.times(times);
-            let discrepancy = columns(&scales, prior.law, prior.free, &survey.unknowns, &survey.resolution);
-            if let Ok(laplace) = survey.expansion.posterior(prior, &discrepancy, budget.residuals) {
-                all.push(Part { survey: index, log_weight: share.ln() + laplace.log_evidence, laplace });
+            if let Ok((laplace, walked)) = Part::of(budget, times, survey, prior) {
+                all.push(Part { survey: index, log_weight: share.ln() + laplace.log_evidence, laplace, walked });
             }
         }
     }
@@ -84,11 +112,41 @@ pub(crate) fn marginals(parts: &[Part], of: &dyn Fn(usize) -> bool) -> Vec<Margi
     let own: Vec<&Part> = parts.iter().filter(|part| of(part.survey)).collect();
     let count = own.first().map_or(0, |part| part.laplace.mean.len());
     let marginal = |k: usize| {
-        let part =
-            |part: &&Part| (part.log_weight, part.laplace.mean[k], part.laplace.covariance[k][k].max(0.0).sqrt());
-        Marginal::of(own.iter().map(part))
+        let of_part = |part: &&Part| match part.walked.get(&k) {
+            Some(walked) => {
+                let one = |[weight, mean, deviation]: &[f64; 3]| (part.log_weight + weight.ln(), *mean, *deviation);
+                walked.parts.iter().map(one).collect()
+            }
+            None => {
+                vec![(part.log_weight, part.laplace.mean[k], part.laplace.covariance[k][k].max(0.0).sqrt())]
+            }
+        };
+        Marginal::of(own.iter().flat_map(of_part))
     };
     (0..count).map(marginal).collect()
+}
+
+/// The likelihood along each parameter that the pictures hardly tell, with the fewest stable substeps: only its shape counts.
+fn profiles(setting: &Setting<'_>, survey: &Survey) -> Result<Vec<Profile>> {
+    let law = &setting.problem.law;
+    let prior = Prior::read(law, survey.free, &survey.prior);
+    let Ok((laplace, _)) = Part::of(&ErrorBudget::shipped(), 1.0, survey, &prior) else { return Ok(Vec::new()) };
+    let lines: Vec<(usize, Vec<Vec<f64>>)> =
+        profile::flat(&laplace, &prior).into_iter().map(|k| (k, profile::line(&laplace, &prior, k))).collect();
+    let request = |x: &Vec<f64>| Request {
+        setting: 0,
+        at: survey.unknowns.moved(law, survey.free, x),
+        derivatives: None,
+        substeps: 0,
+    };
+    let requests: Vec<Request> = lines.iter().flat_map(|(_, line)| line.iter().map(request)).collect();
+    let mut answers = Threads(std::slice::from_ref(setting)).evaluate(&requests)?.into_iter();
+    let profile = |(unknown, line): (usize, Vec<Vec<f64>>)| {
+        let log_loss = answers.by_ref().take(line.len());
+        let log_loss = log_loss.map(|answer| answer.loss.map(|_| answer.log_loss)).collect();
+        Profile { unknown, line, log_loss }
+    };
+    Ok(lines.into_iter().map(profile).collect())
 }
 
 impl Stages<'_> {
@@ -151,7 +209,14 @@ impl Stages<'_> {
                 resolution,
                 free: *free,
                 prior: Prior::of(&problem.law, *free, &survivor.unknowns, fall.as_ref()).written(),
+                profiles: Vec::new(),
             });
+        }
+        for survey in &mut surveys {
+            let Setting { problem, free, frames, floor } = &settings[place(families, &survey.family)];
+            let walked =
+                Setting { problem: problem.with_fewest_substeps(), free: *free, frames: frames.clone(), floor: *floor };
+            survey.profiles = profiles(&walked, survey)?;
         }
         run.state.surveys = surveys;
         bar.finish("");
@@ -180,18 +245,21 @@ impl Stages<'_> {
         let (law, free) = (prior.law, prior.free);
         let marginals = marginals(&parts, &own);
         let deviations = prior.deviations();
-        let middle: Vec<f64> = marginals.iter().map(|marginal| marginal.quantile(0.5)).collect();
-        let unknowns = survey.unknowns.moved(law, free, &middle);
+        // one simulation that explains the film, which medians of marginals would not be
+        let unknowns = survey.unknowns.clone();
+        let found = unknowns.coordinates(law, free);
         let list = free.list(law);
         let mut intervals = Vec::new();
         for (k, (unknown, marginal)) in list.iter().zip(&marginals).enumerate() {
             let ends = [0.05, 0.95].map(|p| marginal.quantile(p));
             let value = |x: f64| {
-                let mut at = middle.clone();
+                let mut at = found.clone();
                 at[k] = x;
                 unknown.of(&unknowns.moved(law, free, &at))
             };
-            let interval_90 = within(law, *unknown, &unknowns, ends.map(value));
+            // whatever the others say, it holds what was found
+            let holding = [ends[0].min(found[k]), ends[1].max(found[k])];
+            let interval_90 = within(law, *unknown, &unknowns, holding.map(value));
             let determined = ends[1] - ends[0] <= 2.0 * NINETY * deviations[k] / 3.0;
             intervals.push(Interval { name: unknown.name(law), interval_90, determined });
         }

@@ -48,16 +48,21 @@ fn the_width_of_a_posterior_is_that_of_a_walk_through_it() {
         let start = Unknowns { parameters: vec![5e4, 0.3], ..truth.clone() };
         let best = search(super::scene::problem(&particles, &observed, &config, DType::F32), &[start], free, FRAMES, 8)
             .remove(0);
-        let at = expanded(&problem, &best.unknowns, free, FRAMES);
-        // as many residuals a picture as it has values
-        let residuals = 4.0 * 20.0 * 20.0;
+        let residuals = 100.0;
+        // to the bottom, where a search ends near
+        let mut bottom = best.unknowns;
+        for _ in 0..3 {
+            let mean = expanded(&problem, &bottom, free, FRAMES).posterior(&prior, &[], residuals).unwrap().mean;
+            bottom = bottom.moved(&problem.law, free, &mean);
+        }
+        let at = expanded(&problem, &bottom, free, FRAMES);
         let laplace = at.posterior(&prior, &[], residuals).unwrap();
         let deviation = laplace.covariance[0][0].sqrt();
         // one standard deviation away the posterior has fallen by half a unit of its logarithm
-        let substeps = problem.schedule(&best.unknowns, FRAMES).substeps;
+        let substeps = problem.schedule(&bottom, FRAMES).substeps;
         let cost = |off: f64| {
             let x = [at.x[0] + off];
-            let there = best.unknowns.moved(&problem.law, free, &x);
+            let there = bottom.moved(&problem.law, free, &x);
             let each = problem
                 .linearise_frames(
                     &there,
@@ -73,14 +78,13 @@ fn the_width_of_a_posterior_is_that_of_a_walk_through_it() {
         };
         let here = cost(0.0);
         let side = |sign: f64| {
-            let (mut near, mut far) = (0.0, 0.1);
+            let (mut near, mut far) = (0.0, 0.3);
             for _ in 0..12 {
                 let middle = 0.5 * (near + far);
                 if cost(sign * middle) - here > 0.5 { far = middle } else { near = middle }
             }
             near
         };
-        // the mean of both sides: the search ends near the bottom, not exactly there
         let walked = 0.5 * (side(1.0) + side(-1.0));
         assert!((0.7..1.4).contains(&(deviation / walked)), "seed {seed}: {deviation} by Laplace, {walked} by a walk");
         let off = (truth.coordinates(&problem.law, free)[0] - laplace.mean[0]).abs();

@@ -35,7 +35,9 @@ impl Expansion {
     ///
     /// With `n` independent residuals a frame of unknown deviation the likelihood is `Π L^{−n/2}`, so that near `x` its logarithm is
     /// `−½ Σ n ln L − gᵀu − ½ uᵀΛu` with `g = Σ n ∇L/2L` and `Λ = Σ n C/2L`. Integrated over `N(0, D)` (Woodbury's identity) these become `(I + ΛD)⁻¹ g` and
-    /// `(I + ΛD)⁻¹ Λ`, which are finite also where no picture tells anything; the prior adds its own.
+    /// `(I + ΛD)⁻¹ Λ`, which are finite also where no picture tells anything; the prior adds its own. They make the covariance and the
+    /// evidence. The mean is the most probable place without them, `x − (Λ + P⁻¹)⁻¹ (g + P⁻¹ (x − m))`: what errs together widens what
+    /// is known, and does not move it towards the prior.
     ///
     /// # Errors
     /// [`ErrorKind::NonFinite`] when the expansion is not finite.
@@ -47,7 +49,7 @@ impl Expansion {
         let gradient = Mat::from_fn(n, 1, |i, _| share * self.gradient[i]);
         let d = Mat::from_fn(n, n, |i, j| discrepancy.iter().map(|column| column[i] * column[j]).sum::<f64>());
         let mixed = (Mat::<f64>::identity(n, n) + &lambda * &d).partial_piv_lu();
-        let (lambda, reduced) = (mixed.solve(&lambda), mixed.solve(&gradient));
+        let (lambda, lambda_bare, reduced) = (mixed.solve(&lambda), lambda, mixed.solve(&gradient));
         let off = Mat::from_fn(n, 1, |i, _| prior.mean[i] - self.x[i]);
         let pull = &prior.precision * &off;
         let precision = Mat::from_fn(n, n, |i, j| {
@@ -55,6 +57,8 @@ impl Expansion {
             0.5 * (lambda[(i, j)] + lambda[(j, i)]) + prior.precision[(i, j)]
         });
         let right = Mat::from_fn(n, 1, |i, _| pull[(i, 0)] - reduced[(i, 0)]);
+        let bare = Mat::from_fn(n, n, |i, j| lambda_bare[(i, j)] + prior.precision[(i, j)]);
+        let mode = bare.partial_piv_lu().solve(Mat::from_fn(n, 1, |i, _| pull[(i, 0)] - gradient[(i, 0)]));
         let solver = precision.partial_piv_lu();
         let moved = solver.solve(&right);
         let covariance = solver.inverse();
@@ -67,15 +71,27 @@ impl Expansion {
             - 0.5 * prior.log_determinant()
             - 0.5 * log_det(mixed_determinant(&solver))
             + 0.5 * dot(&right, &moved);
-        let finite = log_evidence.is_finite() && (0..n).all(|i| covariance[(i, i)] > 0.0 && moved[(i, 0)].is_finite());
+        let finite = log_evidence.is_finite() && (0..n).all(|i| covariance[(i, i)] > 0.0 && mode[(i, 0)].is_finite());
         if !finite {
             return Err(Error::new(ErrorKind::NonFinite, "the posterior of a hypothesis is not finite").at("posterior"));
         }
         Ok(Laplace {
-            mean: (0..n).map(|i| self.x[i] + moved[(i, 0)]).collect(),
+            mean: (0..n).map(|i| self.x[i] + mode[(i, 0)]).collect(),
             covariance: (0..n).map(|i| (0..n).map(|j| covariance[(i, j)]).collect()).collect(),
             log_evidence,
         })
+    }
+
+    /// The curvature of the likelihood along one coordinate, the others following it as the posterior expects, `uᵀΛu`.
+    pub fn along(&self, laplace: &Laplace, k: usize, residuals: f64) -> f64 {
+        let share = 0.5 * residuals * self.pictures as f64;
+        let u: Vec<f64> = laplace.covariance.iter().map(|row| row[k] / laplace.covariance[k][k]).collect();
+        let n = u.len();
+        share
+            * (0..n)
+                .flat_map(|i| (0..n).map(move |j| (i, j)))
+                .map(|(i, j)| u[i] * self.curvature[i][j] * u[j])
+                .sum::<f64>()
     }
 }
 
@@ -111,7 +127,9 @@ mod tests {
             let before = prior.deviations()[k].powi(2);
             let variance = 1.0 / (1.0 / wide + 1.0 / before);
             approx::assert_relative_eq!(laplace.covariance[k][k], variance, max_relative = 1e-9);
-            let mean = variance * (x[k] / wide + prior.mean[k] / before);
+            // the discrepancy does not move it
+            let told = 10.0 * curvature;
+            let mean = (x[k] * told + prior.mean[k] / before) / (told + 1.0 / before);
             approx::assert_relative_eq!(laplace.mean[k], mean, max_relative = 1e-9);
         }
         // evidence: how probable such a datum is under prior and covariance, and how well it is fitted

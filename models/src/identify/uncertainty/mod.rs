@@ -6,3 +6,4 @@ pub(crate) mod error_budget;
 pub(crate) mod mixture;
 pub(crate) mod normal;
 pub(crate) mod prior;
+pub(crate) mod profile;
