@@ -13,14 +13,14 @@ use crate::identify::{MaterialConfig, Observed, Unknowns};
 /// The rungs before the full forward model; of each, so many times as many hypotheses go on as are searched at last. A coarse body tells good
 /// from bad, but not the best from the second best, so that it is searched little and hands on many.
 const RUNGS: [Rung<'static>; 4] = [
-    Rung { stage: "what is plausible", fidelity: Fidelity::Coarse, world: false, steps: 0, keep: (12, 4.0) },
-    Rung { stage: "material, coarse", fidelity: Fidelity::Coarse, world: false, steps: 1, keep: (6, 3.0) },
-    Rung { stage: "material, few substeps", fidelity: Fidelity::FewSubsteps, world: false, steps: 0, keep: (3, 2.0) },
+    Rung { stage: "what is plausible", fidelity: Fidelity::Coarse, world: false, steps: 0, keep: (8, 4.0) },
+    Rung { stage: "material, coarse", fidelity: Fidelity::Coarse, world: false, steps: 1, keep: (4, 3.0) },
+    Rung { stage: "material, few substeps", fidelity: Fidelity::FewSubsteps, world: false, steps: 0, keep: (2, 2.0) },
     Rung {
         stage: "material, few substeps, on",
         fidelity: Fidelity::FewSubsteps,
         world: false,
-        steps: 2,
+        steps: 1,
         keep: (1, 1.5),
     },
 ];
