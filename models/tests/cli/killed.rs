@@ -83,8 +83,8 @@ fn killed_between_writes(tiny: &str, material: &str, moments: impl Iterator<Item
 
 #[test]
 fn between_writes_of_a_shape_that_does_not_help() {
-    // steps so long that the shape becomes worse
-    let tiny = TINY.replace("in_motion = 7", "in_motion = 7\ndensity_rate_in_motion = 40.0");
+    // steps so long that the material which moves with the shape becomes worse
+    let tiny = TINY.replace("in_motion = 7", "in_motion = 7\nmaterial_rate = 1.0");
     let whole = killed_between_writes(&tiny, "elastic", (8..).step_by(4));
     assert!(has_finished(&whole, "undone"), "{:#}", whole.0);
 }
