@@ -17,15 +17,16 @@ fn return_map(point: Point, p: Parameters) -> mat3x3<f32> {
     let friction = sqrt(8.0 / 3.0) * sine / (3.0 - sine);
     let strain = log(max(stretches(point.f), vec3(0.05)));
     let total = strain.x + strain.y + strain.z;
-    let mean = total * (1.0 / 3.0);
+    let mean = total / 3.0;
     let expansion = total - 3.0 * p.cohesion;
-    if expansion >= 0.0 {
-        return two_point(point.f, vec3(exp(p.cohesion)));
-    }
     let shear = strain - mean;
     let length = sqrt(dot(shear, shear) + 1e-8);
     let slip = length + (3.0 * m.y + 2.0 * m.x) / (2.0 * m.x) * expansion * friction;
-    return two_point(point.f, exp(shear * (1.0 - max(slip, 0.0) / length) + mean));
+    var kept = shear * (1.0 - max(slip, 0.0) / length) + mean;
+    if expansion >= 0.0 {
+        kept = vec3(p.cohesion);
+    }
+    return two_point(point.f, exp(kept));
 }
 
 fn stress(point: Point, p: Parameters) -> mat3x3<f32> {

@@ -12,7 +12,7 @@ struct Parameters {
 fn return_map(point: Point, p: Parameters) -> mat3x3<f32> {
     let mu = lame(p.young, p.poisson).x;
     let strain = log(max(stretches(point.f), vec3(0.05)));
-    let mean = (strain.x + strain.y + strain.z) * (1.0 / 3.0);
+    let mean = (strain.x + strain.y + strain.z) / 3.0;
     let shear = strain - mean;
     let s = 2.0 * mu * shear;
     let length = sqrt(dot(s, s) + 1e-8);

@@ -11,12 +11,13 @@ use super::parameters::{Map, Parameter};
 use super::row::Number;
 use super::state::{BLOCK, F, HISTORY};
 use super::values::Values;
+use super::wgsl_law::WgslLaw;
 
 /// Largest number of parameters of a material.
 pub(crate) const PARAMETER_LIMIT: usize = 128;
 
 /// Largest number of history variables of a material.
-pub(crate) const HISTORY_LIMIT: usize = 8;
+pub(crate) const HISTORY_LIMIT: usize = 27;
 
 /// Inputs before the parameters: F 9, C 9, substep, stress scale, mass.
 const FIXED: usize = 21;
@@ -52,7 +53,7 @@ impl Law {
     ///
     /// # Panics
     ///
-    /// If it declares more than 128 parameters or 8 history variables, evolves a different number of them, or relates a
+    /// If it declares more than 128 parameters or 27 history variables (three matrices), evolves a different number of them, or relates a
     /// parameter to one that does not exist or is itself related to a third ([`Parameter::usually_times`]).
     #[track_caller]
     pub fn of(material: impl Material) -> Self {
@@ -104,6 +105,20 @@ impl Law {
         let (material, elastic) = (Arc::new(material), elastic.get());
         let (tangent, kernels) = (Arc::default(), Arc::default());
         Self { material, parameters, history, elastic, law, forward, reverse, tangent, kernels }
+    }
+
+    /// Reads and traces a law written in WGSL.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`WgslLaw::read`].
+    pub fn read(path: impl AsRef<std::path::Path>) -> gradreel::Result<Self> {
+        WgslLaw::read(path).map(Self::of)
+    }
+
+    /// The text of its file, for a law written in WGSL ([`Material::text`]).
+    pub fn text(&self) -> Option<&str> {
+        self.material.text()
     }
 
     /// The material's name.

@@ -179,14 +179,19 @@ fn is_move(expression: &Expression) -> bool {
 
 fn literal(literal: Literal, span: Span) -> Outcome<Value> {
     Ok(match literal {
-        Literal::F64(x) | Literal::AbstractFloat(x) => Value::Number(x.into()),
-        Literal::F32(x) => Value::Number(f64::from(x).into()),
+        Literal::AbstractFloat(x) => Value::Number(x.into()),
+        Literal::F32(x) => Value::Number(decimal(x).into()),
         Literal::I32(n) => Value::Integer(n.into()),
         Literal::U32(n) => Value::Integer(n.into()),
         Literal::AbstractInt(n) => Value::Integer(n),
         Literal::Bool(b) => Truth::Known(b).into(),
         _ => return Err(Fault::unsupported(span, "a number of this type").fix("use f32, i32 or u32")),
     })
+}
+
+/// The shortest decimal that is this number in `f32`: `0.1` in a text is 0.1 in `f64` too.
+fn decimal(x: f32) -> f64 {
+    x.to_string().parse().unwrap_or_else(|_| x.into())
 }
 
 /// A part of a value, or the place of a part.

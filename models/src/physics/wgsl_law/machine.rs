@@ -34,6 +34,8 @@ pub(super) struct Machine<'m> {
     operations: usize,
     steps: usize,
     calls: usize,
+    /// The last place in the user's file.
+    last: Span,
 }
 
 /// A function that is being run.
@@ -49,7 +51,7 @@ pub(super) struct Frame<'m> {
 
 impl<'m> Machine<'m> {
     pub fn new(parsed: &'m Parsed) -> Self {
-        Self { parsed, operations: 0, steps: 0, calls: 0 }
+        Self { parsed, operations: 0, steps: 0, calls: 0, last: Span::default() }
     }
 
     pub fn module(&self) -> &'m Module {
@@ -58,6 +60,9 @@ impl<'m> Machine<'m> {
 
     /// Counts what has been computed.
     pub fn spend(&mut self, operations: usize, steps: usize, span: Span) -> Outcome<()> {
+        if self.parsed.source.is_user(span) {
+            self.last = span;
+        }
         self.operations += operations;
         self.steps += steps.max(1);
         if self.operations > MOST_OPERATIONS {
@@ -71,6 +76,14 @@ impl<'m> Machine<'m> {
                 .fix("shorten its loops"));
         }
         Ok(())
+    }
+
+    /// A fault without a place in the user's file, at the last place before it.
+    pub fn placed(&self, mut fault: Box<Fault>) -> Box<Fault> {
+        if !self.parsed.source.is_user(fault.span) {
+            fault.span = self.last;
+        }
+        fault
     }
 
     /// Calls a function of the module.

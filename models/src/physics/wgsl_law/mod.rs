@@ -1,7 +1,7 @@
 //! Laws written in WGSL: parsed and validated, then lowered to scalar programs like any other law.
 //!
 //! ```text
-//! my.wgsl ──source──▶ text in f64 with the prelude ──module──▶ naga's IR ──declare──▶ parameters, history, functions
+//! my.wgsl ──source──▶ text with the prelude ──module──▶ naga's IR ──declare──▶ parameters, history, functions
 //!                                                                  └──machine──▶ symbolic values ──▶ Material ──▶ Law
 //! ```
 
@@ -110,11 +110,6 @@ impl WgslLaw {
         body.wave_speed = body.speed()?;
         Ok(Self(Arc::new(body)))
     }
-
-    /// The text of the file.
-    pub fn text(&self) -> &str {
-        &self.0.parsed.source.user
-    }
 }
 
 /// The stem of a path as an identifier.
@@ -144,17 +139,9 @@ impl Body {
                 history: history.iter().map(|h| h.name).zip(x[28 + parameters.len()..].iter().copied()).collect(),
                 dt: x[27],
             };
-            let mut run = |entry: &Option<Entry>| match entry.as_ref().map(|entry| self.run(entry, &point, &given)) {
-                Some(Err(error)) if outcome.is_ok() => outcome = Err(error),
-                _ => {}
-            };
-            run(&self.declared.return_map);
-            run(&self.declared.evolve);
-            self.run(&self.declared.stress, &point, &given).and_then(|value| self.matrix(&value)).map_or_else(
+            self.respond(point, given).map_or_else(
                 |error| {
-                    if outcome.is_ok() {
-                        outcome = Err(error);
-                    }
+                    outcome = Err(error);
                     Mat3::zero().to_vec()
                 },
                 Mat3::to_vec,
@@ -169,6 +156,21 @@ impl Body {
             stress.eval(&inputs).iter().all(|y| y.is_finite())
         };
         Ok(inverted.into_iter().all(finite))
+    }
+
+    /// The stress of a trial deformation, from what all functions return.
+    fn respond(&self, point: Point, mut given: Given) -> Result<Mat3> {
+        let f = match &self.declared.return_map {
+            Some(entry) => self.matrix(&self.run(entry, &point, &given)?)?,
+            None => point.f,
+        };
+        if let Some(entry) = &self.declared.evolve {
+            let value = self.run(entry, &point, &given)?;
+            let new: Option<Vec<Vec<Scalar>>> = value.parts().iter().map(Value::flat).collect();
+            let new = new.ok_or_else(|| self.broken(entry))?;
+            given.history.iter_mut().zip(new.concat()).for_each(|((_, old), new)| *old = new);
+        }
+        self.matrix(&self.run(&self.declared.stress, &Point { f, ..point }, &given)?)
     }
 
     /// The program of `wave_speed`.
@@ -204,8 +206,9 @@ impl Body {
 
     fn call(&self, entry: &Entry, arguments: Vec<Value>) -> Result<Value> {
         let span = self.parsed.module.functions.get_span(entry.function);
-        let called = Machine::new(&self.parsed).call(entry.function, arguments, Variables::default(), span);
-        let (_, value) = called.map_err(|fault| self.parsed.source.error(*fault))?;
+        let mut machine = Machine::new(&self.parsed);
+        let called = machine.call(entry.function, arguments, Variables::default(), span);
+        let (_, value) = called.map_err(|fault| self.parsed.source.error(*machine.placed(fault)))?;
         value.ok_or_else(|| self.broken(entry))
     }
 
@@ -272,6 +275,10 @@ impl Material for WgslLaw {
             Some(program) => program.eval(&[values, &[density]].concat())[0],
             None => sound::fastest(self, values, density),
         }
+    }
+
+    fn text(&self) -> Option<&str> {
+        Some(&self.0.parsed.source.user)
     }
 
     fn survives_inversion(&self) -> bool {

@@ -46,10 +46,10 @@ impl Parsed {
 }
 
 fn parse(source: &Source) -> Result<(Module, ModuleInfo), Box<Fault>> {
-    let options = Options { parse_doc_comments: true, capabilities: Capabilities::FLOAT64 };
+    let options = Options { parse_doc_comments: true, capabilities: Capabilities::empty() };
     let module =
         Frontend::new_with_options(options).parse(&source.text).map_err(|error| parse_fault(source, &error))?;
-    let mut validator = Validator::new(ValidationFlags::all(), Capabilities::FLOAT64);
+    let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
     let info = validator.validate(&module).map_err(|error| validation_fault(source, error))?;
     Ok((module, info))
 }
@@ -79,8 +79,7 @@ fn validation_fault(source: &Source, error: WithSpan<ValidationError>) -> Box<Fa
     Fault::new(span, format!("this is not valid WGSL: {}", plain(&cause.to_string())))
 }
 
-/// A message of the parser in the types of the user's text, on one line.
+/// A message of the parser on one line.
 fn plain(text: &str) -> String {
-    let words = text.replace("f64", "f32");
-    words.split_whitespace().collect::<Vec<_>>().join(" ")
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
