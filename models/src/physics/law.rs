@@ -148,6 +148,16 @@ impl Law {
         self.elastic
     }
 
+    /// Whether an elastic law derives from an energy; see [`Material::stores_energy`].
+    pub fn stores_energy(&self) -> bool {
+        self.material.stores_energy()
+    }
+
+    /// The speed of sound at rest \[m/s\], from the derivative of the stress.
+    pub(crate) fn speed_at_rest(&self, values: &[f64], density: f64) -> f64 {
+        super::sound::at_rest(&*self.material, values, density)
+    }
+
     /// Whether inverted material has a finite stress; see [`Material::survives_inversion`].
     pub fn survives_inversion(&self) -> bool {
         self.material.survives_inversion()

@@ -83,6 +83,11 @@ pub trait Material: Debug + Send + Sync + 'static {
         None
     }
 
+    /// Whether the stress of an elastic law is the derivative of an energy; a law that says so is checked for it.
+    fn stores_energy(&self) -> bool {
+        true
+    }
+
     /// Whether the stress is finite for inverted material (`det F < 0`); if not, it must be NaN there, which a rollout
     /// reports.
     fn survives_inversion(&self) -> bool {

@@ -53,16 +53,16 @@ mod values;
 mod wgsl_law;
 mod world;
 
-pub use check::{MaterialCheck, MaterialReport, check_material};
+pub use check::{MaterialCheck, MaterialReport, Response, check_material, responses, speed};
 pub use collider::{Collider, Contact, Region, RigidMotion};
 pub use gpu::GpuSimulation;
 pub(crate) use guard::{Guard, is_thin};
 pub use law::Law;
 pub use material::{Given, History, Material, Point};
+pub use names::name;
 pub(crate) use node_grid::NodeGrid;
 #[doc(hidden)] // the benchmarks use it
 pub use node_grid::neighbours;
-pub use names::name;
 pub use parameters::{Map, Parameter, lame};
 pub(crate) use parameters::{NINETY, width};
 pub use remat::Remat;
@@ -75,4 +75,5 @@ pub use substep::Simulation;
 pub use timestep::{CFL, Schedule};
 pub use values::{ValueGradients, Values};
 pub use wgsl_law::WgslLaw;
+pub(crate) use wgsl_law::name_of;
 pub use world::World;

@@ -153,7 +153,8 @@ fn whole(op: Op, a: i64, b: i64, span: Span) -> Outcome<Value> {
         _ => return Err(Fault::unsupported(span, "this operator")),
     };
     let fits = |n: &i64| (i64::from(i32::MIN)..=i64::from(u32::MAX)).contains(n);
-    found.filter(fits).map(Value::Integer).ok_or_else(|| {
-        Fault::new(span, "an integer overflows, or is divided by 0").found(format!("{a} and {b}"))
-    })
+    found
+        .filter(fits)
+        .map(Value::Integer)
+        .ok_or_else(|| Fault::new(span, "an integer overflows, or is divided by 0").found(format!("{a} and {b}")))
 }

@@ -88,7 +88,8 @@ fn two(function: Math, a: &Value, b: &Value) -> Option<Value> {
         Math::Cross => Some(a.vec3()?.cross(b.vec3()?).into()),
         Math::Outer => Some(Mat3::outer(a.vec3()?, b.vec3()?).into()),
         Math::Distance => {
-            let off = a.zip(b, &mut |a, b| Ok::<Value, ()>((a.number().ok_or(())? - b.number().ok_or(())?).into())).ok()?;
+            let off =
+                a.zip(b, &mut |a, b| Ok::<Value, ()>((a.number().ok_or(())? - b.number().ok_or(())?).into())).ok()?;
             Some(dot(&off, &off)?.sqrt().into())
         }
         Math::Reflect => {

@@ -133,7 +133,9 @@ pub(super) fn parameter(member: &str, text: &str) -> Result<Parameter, String> {
         Some(Usual::Times(other, ratio, deviation)) if log && ratio > 0.0 => {
             parameter = parameter.usually_times(name(other), ratio, deviation);
         }
-        Some(Usual::Times(..)) => return Err("a multiple of another parameter that is not positive and log10".to_owned()),
+        Some(Usual::Times(..)) => {
+            return Err("a multiple of another parameter that is not positive and log10".to_owned());
+        }
     }
     if let Some(times) = compression {
         if times <= 0.0 {

@@ -83,17 +83,28 @@ impl Declared {
         let mut parameters: Vec<Parameter> = Vec::new();
         for member in members(parsed, struct_type, "Parameters") {
             if member.layout != Some(Layout::Number) {
-                return Err(fail(member.range, "a parameter is one number", format!("another type of `{}`", member.name), "use f32"));
+                return Err(fail(
+                    member.range,
+                    "a parameter is one number",
+                    format!("another type of `{}`", member.name),
+                    "use f32",
+                ));
             }
-            check_name(&member.name, parameters.iter().map(|p| p.name))
-                .map_err(|found| fail(member.range.clone(), "this name cannot be used", found, "choose another name"))?;
+            check_name(&member.name, parameters.iter().map(|p| p.name)).map_err(|found| {
+                fail(member.range.clone(), "this name cannot be used", found, "choose another name")
+            })?;
             match comment::parameter(&member.name, &member.comment) {
                 Ok(parameter) => parameters.push(parameter),
                 Err(found) => return Err(fail(member.range, "a parameter is not described", found, FORM)),
             }
             if parameters.len() > PARAMETER_LIMIT {
                 let found = format!("more than {PARAMETER_LIMIT}");
-                return Err(fail(member.range, "the law has too many parameters", found, "fix some of them with `const`"));
+                return Err(fail(
+                    member.range,
+                    "the law has too many parameters",
+                    found,
+                    "fix some of them with `const`",
+                ));
             }
         }
         for member in members(parsed, struct_type, "Parameters") {
@@ -111,10 +122,16 @@ impl Declared {
             for member in members(parsed, struct_type, "History") {
                 let Some(shape) = member.layout else {
                     let found = format!("another type of `{}`", member.name);
-                    return Err(fail(member.range, "this cannot be history", found, "use f32, vec3<f32> or mat3x3<f32>"));
+                    return Err(fail(
+                        member.range,
+                        "this cannot be history",
+                        found,
+                        "use f32, vec3<f32> or mat3x3<f32>",
+                    ));
                 };
-                check_name(&member.name, parameters.iter().map(|p| p.name))
-                    .map_err(|found| fail(member.range.clone(), "this name cannot be used", found, "choose another name"))?;
+                check_name(&member.name, parameters.iter().map(|p| p.name)).map_err(|found| {
+                    fail(member.range.clone(), "this name cannot be used", found, "choose another name")
+                })?;
                 match comment::history(&member.comment) {
                     Ok((unit, start)) if start.is_some() || shape == Layout::Matrix => {
                         history.extend(entries(&member.name, shape, unit, start));
@@ -123,7 +140,9 @@ impl Declared {
                         let found = "`start identity` of what is no matrix".to_owned();
                         return Err(fail(member.range, "a history variable is not described", found, HISTORY_FORM));
                     }
-                    Err(found) => return Err(fail(member.range, "a history variable is not described", found, HISTORY_FORM)),
+                    Err(found) => {
+                        return Err(fail(member.range, "a history variable is not described", found, HISTORY_FORM));
+                    }
                 }
                 layout.push(shape);
                 if history.len() > HISTORY_LIMIT {
@@ -132,8 +151,9 @@ impl Declared {
                 }
                 for (n, one) in history.iter().enumerate() {
                     let taken = parameters.iter().map(|p| p.name).chain(history[..n].iter().map(|one| one.name));
-                    check_name(one.name, taken)
-                        .map_err(|found| fail(member.range.clone(), "this name cannot be used", found, "choose another name"))?;
+                    check_name(one.name, taken).map_err(|found| {
+                        fail(member.range.clone(), "this name cannot be used", found, "choose another name")
+                    })?;
                 }
             }
         }
@@ -193,7 +213,8 @@ struct Member {
 
 fn structure(parsed: &Parsed, name: &str) -> Option<Handle<Type>> {
     let mut all = parsed.module.types.iter();
-    all.find(|(_, ty)| ty.name.as_deref() == Some(name) && matches!(ty.inner, TypeInner::Struct { .. })).map(|(ty, _)| ty)
+    all.find(|(_, ty)| ty.name.as_deref() == Some(name) && matches!(ty.inner, TypeInner::Struct { .. }))
+        .map(|(ty, _)| ty)
 }
 
 fn layout_of(inner: &TypeInner) -> Option<Layout> {
@@ -253,7 +274,9 @@ fn entry(parsed: &Parsed, name: &str, wanted: &dyn Fn(&TypeInner) -> bool) -> Re
             "Point" if name != "wave_speed" => Role::Point,
             "Parameters" => Role::Parameters,
             "History" if name != "wave_speed" => Role::History,
-            _ if name == "wave_speed" && layout_of(&module.types[argument.ty].inner) == Some(Layout::Number) => Role::Density,
+            _ if name == "wave_speed" && layout_of(&module.types[argument.ty].inner) == Some(Layout::Number) => {
+                Role::Density
+            }
             _ => return fail(&format!("an argument `{}`", argument.name.as_deref().unwrap_or_default())),
         };
         if roles.contains(&role) {

@@ -202,7 +202,9 @@ fn part(base: &Value, index: u32, span: Span) -> Outcome<Value> {
     }
     let count = base.parts().len();
     base.parts().get(index as usize).cloned().ok_or_else(|| {
-        Fault::new(span, "an index is out of range").found(index.to_string()).wanted(format!("0 to {}", count.max(1) - 1))
+        Fault::new(span, "an index is out of range")
+            .found(index.to_string())
+            .wanted(format!("0 to {}", count.max(1) - 1))
     })
 }
 
@@ -246,4 +248,3 @@ pub(super) fn varies(span: Span) -> Box<Fault> {
         .wanted("integers that are known when the law is read")
         .fix("compute with f32, and choose with `if` or `select`")
 }
-

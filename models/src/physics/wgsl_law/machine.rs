@@ -3,7 +3,9 @@
 //! A condition that differs between particles runs both branches, each on its own copy of the variables, and then chooses
 //! value by value. Loops and calls are unrolled.
 
-use naga::{Arena, Block, Expression, Function, Handle, LocalVariable, Module, Span, Statement, SwitchValue, TypeInner};
+use naga::{
+    Arena, Block, Expression, Function, Handle, LocalVariable, Module, Span, Statement, SwitchValue, TypeInner,
+};
 
 use super::exit::{Exit, Exits, join};
 use super::fault::{Fault, Outcome};
@@ -207,9 +209,9 @@ impl<'m> Machine<'m> {
                 let new = self.value(frame, *value, &variables)?;
                 let place = self.place(frame, *pointer, &variables)?;
                 let whole = variables.0.get_mut(place.slot);
-                whole
-                    .and_then(|whole| whole.put(&place.path, new))
-                    .ok_or_else(|| Fault::unsupported(span, "this assignment"))?;
+                whole.and_then(|whole| whole.put(&place.path, new)).ok_or_else(|| {
+                    Fault::new(span, "an index is out of range").fix("check the bounds of the loop around it")
+                })?;
             }
             Statement::Call { function, arguments, result } => {
                 let arguments: Vec<Value> =
@@ -274,9 +276,8 @@ impl<'m> Machine<'m> {
 }
 
 fn zero(module: &Module, ty: Handle<naga::Type>, left: &mut usize, span: Span) -> Outcome<Value> {
-    let too_large = || {
-        Fault::new(span, "a type is too large for a law").wanted(format!("{MOST_SCALARS} numbers at most"))
-    };
+    let too_large =
+        || Fault::new(span, "a type is too large for a law").wanted(format!("{MOST_SCALARS} numbers at most"));
     let mut scalars = |kind: naga::ScalarKind, count: usize| -> Outcome<Value> {
         *left = left.checked_sub(count).ok_or_else(too_large)?;
         Ok(match kind {

@@ -81,7 +81,8 @@ impl WgslLaw {
     pub fn read(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let reading = |error: std::io::Error| {
-            Error::io(path, "read the law", &error).fix("give a file in WGSL; docs/guide/laws.md shows how to write one")
+            Error::io(path, "read the law", &error)
+                .fix("give a file in WGSL; docs/guide/laws.md shows how to write one")
         };
         let (mut text, most) = (String::new(), source::MOST_BYTES as u64);
         // one byte more is too many, and enough to say so
@@ -99,25 +100,25 @@ impl WgslLaw {
     pub fn parse(path: &str, text: &str) -> Result<Self> {
         let parsed = Parsed::new(path, text)?;
         let declared = Declared::new(&parsed)?;
-        let mut body = Body {
-            name: name_of(path),
-            parsed,
-            declared,
-            wave_speed: None,
-            survives_inversion: true,
-        };
+        let mut body = Body { name: name_of(path), parsed, declared, wave_speed: None, survives_inversion: true };
         body.survives_inversion = body.check()?;
         body.wave_speed = body.speed()?;
         Ok(Self(Arc::new(body)))
     }
 }
 
-/// The stem of a path as an identifier.
-fn name_of(path: &str) -> String {
+/// The name of the law in a file: the stem of its path as an identifier.
+pub(crate) fn name_of(path: &str) -> String {
     let stem = Path::new(path).file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
-    let name: String = stem.chars().map(|c| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '_' }).collect();
+    let name: String =
+        stem.chars().map(|c| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '_' }).collect();
     let name = name.trim_matches('_');
-    if name.starts_with(|c: char| c.is_ascii_alphabetic()) { name.to_owned() } else { format!("law_{name}") }
+    // `auto` stands for a choice among families
+    if name.starts_with(|c: char| c.is_ascii_alphabetic()) && name != "auto" {
+        name.to_owned()
+    } else {
+        format!("law_{name}")
+    }
 }
 
 impl Body {
@@ -125,7 +126,8 @@ impl Body {
     fn check(&self) -> Result<bool> {
         let (parameters, history) = (&self.declared.parameters, &self.declared.history);
         let fixed = ["f", "p", "c"].iter().flat_map(|part| (0..9).map(move |k| format!("{part}_{k}")));
-        let named = parameters.iter().map(|p| format!("in_{}", p.name)).chain(history.iter().map(|h| format!("h_{}", h.name)));
+        let named =
+            parameters.iter().map(|p| format!("in_{}", p.name)).chain(history.iter().map(|h| format!("h_{}", h.name)));
         let inputs: Vec<String> = fixed.chain(["substep".to_owned()]).chain(named).collect();
         let inputs: Vec<&str> = inputs.iter().map(String::as_str).collect();
         let outputs: Vec<String> = (0..9).map(|k| format!("tau_{k}")).collect();

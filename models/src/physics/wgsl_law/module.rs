@@ -27,17 +27,18 @@ impl Parsed {
     /// [`gradreel::ErrorKind::Input`] with line and column for text that is not valid WGSL.
     pub fn new(path: &str, user: &str) -> Result<Self> {
         let source = Source::new(path, user)?;
-        let found = std::thread::scope(|scope| {
-            let parse = || parse(&source);
-            match std::thread::Builder::new().stack_size(STACK).spawn_scoped(scope, parse) {
-                Ok(thread) => thread.join().unwrap_or_else(|_| {
-                    Err(Fault::new(Span::default(), "the parser of WGSL fails on this file").fix("write it more simply"))
-                }),
-                Err(error) => {
-                    Err(Fault::new(Span::default(), "no thread can be started to parse the file").found(error.to_string()))
+        let found =
+            std::thread::scope(|scope| {
+                let parse = || parse(&source);
+                match std::thread::Builder::new().stack_size(STACK).spawn_scoped(scope, parse) {
+                    Ok(thread) => thread.join().unwrap_or_else(|_| {
+                        Err(Fault::new(Span::default(), "the parser of WGSL fails on this file")
+                            .fix("write it more simply"))
+                    }),
+                    Err(error) => Err(Fault::new(Span::default(), "no thread can be started to parse the file")
+                        .found(error.to_string())),
                 }
-            }
-        });
+            });
         match found {
             Ok((module, info)) => Ok(Self { source, module, info }),
             Err(fault) => Err(source.error(*fault)),

@@ -6,7 +6,7 @@ use gradreel::{Error, ErrorKind, Result};
 use naga::Span;
 
 use super::fault::{Fault, Outcome};
-use super::lexer::{Kind, Token, tokens};
+use super::lexer::{Kind, tokens};
 
 /// Largest file \[bytes\].
 pub(super) const MOST_BYTES: usize = 256 << 10;

@@ -51,9 +51,7 @@ fn noise(seed: u64) -> impl FnMut() -> f64 {
 /// Random inputs of a law: deformation of this size about rest, parameters over their priors.
 fn inputs(material: &dyn Material, seed: u64, size: f64) -> Vec<f64> {
     let mut draw = noise(seed);
-    let mut matrix = |by: f64| -> Vec<f64> {
-        (0..9).map(|k| f64::from(u8::from(k % 4 == 0)) + by * draw()).collect()
-    };
+    let mut matrix = |by: f64| -> Vec<f64> { (0..9).map(|k| f64::from(u8::from(k % 4 == 0)) + by * draw()).collect() };
     let mut all = matrix(size);
     all.extend(matrix(size));
     all.extend((0..9).map(|_| 20.0 * draw()));
@@ -189,15 +187,17 @@ fn the_language_means_what_wgsl_says() {
             }
             s
         }),
-        ("var s = 0.0; for (var i = 0; i < 6; i++) { if x * f32(i) > 3.0 { continue; } s += f32(i); } return s;", &|x| {
-            (0..6).map(f64::from).filter(|i| x * i <= 3.0).sum()
-        }),
+        (
+            "var s = 0.0; for (var i = 0; i < 6; i++) { if x * f32(i) > 3.0 { continue; } s += f32(i); } return s;",
+            &|x| (0..6).map(f64::from).filter(|i| x * i <= 3.0).sum(),
+        ),
         ("for (var i = 0; i < 4; i++) { if x > f32(i) + 0.5 { return f32(i); } } return -1.0;", &|x| {
             (0..4).map(f64::from).find(|i| x > i + 0.5).unwrap_or(-1.0)
         }),
-        ("var n = 0; var s = 0.0; loop { s += x; n++; if n == 3 { break; } continuing { s += 1.0; } } return s;", &|x| {
-            3.0 * x + 2.0
-        }),
+        (
+            "var n = 0; var s = 0.0; loop { s += x; n++; if n == 3 { break; } continuing { s += 1.0; } } return s;",
+            &|x| 3.0 * x + 2.0,
+        ),
         ("switch 2 { case 1: { return 1.0; } case 2, 3: { return 2.0 * x; } default: { return 0.0; } }", &|x| 2.0 * x),
         ("let b = x > 0.5 && p.a > 3.0 || x < 0.2; return select(1.0, 2.0, b);", &|x| if x < 0.2 { 2.0 } else { 1.0 }),
         ("var a = array<f32, 3>(1.0, x, 3.0); a[2] += x; return a[0] + a[1] * a[2];", &|x| 1.0 + x * (3.0 + x)),
@@ -207,29 +207,45 @@ fn the_language_means_what_wgsl_says() {
         ("let m = mat2x2(1.0, 2.0, 3.0, x); let v = m * vec2(5.0, 6.0); return v.x + 100.0 * v.y;", &|x| {
             23.0 + 100.0 * (10.0 + 6.0 * x)
         }),
-        ("let m = mat2x3(1.0, 2.0, 3.0, 4.0, 5.0, x); return (vec3(1.0, 1.0, 1.0) * m).y + determinant(mat2x2(x, 2.0, 3.0, 4.0));", &|x| {
-            9.0 + x + 4.0 * x - 6.0
-        }),
+        (
+            "let m = mat2x3(1.0, 2.0, 3.0, 4.0, 5.0, x); return (vec3(1.0, 1.0, 1.0) * m).y + determinant(mat2x2(x, 2.0, 3.0, 4.0));",
+            &|x| 9.0 + x + 4.0 * x - 6.0,
+        ),
         ("return fract(x) + trunc(-x) + round(2.5) + sign(x) + step(1.0, x) + saturate(x) + x % 0.3;", &|x| {
             x.fract() + (-x).trunc() + 2.0 + 1.0 + f64::from(u8::from(x >= 1.0)) + x.min(1.0) + x % 0.3
         }),
         ("return sinh(x) + cosh(x) + asinh(x) + atanh(0.3 * x) + exp2(x) + log2(x) + inverseSqrt(x);", &|x| {
             x.sinh() + x.cosh() + x.asinh() + (0.3 * x).atanh() + x.exp2() + x.log2() + 1.0 / x.sqrt()
         }),
-        ("return mix(1.0, x, 0.25) + smoothstep(0.0, 2.0, x) + clamp(x, 0.4, 0.6) + fma(x, x, 1.0) + distance(x, 3.0);", &|x| {
-            let t = (x / 2.0).clamp(0.0, 1.0);
-            0.75 + 0.25 * x + t * t * (3.0 - 2.0 * t) + x.clamp(0.4, 0.6) + x * x + 1.0 + (x - 3.0).abs()
-        }),
+        (
+            "return mix(1.0, x, 0.25) + smoothstep(0.0, 2.0, x) + clamp(x, 0.4, 0.6) + fma(x, x, 1.0) + distance(x, 3.0);",
+            &|x| {
+                let t = (x / 2.0).clamp(0.0, 1.0);
+                0.75 + 0.25 * x + t * t * (3.0 - 2.0 * t) + x.clamp(0.4, 0.6) + x * x + 1.0 + (x - 3.0).abs()
+            },
+        ),
         ("return f32(7 / 2 + 7 % 4 - (1 << 3)) + f32(u32(5) & 4u) + f32(x > 0.0);", &|_| 3.0 + 3.0 - 8.0 + 4.0 + 1.0),
         // a function that writes through a pointer, also in one branch only
         ("var y = x; if x > 1.0 { twice(&y); } return y;", &|x| if x > 1.0 { 2.0 * x } else { x }),
-        ("let s = svd(mat3x3<f32>(vec3(x, 0.0, 0.0), vec3(0.0, 0.1, 0.0), vec3(0.0, 0.0, 0.01))); return s.s.x + det(s.u);", &|x| {
-            x + 1.0
-        }),
-        ("let m = diagonal(vec3(x, 2.0, 3.0)); return trace(inverse(m)) + ddot(m, m) + trace(dev(m) * m) + cofactor(m)[0].x;", &|x| {
-            let mean = (x + 5.0) / 3.0;
-            1.0 / x + 0.5 + 1.0 / 3.0 + x * x + 13.0 + (x - mean) * x + (2.0 - mean) * 2.0 + (3.0 - mean) * 3.0 + 6.0
-        }),
+        (
+            "let s = svd(mat3x3<f32>(vec3(x, 0.0, 0.0), vec3(0.0, 0.1, 0.0), vec3(0.0, 0.0, 0.01))); return s.s.x + det(s.u);",
+            &|x| x + 1.0,
+        ),
+        (
+            "let m = diagonal(vec3(x, 2.0, 3.0)); return trace(inverse(m)) + ddot(m, m) + trace(dev(m) * m) + cofactor(m)[0].x;",
+            &|x| {
+                let mean = (x + 5.0) / 3.0;
+                1.0 / x
+                    + 0.5
+                    + 1.0 / 3.0
+                    + x * x
+                    + 13.0
+                    + (x - mean) * x
+                    + (2.0 - mean) * 2.0
+                    + (3.0 - mean) * 3.0
+                    + 6.0
+            },
+        ),
         ("return softplus(x) + logistic(x) + log1p(x) + expm1(x) + erf(0.0);", &|x| {
             x.exp().ln_1p() + 1.0 / (1.0 + (-x).exp()) + x.ln_1p() + x.exp_m1()
         }),
@@ -269,21 +285,65 @@ const WRONG: [(&str, &str, &str); 24] = [
     ("fn stress(point: Point, q: f32) -> mat3x3<f32> { return point.f; }", "t.wgsl:5", "`q`"),
     ("fn stress(point: Point) -> vec3<f32> { return point.f[0]; }", "t.wgsl:5", "another result"),
     ("fn trace(x: f32) -> f32 { return x; }\nfn stress(p: Point) -> mat3x3<f32> { return p.f; }", "t.wgsl:5", "trace"),
-    ("@group(0) @binding(0) var t: texture_2d<f32>;\nfn stress(p: Point) -> mat3x3<f32> { return p.f * textureLoad(t, vec2(0, 0), 0).x; }", "t.wgsl:6", "cannot be used"),
-    ("var<private> k: f32 = 1.0;\nfn stress(p: Point) -> mat3x3<f32> { return k * p.f; }", "t.wgsl:6", "outside functions"),
-    ("fn stress(p: Point) -> mat3x3<f32> {\n var x = 0.0;\n while x < p.f[0].x { x += 0.1; }\n return x * p.f; }", "t.wgsl:7", "no constant bound"),
-    ("fn stress(p: Point) -> mat3x3<f32> {\n for (var i = 0; i < 4000; i++) { for (var j = 0; j < 4000; j++) { } }\n return p.f; }", "t.wgsl:6", "too much"),
-    ("fn stress(p: Point) -> mat3x3<f32> {\n var f = p.f;\n for (var i = 0; i < 400; i++) { f = f * p.f; }\n return f; }", "t.wgsl:7", "10000 operations"),
-    ("fn f(x: f32) -> f32 { return f(x); }\nfn stress(p: Point) -> mat3x3<f32> { return f(1.0) * p.f; }", "t.wgsl:5", "recursive"),
+    (
+        "@group(0) @binding(0) var t: texture_2d<f32>;\nfn stress(p: Point) -> mat3x3<f32> { return p.f * textureLoad(t, vec2(0, 0), 0).x; }",
+        "t.wgsl:6",
+        "cannot be used",
+    ),
+    (
+        "var<private> k: f32 = 1.0;\nfn stress(p: Point) -> mat3x3<f32> { return k * p.f; }",
+        "t.wgsl:6",
+        "outside functions",
+    ),
+    (
+        "fn stress(p: Point) -> mat3x3<f32> {\n var x = 0.0;\n while x < p.f[0].x { x += 0.1; }\n return x * p.f; }",
+        "t.wgsl:7",
+        "no constant bound",
+    ),
+    (
+        "fn stress(p: Point) -> mat3x3<f32> {\n for (var i = 0; i < 4000; i++) { for (var j = 0; j < 4000; j++) { } }\n return p.f; }",
+        "t.wgsl:6",
+        "too much",
+    ),
+    (
+        "fn stress(p: Point) -> mat3x3<f32> {\n var f = p.f;\n for (var i = 0; i < 400; i++) { f = f * p.f; }\n return f; }",
+        "t.wgsl:7",
+        "10000 operations",
+    ),
+    (
+        "fn f(x: f32) -> f32 { return f(x); }\nfn stress(p: Point) -> mat3x3<f32> { return f(1.0) * p.f; }",
+        "t.wgsl:5",
+        "recursive",
+    ),
     ("fn stress(p: Point) -> mat3x3<f32> {\n let i = i32(p.f[0].x);\n return p.f * f32(i); }", "t.wgsl:6", "integer"),
-    ("fn stress(p: Point) -> mat3x3<f32> {\n var i = 0;\n if p.f[0].x > 1.0 { i = 1; }\n return f32(i) * p.f; }", "t.wgsl:8", "integer"),
+    (
+        "fn stress(p: Point) -> mat3x3<f32> {\n var i = 0;\n if p.f[0].x > 1.0 { i = 1; }\n return f32(i) * p.f; }",
+        "t.wgsl:8",
+        "integer",
+    ),
     ("fn stress(p: Point) -> mat3x3<f32> {\n return p.f * acos(0.5 * p.f[0].x); }", "t.wgsl:6", "`acos`"),
-    ("fn stress(p: Point) -> mat3x3<f32> {\n var a = array<f32, 2>();\n for (var i = 0; i < 3; i++) { a[i] = 1.0; }\n return p.f; }", "t.wgsl:7", "out of range"),
+    (
+        "fn stress(p: Point) -> mat3x3<f32> {\n var a = array<f32, 2>();\n for (var i = 0; i < 3; i++) { a[i] = 1.0; }\n return p.f; }",
+        "t.wgsl:7",
+        "out of range",
+    ),
     ("fn stress(p: Point) -> mat3x3<f64> { return p.f; }", "t.wgsl:5", "WGSL"),
     ("fn stress(p: Point) -> mat3x3<f32> { return 1.0h * p.f; }", "t.wgsl:5:45", "f16"),
-    ("struct History {\n/// x [-], start 1\nx: f32,\n}\nfn stress(p: Point) -> mat3x3<f32> { return p.f; }", "t.wgsl", "evolve"),
-    ("struct History {\n/// x [-]\nx: f32,\n}\nfn stress(p: Point) -> mat3x3<f32> { return p.f; }", "t.wgsl:7:1", "start"),
-    ("fn stress(p: Point) -> mat3x3<f32> { var x = array<f32, 100000>(); return x[0] * p.f; }", "t.wgsl:5", "too large"),
+    (
+        "struct History {\n/// x [-], start 1\nx: f32,\n}\nfn stress(p: Point) -> mat3x3<f32> { return p.f; }",
+        "t.wgsl",
+        "evolve",
+    ),
+    (
+        "struct History {\n/// x [-]\nx: f32,\n}\nfn stress(p: Point) -> mat3x3<f32> { return p.f; }",
+        "t.wgsl:7:1",
+        "start",
+    ),
+    (
+        "fn stress(p: Point) -> mat3x3<f32> { var x = array<f32, 100000>(); return x[0] * p.f; }",
+        "t.wgsl:5",
+        "too large",
+    ),
     ("fn stress(p: Point) -> mat3x3<f32> { return bitcast<f32>(1u) * p.f; }", "t.wgsl:5", ""),
 ];
 
@@ -326,7 +386,8 @@ fn parameters_are_described() {
         assert!(error.contains("t.wgsl:3:5") && error.contains(words), "{comment}: {error}");
     }
     for name in ["f01", "dt", "mass", "scale", "é"] {
-        let text = text("fn stress(p: Point) -> mat3x3<f32> { return p.f; }").replace("a: f32", &format!("{name}: f32"));
+        let text =
+            text("fn stress(p: Point) -> mat3x3<f32> { return p.f; }").replace("a: f32", &format!("{name}: f32"));
         let error = WgslLaw::parse("t.wgsl", &text).unwrap_err().to_string();
         assert!(error.contains("t.wgsl:3:1") && error.contains(name), "{error}");
     }
@@ -354,7 +415,9 @@ fn any_length_is_refused_in_time() {
     }
     // calls of calls
     let chain: String = (0..2000).map(|n| format!("fn g{n}(x: f32) -> f32 {{ return g{}(x); }}\n", n + 1)).collect();
-    let text = text(&format!("{chain}fn g2000(x: f32) -> f32 {{ return x; }}\nfn stress(p: Point) -> mat3x3<f32> {{ return g0(1.0) * p.f; }}"));
+    let text = text(&format!(
+        "{chain}fn g2000(x: f32) -> f32 {{ return x; }}\nfn stress(p: Point) -> mat3x3<f32> {{ return g0(1.0) * p.f; }}"
+    ));
     let error = WgslLaw::parse("t.wgsl", &text).unwrap_err().to_string();
     assert!(error.contains("too many functions call one another"), "{error}");
 }

@@ -174,7 +174,9 @@ impl Value {
     /// `f` of each number, truth or integer.
     pub fn map<E>(&self, f: &mut impl FnMut(&Self) -> Result<Self, E>) -> Result<Self, E> {
         match self {
-            Self::Many(parts) => Ok(Self::Many(Rc::new(parts.iter().map(|part| part.map(f)).collect::<Result<_, E>>()?))),
+            Self::Many(parts) => {
+                Ok(Self::Many(Rc::new(parts.iter().map(|part| part.map(f)).collect::<Result<_, E>>()?)))
+            }
             _ => f(self),
         }
     }
@@ -182,9 +184,9 @@ impl Value {
     /// `f` of each pair; a single value goes with all of the other.
     pub fn zip<E>(&self, other: &Self, f: &mut impl FnMut(&Self, &Self) -> Result<Self, E>) -> Result<Self, E> {
         match (self, other) {
-            (Self::Many(a), Self::Many(b)) => Ok(Self::Many(Rc::new(
-                a.iter().zip(b.iter()).map(|(a, b)| a.zip(b, f)).collect::<Result<_, E>>()?,
-            ))),
+            (Self::Many(a), Self::Many(b)) => {
+                Ok(Self::Many(Rc::new(a.iter().zip(b.iter()).map(|(a, b)| a.zip(b, f)).collect::<Result<_, E>>()?)))
+            }
             (Self::Many(_), b) => self.map(&mut |a| f(a, b)),
             (a, Self::Many(_)) => other.map(&mut |b| f(a, b)),
             (a, b) => f(a, b),
