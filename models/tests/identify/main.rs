@@ -4,6 +4,7 @@ mod free_fall;
 mod gauss_newton;
 mod gradient;
 mod interval;
+mod own_laws;
 mod recovery;
 mod scene;
 mod spin;

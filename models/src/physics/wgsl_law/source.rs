@@ -39,7 +39,8 @@ impl Source {
             return Err(Error::new(ErrorKind::Input, "the file of a law is too large")
                 .at(path)
                 .found(format!("more than {MOST_BYTES} bytes"))
-                .wanted("256 KiB at most"));
+                .wanted("256 KiB at most")
+                .fix("leave out what the law does not need"));
         }
         let source = Self { path: path.to_owned(), user: user.to_owned(), text: format!("{user}\n{PRELUDE}") };
         source.check_depth().map_err(|fault| source.error(*fault))?;
@@ -96,10 +97,7 @@ impl Source {
         if let Some(wanted) = fault.wanted {
             error = error.wanted(wanted);
         }
-        if let Some(fix) = fault.fix {
-            error = error.fix(fix);
-        }
-        error
+        error.fix(fault.fix.as_deref().unwrap_or("correct this line; `gradreel check-law FILE` checks a law alone"))
     }
 
     /// The error of a fault at a range of the user's file.
