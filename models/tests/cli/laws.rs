@@ -10,7 +10,8 @@ use crate::scene::Scene;
 /// A law of `models/laws` or `examples/laws` under another name here.
 fn copy(scene: &Scene, from: &str, to: &str) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(from);
-    scene.write(to, &fs::read_to_string(path).unwrap());
+    fs::create_dir_all(scene.path(to).parent().unwrap()).unwrap();
+    scene.write(to, fs::read_to_string(path).unwrap());
 }
 
 const FALL: &str = "[time]\nduration_s = 0.1\n[grid]\nspacing_m = 0.05\n[ground]\ncontact = \"sticky\"\n\
