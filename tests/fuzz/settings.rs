@@ -3,6 +3,7 @@
 use std::fs;
 
 use gradreel_models::identify::{Config, Run};
+use gradreel_models::physics::{Law, WgslLaw};
 use gradreel_models::runtime::run_folder::RunFolder;
 use gradreel_models::scenes::SceneFile;
 use gradreel_models::video::{Clip, OpenOptions};
@@ -53,5 +54,32 @@ fn states_of_runs() {
     fuzz("state", &seeds, &TEXTS, |bytes| {
         fs::write(&path, bytes).unwrap();
         RunFolder::open(&root).and_then(Run::open).is_ok()
+    });
+}
+
+/// Laws in WGSL, parsed, lowered and traced with their derivative.
+#[test]
+fn laws() {
+    let shipped = ["fixed_corotated", "newtonian", "snow", "von_mises"].map(|name| format!("models/laws/{name}.wgsl"));
+    let examples = ["ogden", "maxwell", "fibres"].map(|name| format!("examples/laws/{name}.wgsl"));
+    let seeds: Vec<Vec<u8>> = shipped.iter().chain(&examples).map(|path| fs::read(path).unwrap()).collect();
+    let words: [&[u8]; 14] = [
+        b"for (var i = 0; i < 1000; i++) {",
+        b"loop {",
+        b"if p.young > 1.0 {",
+        b"return ",
+        b"array<f32, 100000>",
+        b"f64",
+        b"vec4(",
+        b"/*",
+        b"{",
+        b"}",
+        b"svd(",
+        b"i32(",
+        b" 99999999999999999999 ",
+        b"/// x [-], linear, ",
+    ];
+    fuzz("law", &seeds, &words, |bytes| {
+        text(bytes).is_some_and(|text| WgslLaw::parse("law.wgsl", text).map(Law::of).is_ok())
     });
 }

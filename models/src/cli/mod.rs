@@ -2,6 +2,7 @@
 
 mod bench;
 mod check;
+mod check_law;
 mod film;
 mod gradcheck;
 mod imagine;
@@ -23,6 +24,7 @@ use gradreel::scalar::Path;
 use gradreel::{ErrorKind, Result};
 
 use self::output::tell;
+use crate::physics::{Law, materials};
 
 /// From a video of a collision to shape, motion and material.
 #[derive(Parser)]
@@ -61,6 +63,8 @@ enum Command {
     Check(check::Arguments),
     /// Synthesize the views around an object from a single picture of it
     Synthesize(synthesize::Arguments),
+    /// Check a law of your own in WGSL: derivatives, invariances, wave speed, GPU; plot its response, measure its speed
+    CheckLaw(check_law::Arguments),
     /// Check derivatives of ops and materials against central differences, and print the tables
     Gradcheck(gradcheck::Arguments),
     /// Train a model that synthesizes views, or its spatial-aware module, on objects made here
@@ -69,6 +73,26 @@ enum Command {
     Bench(bench::Arguments),
     /// Check and convert files of the multi-view model's weights
     Weights(weights::Arguments),
+}
+
+/// Runs the command line with laws of one's own beside the shipped ones, for `--material` and scenes: the `main` of a program
+/// that brings laws in Rust. Returns the exit code.
+///
+/// ```no_run
+/// use gradreel_models::physics::{Law, WgslLaw};
+///
+/// fn main() -> std::process::ExitCode {
+///     let laws = WgslLaw::read("foam.wgsl").map(Law::of);
+///     gradreel_models::cli::run_with(laws).into()
+/// }
+/// ```
+pub fn run_with(laws: impl IntoIterator<Item = Law>) -> u8 {
+    for law in laws {
+        if let Err(error) = materials::register(law) {
+            return exit_code(Err(error));
+        }
+    }
+    main()
 }
 
 /// Runs the command line and returns the exit code.
@@ -84,6 +108,7 @@ fn run(command: Command) -> Result<()> {
         Command::Reconstruct(arguments) => reconstruct::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Check(arguments) => check::run(&arguments).and_then(|()| output::arrived()),
+        Command::CheckLaw(arguments) => check_law::run(&arguments).and_then(|()| output::arrived()),
         Command::Gradcheck(arguments) => gradcheck::run(&arguments).and_then(|()| output::arrived()),
         Command::Synthesize(arguments) => synthesize::run(&arguments),
         Command::Train(arguments) => train::run(&arguments),

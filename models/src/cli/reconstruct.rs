@@ -11,7 +11,9 @@ use crate::cli::imagine::{self, ImagineArguments};
 use crate::cli::output::{say, tell};
 use crate::cli::unit::{self, Named, number_in};
 use crate::field::{bounding_sphere, hull};
-use crate::identify::{Config, Reconstruction, Run, Standing, WorldConfig, half_of_imagined, reconstruct};
+use crate::identify::{
+    Config, MaterialConfig, OwnLaw, Reconstruction, Run, Standing, WorldConfig, half_of_imagined, reconstruct,
+};
 use crate::monocular;
 use crate::physics::Law;
 use crate::report::reconstruction::{publish, quantities};
@@ -42,6 +44,9 @@ pub(super) struct Arguments {
     /// or the name of a law [default: elastic]
     #[arg(long, value_name = "NAME", conflicts_with = "resume")]
     material: Option<String>,
+    /// A file with a law of your own in WGSL; it is copied into the folder of the run (see docs/guide/laws.md)
+    #[arg(long, value_name = "FILE.wgsl", conflicts_with_all = ["resume", "material"])]
+    law: Option<PathBuf>,
     /// Values to start from, for example young=10kPa,yield_stress=500, in SI units if without a unit; the law's own for those not named
     #[arg(long, value_delimiter = ',', value_name = "NAME=VALUE", value_parser = Named::read, conflicts_with = "resume")]
     start: Vec<Named>,
@@ -167,7 +172,11 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     arguments.film.check_is_of(&arguments.clip)?;
     arguments.choice.apply(&mut config.clip)?;
     if let Some(material) = &arguments.material {
-        config.material.name.clone_from(material);
+        config.material =
+            MaterialConfig { name: material.clone(), law: None, own: OwnLaw::default(), ..config.material };
+    }
+    if let Some(law) = &arguments.law {
+        config = config.with_law(Law::read(law)?);
     }
     if let (true, Some(option)) = (config.chooses_family(), arguments.told_of_material()) {
         return Err(Error::new(ErrorKind::Input, "values of a material whose family is still to be chosen")
@@ -203,7 +212,9 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
 pub(super) fn read_config(path: &Path) -> Result<Config> {
     let fix = "give the path of a TOML file to --config";
     let text = text::read(path, "the configuration", fix, text::SETTINGS)?;
-    Config::read(&text).map_err(|e| e.at(path.display()))
+    let mut config = Config::read(&text).map_err(|e| e.at(path.display()))?;
+    config.read_law(path.parent().unwrap_or(Path::new(".")))?;
+    Ok(config)
 }
 
 fn resume(arguments: &Arguments) -> Result<(Run, Clip)> {

@@ -7,9 +7,9 @@ use gradreel::{Error, ErrorKind, Result};
 
 use super::resimulate;
 use crate::cli::output::{self, say, tell};
-use crate::physics::Number;
+use crate::physics::{Number, name_of};
 use crate::report::quantity::readable;
-use crate::report::simulation::{Format, Record};
+use crate::report::simulation::{Format, Record, law_file};
 use crate::runtime::interrupt;
 use crate::runtime::progress::Progress;
 use crate::runtime::run_folder::RunFolder;
@@ -89,7 +89,8 @@ Shapes of colliders:  plane, box, sphere, cylinder
 Laws:                 neo_hookean, fixed_corotated, stvk_hencky (young, poisson); von_mises (+ yield_stress);
                       drucker_prager (young, poisson, friction_angle [deg], cohesion); newtonian (viscosity, bulk);
                       viscoplastic (shear, bulk, yield_stress, plastic_viscosity);
-                      snow (young, poisson, critical_compression, critical_stretch, hardening)
+                      snow (young, poisson, critical_compression, critical_stretch, hardening);
+                      or a file of your own, law = \"my.wgsl\" (docs/guide/laws.md)
 
 Examples:
   gradreel simulate examples/scenes/rubber.toml                 a folder in runs/ with an index.html
@@ -125,7 +126,7 @@ fn simulate_scene(arguments: &Arguments, scene: &Path, mut file: SceneFile) -> R
         None => {}
     }
     let folder = scene.parent().unwrap_or(Path::new("."));
-    let setup = Setup::of(&file, folder).map_err(|e| e.within(scene.display()))?;
+    let setup = Setup::of(&with_own_laws(&file, arguments), folder).map_err(|e| e.within(scene.display()))?;
     let film = file.film.as_ref().map(|settings| Film::of(&setup, settings)).transpose();
     let film = film.map_err(|e| e.within(scene.display()))?;
     if !arguments.quiet {
@@ -138,6 +139,20 @@ fn simulate_scene(arguments: &Arguments, scene: &Path, mut file: SceneFile) -> R
         Precision::F32 => simulate::<f32>(arguments, scene, &file, &setup, film),
         Precision::F64 => simulate::<f64>(arguments, scene, &file, &setup, film),
     }
+}
+
+/// The scene with the laws that a run which goes on has kept, in place of files that may have changed since.
+fn with_own_laws(file: &SceneFile, arguments: &Arguments) -> SceneFile {
+    let mut file = file.clone();
+    if let (true, Some(out)) = (arguments.resume, &arguments.out) {
+        for given in file.materials.values_mut().filter(|given| given.law.ends_with(".wgsl")) {
+            let kept = out.join(law_file(&name_of(&given.law)));
+            if let (true, Ok(kept)) = (kept.is_file(), kept.canonicalize()) {
+                given.law = kept.to_string_lossy().into_owned();
+            }
+        }
+    }
+    file
 }
 
 /// Simulates a self-contained scene and renders a clip of it into a new folder, without output.

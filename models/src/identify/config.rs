@@ -143,6 +143,12 @@ pub struct MaterialConfig {
     /// Name of the material: `elastic`, `plasticine`, `newtonian`, `non_newtonian`, `sand`, or the name of a law; `auto` lets
     /// each of the five try.
     pub name: String,
+    /// A file in WGSL with a law of one's own, in place of a name; in a file of settings a relative path begins at its folder.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub law: Option<std::path::PathBuf>,
+    /// The law itself, once it is known ([`Config::with_law`]).
+    #[serde(skip)]
+    pub own: super::OwnLaw,
     /// Starting values by parameter name, in SI units; the law's own for those not named.
     pub start: std::collections::BTreeMap<String, f64>,
     /// Parameters that stay where they start; if not given, all of sand's but its angle of friction.
@@ -151,7 +157,13 @@ pub struct MaterialConfig {
 
 impl Default for MaterialConfig {
     fn default() -> Self {
-        Self { name: "elastic".to_owned(), start: std::collections::BTreeMap::new(), held: None }
+        Self {
+            name: "elastic".to_owned(),
+            law: None,
+            own: super::OwnLaw::default(),
+            start: std::collections::BTreeMap::new(),
+            held: None,
+        }
     }
 }
 
@@ -396,7 +408,7 @@ impl Config {
 
     /// Whether the family of the material is still to be chosen.
     pub fn chooses_family(&self) -> bool {
-        self.material.name == "auto"
+        self.material.name == "auto" && self.material.law.is_none() && self.material.own.law().is_none()
     }
 
     /// The law of the material.
@@ -404,6 +416,12 @@ impl Config {
     /// # Errors
     /// [`ErrorKind::Input`] when there is no material of this name.
     pub fn law(&self) -> Result<Law> {
+        if let Some(own) = self.material.own.law() {
+            return Ok(own.clone());
+        }
+        if let Some(path) = &self.material.law {
+            return Law::read(path);
+        }
         let name = &self.material.name;
         // until a family is chosen nothing depends on it: free flight
         let name = if self.chooses_family() { FAMILIES[0].0 } else { name };

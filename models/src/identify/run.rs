@@ -177,12 +177,22 @@ pub struct Run {
 const STATE: &str = "state.json";
 const CONFIG: &str = "config.toml";
 
+/// Writes a law of the run's own beside its settings, which name the file.
+fn write_law(folder: &RunFolder, config: &Config) -> Result<()> {
+    let material = &config.material;
+    match (&material.law, material.own.law().and_then(crate::physics::Law::text)) {
+        (Some(path), Some(text)) => folder.write(&path.to_string_lossy(), text.as_bytes()),
+        _ => Ok(()),
+    }
+}
+
 impl Run {
     /// A new run in an empty folder.
     ///
     /// # Errors
     /// [`ErrorKind::Input`] when the folder holds something.
     pub fn create(folder: RunFolder, config: Config, clip: &Clip) -> Result<Self> {
+        write_law(&folder, &config)?;
         folder.write(CONFIG, settings_file::text(&config)?.as_bytes())?;
         let run = Self { folder, config, state: State::of(clip), open: None, edited: false };
         run.save()?;
@@ -200,7 +210,10 @@ impl Run {
             folder.read_text(name)
         };
         let written = text(CONFIG)?;
-        let config = Config::parse(&written).map_err(|e| e.at(folder.path(CONFIG).display()))?;
+        let settings = |e: gradreel::Error| e.at(folder.path(CONFIG).display());
+        let mut config = Config::read(&written).map_err(settings)?;
+        config.read_law(folder.root())?;
+        config.check().map_err(settings)?;
         if let Some(lost) = lost_setting(&written, &config.to_toml()?) {
             return Err(damaged(&folder, CONFIG, &format!("no setting {lost}")));
         }
@@ -259,6 +272,7 @@ impl Run {
     /// # Errors
     /// What reading and writing return.
     pub fn begin_from(&self, other: &Self) -> Result<()> {
+        write_law(&self.folder, &self.config)?;
         self.save_config()?;
         self.folder.write(FIELD, &other.folder.read(FIELD)?)?;
         self.save()

@@ -11,12 +11,13 @@ use super::parameters::{Map, Parameter};
 use super::row::Number;
 use super::state::{BLOCK, F, HISTORY};
 use super::values::Values;
+use super::wgsl_law::WgslLaw;
 
 /// Largest number of parameters of a material.
 pub(crate) const PARAMETER_LIMIT: usize = 128;
 
 /// Largest number of history variables of a material.
-pub(crate) const HISTORY_LIMIT: usize = 8;
+pub(crate) const HISTORY_LIMIT: usize = 27;
 
 /// Inputs before the parameters: F 9, C 9, substep, stress scale, mass.
 const FIXED: usize = 21;
@@ -52,7 +53,7 @@ impl Law {
     ///
     /// # Panics
     ///
-    /// If it declares more than 128 parameters or 8 history variables, evolves a different number of them, or relates a
+    /// If it declares more than 128 parameters or 27 history variables (three matrices), evolves a different number of them, or relates a
     /// parameter to one that does not exist or is itself related to a third ([`Parameter::usually_times`]).
     #[track_caller]
     pub fn of(material: impl Material) -> Self {
@@ -106,6 +107,20 @@ impl Law {
         Self { material, parameters, history, elastic, law, forward, reverse, tangent, kernels }
     }
 
+    /// Reads and traces a law written in WGSL.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`WgslLaw::read`].
+    pub fn read(path: impl AsRef<std::path::Path>) -> gradreel::Result<Self> {
+        WgslLaw::read(path).map(Self::of)
+    }
+
+    /// The text of its file, for a law written in WGSL ([`Material::text`]).
+    pub fn text(&self) -> Option<&str> {
+        self.material.text()
+    }
+
     /// The material's name.
     pub fn name(&self) -> &str {
         self.material.name()
@@ -131,6 +146,16 @@ impl Law {
     /// ```
     pub fn is_elastic(&self) -> bool {
         self.elastic
+    }
+
+    /// Whether an elastic law derives from an energy; see [`Material::stores_energy`].
+    pub fn stores_energy(&self) -> bool {
+        self.material.stores_energy()
+    }
+
+    /// The speed of sound at rest \[m/s\], from the derivative of the stress.
+    pub(crate) fn speed_at_rest(&self, values: &[f64], density: f64) -> f64 {
+        super::sound::at_rest(&*self.material, values, density)
     }
 
     /// Whether inverted material has a finite stress; see [`Material::survives_inversion`].

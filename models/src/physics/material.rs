@@ -78,6 +78,16 @@ pub trait Material: Debug + Send + Sync + 'static {
         sound::fastest(self, values, density)
     }
 
+    /// The text of its file, for a law that was read from one; it travels with a run.
+    fn text(&self) -> Option<&str> {
+        None
+    }
+
+    /// Whether the stress of an elastic law is the derivative of an energy; a law that says so is checked for it.
+    fn stores_energy(&self) -> bool {
+        true
+    }
+
     /// Whether the stress is finite for inverted material (`det F < 0`); if not, it must be NaN there, which a rollout
     /// reports.
     fn survives_inversion(&self) -> bool {

@@ -40,6 +40,12 @@ pub(super) fn fastest<M: Material + ?Sized>(material: &M, values: &[f64], densit
     (most / density).sqrt()
 }
 
+/// The speed \[m/s\] of the fastest plane wave at rest.
+pub(super) fn at_rest<M: Material + ?Sized>(material: &M, values: &[f64], density: f64) -> f64 {
+    let rest = State { f: EYE, history: material.history().iter().map(|variable| variable.start).collect() };
+    (Probe::of(material, values).stiffness(&rest) / density).sqrt()
+}
+
 /// Increments `I + E` of the displacement gradient: isotropic, along each axis, and shear in each plane.
 fn paths() -> Vec<Matrix> {
     let mut all = Vec::new();

@@ -56,6 +56,11 @@ pub struct Record<'a> {
     pub film: Option<Film>,
 }
 
+/// The name of the copy of a law in the folder of a run.
+pub fn law_file(law: &str) -> String {
+    format!("{law}.wgsl")
+}
+
 impl<'a> Record<'a> {
     /// Creates the writer without any input or output; call [`Record::begin`] or [`Record::resume`] next.
     pub fn new(
@@ -93,6 +98,11 @@ impl<'a> Record<'a> {
     pub fn begin(&self) -> Result<()> {
         if let Some(film) = &self.film {
             self.folder.write("clip/all_data.json", film.list().as_bytes())?;
+        }
+        for stuff in &self.setup.materials {
+            if let Some(text) = stuff.law.text() {
+                self.folder.write(&law_file(stuff.law.name()), text.as_bytes())?;
+            }
         }
         self.folder.write("scene.toml", self.text.as_bytes())
     }

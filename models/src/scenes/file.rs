@@ -238,7 +238,7 @@ pub enum Barrier {
 /// A material: a law, a density and the law's parameters.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Substance {
-    /// Name of the law.
+    /// Name of the law, or a file with one in WGSL, whose name ends in `.wgsl`.
     pub law: String,
     /// Density \[kg/m³\].
     pub density_kg_m3: f64,

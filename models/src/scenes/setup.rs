@@ -84,7 +84,8 @@ impl Setup {
         let per_edge = (file.grid.particles_per_cell as f64).cbrt().round();
         let spacing = file.grid.spacing_m / per_edge;
         let names: Vec<&str> = file.materials.keys().map(String::as_str).collect();
-        let materials = file.materials.iter().map(|(name, given)| stuff(name, given)).collect::<Result<Vec<_>>>()?;
+        let materials =
+            file.materials.iter().map(|(name, given)| stuff(name, given, folder)).collect::<Result<Vec<_>>>()?;
         let colliders = obstacles(file)?;
         let world = World {
             gravity: file.world.gravity_m_s2,
@@ -313,11 +314,15 @@ fn unknown(what: &str, found: &str, known: &[&str], whence: &str) -> Error {
     }
 }
 
-fn stuff(name: &str, given: &Substance) -> Result<Stuff> {
+fn stuff(name: &str, given: &Substance, folder: &Path) -> Result<Stuff> {
     let place = format!("materials.{name}");
     let laws: Vec<Law> = materials::all().into_iter().filter(|law| !law.name().starts_with("learned")).collect();
     let names: Vec<&str> = laws.iter().map(Law::name).collect();
-    let Some(law) = laws.iter().find(|law| law.name() == given.law) else {
+    let own = match given.law.ends_with(".wgsl") {
+        true => Some(Law::read(folder.join(&given.law))?),
+        false => materials::find(&given.law),
+    };
+    let Some(law) = own.as_ref().or_else(|| laws.iter().find(|law| law.name() == given.law)) else {
         return Err(unknown("there is no law of this name", &given.law, &names, "the shipped laws").at(place + ".law"));
     };
     if given.density_kg_m3 <= 0.0 {

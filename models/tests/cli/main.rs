@@ -10,6 +10,7 @@ mod fixes;
 mod interrupted;
 #[cfg(unix)]
 mod killed;
+mod laws;
 #[path = "../../src/views/tests/mesh_files.rs"]
 #[allow(dead_code)]
 mod mesh_files;

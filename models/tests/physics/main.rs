@@ -13,6 +13,7 @@ mod laws;
 mod materials;
 mod mixtures;
 mod obstacles;
+mod own_laws;
 mod plain_scene;
 mod repeatability;
 mod scene;

@@ -5,6 +5,7 @@ mod free_fall;
 mod gradient;
 mod likelihood;
 mod materials;
+mod own_laws;
 mod recovery;
 mod scene;
 mod spin;

@@ -1,13 +1,18 @@
 //! Five materials from the tracks of their particles, each from a start that is far off.
 
 use crate::identify::Tracks;
-use crate::physics::{Collider, Rollout, Schedule, World, materials};
+use crate::physics::{Collider, Law, Rollout, Schedule, World, materials};
 use gradreel::Tensor;
 
 const DX: f64 = 0.04;
 
 /// A block that is thrown onto the ground.
 fn thrown(name: &str, truth: &[f64], velocity: [f64; 3], frames: usize, substeps: usize) -> Tracks {
+    thrown_of(materials::find(name).unwrap(), truth, velocity, frames, substeps)
+}
+
+/// A block of a law that is thrown onto the ground.
+pub fn thrown_of(law: Law, truth: &[f64], velocity: [f64; 3], frames: usize, substeps: usize) -> Tracks {
     let wobble = |i: usize| 0.1 * (1.7 * i as f64 + 0.3).sin();
     let block: Vec<f64> = (0..3 * 180)
         .map(|i| {
@@ -17,7 +22,6 @@ fn thrown(name: &str, truth: &[f64], velocity: [f64; 3], frames: usize, substeps
         })
         .collect();
     let world = World { colliders: vec![Collider::ground(0.0)], ..World::new(DX) };
-    let law = materials::find(name).unwrap();
     let rollout = Rollout {
         world: world.clone(),
         laws: vec![law.clone()],

@@ -1,13 +1,19 @@
 //! Checks of materials, shipped or custom.
 
+mod curves;
 mod drop;
+mod energy;
 mod gradient;
 mod response;
+mod speed;
 mod wgsl;
 
 use std::fmt;
 
 use gradreel::Result;
+
+pub use curves::{Response, responses};
+pub use speed::speed;
 
 use super::law::Law;
 
@@ -18,6 +24,9 @@ use super::law::Law;
 /// - the generated derivatives of projection and stress with respect to deformation, velocity gradient, parameters and
 ///   history, against central differences: at rest, for coinciding stretches, on both sides of the yield surface (found
 ///   by search), and under large stretch. At a kink either one-sided derivative is accepted;
+/// - symmetry of the stress, and for elastic laws no work in a closed cycle of deformation (unless the law says that it has
+///   no energy: [`Material::stores_energy`](super::Material::stores_energy));
+/// - the declared speed of sound against that of the stress at rest, which it must reach;
 /// - inverted input: finite, or NaN if the material declares so ([`Material::survives_inversion`](super::Material));
 /// - a block dropped on frictionless ground for two seconds of simulated time: mass and momentum balance in every
 ///   substep, horizontal momentum is conserved, the ground never pulls;
@@ -36,6 +45,8 @@ use super::law::Law;
 /// Propagates errors of the tape when a GPU is present but fails.
 pub fn check_material(law: &Law) -> Result<MaterialReport> {
     let mut checks = response::checks(law);
+    checks.push(energy::check(law));
+    checks.push(speed::wave_speed(law));
     checks.extend(drop::checks(law));
     checks.push(wgsl::check(law)?);
     Ok(MaterialReport { material: law.name().to_owned(), checks })

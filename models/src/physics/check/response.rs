@@ -52,6 +52,11 @@ impl<'a> Subject<'a> {
         })
     }
 
+    /// The stress in units of the modulus, of a particle at rest otherwise.
+    pub fn still_stress(&self, f: Matrix) -> Matrix {
+        self.stress(f, STILL)
+    }
+
     /// The largest relative error of the derivative at a state, and the input of which it is.
     fn gradient_error(&self, f: Matrix) -> (f64, String) {
         let x = self.inputs(f, STIRRED);
@@ -114,6 +119,7 @@ pub(super) fn checks(law: &Law) -> Vec<MaterialCheck> {
     let mut checks = vec![
         MaterialCheck { name: "no stress at rest", found: rest, allowed: 1e-12, note: String::new() },
         frame_indifference(&subject),
+        symmetry(&subject),
     ];
     let turned = |stretches: [f64; 3]| {
         let [a, b, c] = stretches;
@@ -160,6 +166,20 @@ fn frame_indifference(subject: &Subject<'_>) -> MaterialCheck {
         }
     }
     MaterialCheck { name: "frame indifference", found, allowed: 1e-11, note: String::new() }
+}
+
+/// The stress is symmetric: the body gains no spin from within.
+fn symmetry(subject: &Subject<'_>) -> MaterialCheck {
+    let sheared = [1.1, 0.2, -0.1, 0.05, 0.9, 0.15, -0.2, 0.1, 1.05];
+    let mut found = 0.0;
+    for f in [drawn(0.01), times(rotation(0.2, 0.9), drawn(0.3)), sheared] {
+        let tau = subject.stress(f, STIRRED);
+        let size = tau.iter().fold(1.0_f64, |most, tau| most.max(tau.abs()));
+        for (a, b) in tau.iter().zip(transposed(tau)) {
+            found = worse(found, (a - b).abs() / size);
+        }
+    }
+    MaterialCheck { name: "symmetry of the stress", found, allowed: 1e-11, note: String::new() }
 }
 
 /// Inverted and collapsed particles: the response is finite, or NaN if the material declares so.

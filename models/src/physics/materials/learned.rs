@@ -164,6 +164,11 @@ impl Material for Learned {
         }
     }
 
+    /// The responses are any functions of the invariants.
+    fn stores_energy(&self) -> bool {
+        false
+    }
+
     fn survives_inversion(&self) -> bool {
         self.base.as_ref().is_none_or(|base| base.survives_inversion())
     }

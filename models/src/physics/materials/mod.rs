@@ -33,7 +33,34 @@ pub use stvk_hencky::StvkHencky;
 pub use viscoplastic::Viscoplastic;
 pub use von_mises::{VonMises, YieldConvention};
 
+use std::sync::{PoisonError, RwLock};
+
+use gradreel::{Error, ErrorKind, Result};
+
 use super::law::Law;
+
+/// Laws that a program has added.
+static OWN: RwLock<Vec<Law>> = RwLock::new(Vec::new());
+
+/// Adds a law under its name, for `--material`, scenes, and going on with runs: what a program of one's own does first
+/// ([`cli::run_with`](crate::cli::run_with)).
+///
+/// # Errors
+///
+/// [`ErrorKind::Input`] if a shipped law, a family or a law that was added has this name.
+pub fn register(law: Law) -> Result<()> {
+    let taken = find(law.name()).is_some() || FAMILY_NAMES.contains(&law.name());
+    if taken {
+        return Err(Error::new(ErrorKind::Input, "a law of this name exists")
+            .found(law.name())
+            .fix("give it another name"));
+    }
+    OWN.write().unwrap_or_else(PoisonError::into_inner).push(law);
+    Ok(())
+}
+
+/// Names that stand for the laws of families.
+const FAMILY_NAMES: [&str; 6] = ["auto", "elastic", "plasticine", "newtonian", "non_newtonian", "sand"];
 
 /// Every shipped material. The tests cover all materials listed here.
 pub fn all() -> Vec<Law> {
@@ -51,7 +78,8 @@ pub fn all() -> Vec<Law> {
     ]
 }
 
-/// The shipped material of this name.
+/// The material of this name, shipped or added.
 pub fn find(name: &str) -> Option<Law> {
-    all().into_iter().find(|law| law.name() == name)
+    let own = || OWN.read().unwrap_or_else(PoisonError::into_inner).iter().find(|law| law.name() == name).cloned();
+    all().into_iter().find(|law| law.name() == name).or_else(own)
 }

@@ -1,0 +1,21 @@
+// Rubber that may invert: Kirchhoff stress U diag(2 mu (s - 1) s + lambda (J - 1) J) U^T.
+
+struct Parameters {
+    /// Young's modulus E [Pa], log10, 1e3 to 1e7
+    young: f32,
+    /// Poisson's ratio ν [-], between -0.45 and 0.45, 0 to 0.45, usually 0.30 +- 0.11
+    poisson: f32,
+}
+
+fn stress(point: Point, p: Parameters) -> mat3x3<f32> {
+    let m = lame(p.young, p.poisson);
+    let s = stretches(point.f);
+    let j = s.x * s.y * s.z;
+    return left(point.f, 2.0 * m.x * (s - 1.0) * s + m.y * (j - 1.0) * j);
+}
+
+// P-wave speed
+fn wave_speed(p: Parameters, density: f32) -> f32 {
+    let m = lame(p.young, p.poisson);
+    return sqrt((m.y + 2.0 * m.x) / density);
+}

@@ -1,0 +1,55 @@
+//! An elastic law stores what work it is given: a closed cycle of deformation takes none.
+
+use std::f64::consts::TAU;
+
+use super::MaterialCheck;
+use super::response::{Matrix, Subject};
+use crate::physics::law::Law;
+
+/// Steps of a cycle; the sum over a smooth cycle converges faster than any power of them.
+const STEPS: usize = 2048;
+
+/// The work of a cycle, as a share of the work that goes to and fro.
+pub(super) fn check(law: &Law) -> MaterialCheck {
+    const NAME: &str = "energy in a closed cycle";
+    if !law.is_elastic() || !law.history().is_empty() {
+        return MaterialCheck::skipped(NAME, "the law is not elastic");
+    }
+    if !law.stores_energy() {
+        return MaterialCheck::skipped(NAME, "the law says that it has no energy");
+    }
+    let subject = Subject::new(law);
+    let shape = |k: usize, phase: f64| 0.12 * (1.3 * k as f64 + phase).sin();
+    let at = |angle: f64| -> [Matrix; 2] {
+        let f = |k: usize| {
+            let rest = if k.is_multiple_of(4) { 1.0 } else { 0.0 };
+            rest + shape(k, 0.4) * angle.cos() + shape(k, 2.9) * angle.sin()
+        };
+        let slope = |k: usize| shape(k, 2.9) * angle.cos() - shape(k, 0.4) * angle.sin();
+        [std::array::from_fn(f), std::array::from_fn(slope)]
+    };
+    let (mut work, mut moved) = (0.0, 0.0);
+    for step in 0..STEPS {
+        let [f, slope] = at(TAU * step as f64 / STEPS as f64);
+        // τ : Ḟ F⁻¹
+        let rate = product(slope, inverse(f));
+        let power: f64 = subject.still_stress(f).iter().zip(rate).map(|(tau, d)| tau * d).sum();
+        work += power;
+        moved += power.abs();
+    }
+    let found = (work / moved.max(f64::MIN_POSITIVE)).abs();
+    MaterialCheck { name: NAME, found, allowed: 1e-5, note: "work of a cycle".to_owned() }
+}
+
+fn product(a: Matrix, b: Matrix) -> Matrix {
+    std::array::from_fn(|k| (0..3).map(|i| a[k / 3 * 3 + i] * b[3 * i + k % 3]).sum())
+}
+
+fn inverse(a: Matrix) -> Matrix {
+    let minor = |i: usize, j: usize| {
+        let (p, q, r, s) = ((i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3);
+        a[3 * p + r] * a[3 * q + s] - a[3 * p + s] * a[3 * q + r]
+    };
+    let det: f64 = (0..3).map(|j| a[j] * minor(0, j)).sum();
+    std::array::from_fn(|k| minor(k % 3, k / 3) / det)
+}
