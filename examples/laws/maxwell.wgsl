@@ -33,3 +33,7 @@ fn stress(point: Point, p: Parameters, h: History) -> mat3x3<f32> {
     let spring = p.shear * dev(unimodular(point.f * transpose(point.f)));
     return spring + p.branch * dev(unimodular(h.elastic)) + p.bulk * log(det(point.f)) * identity();
 }
+
+fn wave_speed(p: Parameters, density: f32) -> f32 {
+    return sqrt((p.bulk + 4.0 * (p.shear + p.branch) / 3.0) / density);
+}
