@@ -10,7 +10,7 @@ struct Parameters {
 }
 
 // The direction of the fibres at rest.
-const DIRECTION = vec3<f32>(0.6, 0.8, 0.0);
+const DIRECTION = vec3<f32>(0.96, 0.28, 0.0);
 
 fn stress(point: Point, p: Parameters) -> mat3x3<f32> {
     let m = lame(p.young, p.poisson);

@@ -14,6 +14,7 @@ use crate::runtime::run_folder::RunFolder;
 
 /// What to simulate again, and what to change.
 #[derive(clap::Args, Default)]
+#[group(skip)] // `simulate` has a group of this name
 #[command(next_help_heading = "What was reconstructed, again")]
 pub(super) struct Arguments {
     /// Simulate what the run in this folder has found, instead of a scene; filmed beside its clip

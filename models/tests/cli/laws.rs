@@ -46,7 +46,7 @@ fn a_law_is_checked_in_a_table_and_in_json() {
     assert!(String::from_utf8_lossy(&output.stdout).contains("FAIL"));
 
     scene.write("broken.wgsl", wrong.replace("p.bulk", "p.bilk"));
-    scene.refuses("check-law broken.wgsl", &["broken.wgsl:20:", "bilk"]);
+    scene.refuses("check-law broken.wgsl", &["broken.wgsl:18:", "bilk"]);
     scene.refuses("check-law missing.wgsl", &["missing.wgsl"]);
 }
 

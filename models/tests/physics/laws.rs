@@ -10,7 +10,8 @@ fn every_shipped_material_passes_the_battery() {
         println!("{report}");
         assert!(report.passed(), "{report}");
         let skipped: Vec<_> = report.checks.iter().filter(|check| check.is_skipped()).map(|check| check.name).collect();
-        assert!(skipped.iter().all(|name| ["gradient on both sides of yield", "CPU and WGSL"].contains(name)));
+        let of_some = ["gradient on both sides of yield", "energy in a closed cycle", "CPU and WGSL"];
+        assert!(skipped.iter().all(|name| of_some.contains(name)), "{skipped:?}");
     }
 }
 
@@ -49,7 +50,8 @@ fn a_spoilt_material_is_caught() {
     };
     assert_eq!(failed(false, false), Vec::<&str>::new());
     assert_eq!(failed(true, false), ["no stress at rest"]);
-    assert_eq!(failed(false, true), ["frame indifference"]);
+    // it has no energy either: a turned body is another one
+    assert_eq!(failed(false, true), ["frame indifference", "energy in a closed cycle"]);
 }
 
 #[test]

@@ -64,8 +64,12 @@ impl Stages<'_> {
         let cost = |run: &mut Run, stage: &str, best: &Hypothesis| {
             let full = Level { particles: self.particles(run)?, observed: self.observed };
             let rung = Rung { stage, fidelity: Fidelity::Full, world: true, steps: 0, keep: (1, f64::INFINITY) };
-            let found = self.rung(run, rung, families, &full, vec![best.clone()])?;
-            Ok::<_, gradreel::Error>(found[0].cost.unwrap_or(f64::INFINITY))
+            match self.rung(run, rung, families, &full, vec![best.clone()]) {
+                Ok(found) => Ok(found[0].cost.unwrap_or(f64::INFINITY)),
+                // what cannot be simulated is as improbable as can be
+                Err(error) if error.kind() == ErrorKind::Physics => Ok(f64::INFINITY),
+                Err(error) => Err(error),
+            }
         };
         self.reshape(run, &format!("shape in motion {round}"), &survivors[0].unknowns)?;
         if run.config.flows(self.law) {

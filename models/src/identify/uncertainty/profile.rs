@@ -74,22 +74,13 @@ impl Profile {
 /// Parts of a profile's posterior.
 const FINE: usize = 48;
 
-/// The value at `x` and the coordinates there: the mean of the parabolas through the neighbours on either side.
+/// The value at `x` and the coordinates there, between the neighbours on either side.
 fn between(known: &[(&Vec<f64>, f64)], k: usize, x: f64) -> (f64, Vec<f64>) {
     let last = known.len() - 1;
     let right = known.iter().position(|(at, _)| at[k] >= x).unwrap_or(last).clamp(1, last);
-    let parabola = |first: usize| {
-        let of = |i: usize| known[first + i].0[k];
-        let weight = |i: usize| {
-            (0..3).filter(|j| *j != i).map(|j| (x - of(j)) / (of(i) - of(j))).product::<f64>() * known[first + i].1
-        };
-        (0..3).map(weight).sum::<f64>()
-    };
-    let firsts = [right.saturating_sub(2).min(last - 2), (right - 1).min(last - 2)];
-    let value = 0.5 * firsts.map(parabola).iter().sum::<f64>();
-    let (a, b) = (known[right - 1].0, known[right].0);
+    let ((a, low), (b, high)) = (known[right - 1], known[right]);
     let share = (x - a[k]) / (b[k] - a[k]);
-    (value, a.iter().zip(b).map(|(a, b)| a + share * (b - a)).collect())
+    (low + share * (high - low), a.iter().zip(b).map(|(a, b)| a + share * (b - a)).collect())
 }
 
 #[cfg(test)]

@@ -74,6 +74,13 @@ impl Source {
 
     /// The error of a fault, at the line and column of the user's file.
     pub fn error(&self, mut fault: Fault) -> Error {
+        if !fault.span.is_defined() {
+            // the first place of the word that is spoken of
+            let word = fault.what.split('`').nth(1).filter(|word| !word.is_empty());
+            if let Some(start) = word.and_then(|word| self.user.find(word)) {
+                fault.span = Span::new(start as u32, start as u32 + 1);
+            }
+        }
         if let Some(range) = fault.span.to_range() {
             // an error of what follows the file is one of its end
             let start = range.start.min(self.user.trim_end().len());
