@@ -10,7 +10,9 @@ fn every_shipped_material_passes_the_battery() {
         println!("{report}");
         assert!(report.passed(), "{report}");
         let skipped: Vec<_> = report.checks.iter().filter(|check| check.is_skipped()).map(|check| check.name).collect();
-        assert!(skipped.iter().all(|name| ["gradient on both sides of yield", "CPU and WGSL"].contains(name)));
+        assert!(skipped.iter().all(|name| {
+            ["gradient on both sides of yield", "energy in a closed cycle", "CPU and WGSL"].contains(name)
+        }));
     }
 }
 
@@ -49,7 +51,8 @@ fn a_spoilt_material_is_caught() {
     };
     assert_eq!(failed(false, false), Vec::<&str>::new());
     assert_eq!(failed(true, false), ["no stress at rest"]);
-    assert_eq!(failed(false, true), ["frame indifference"]);
+    // a stress that does not turn with the body derives from no energy either
+    assert_eq!(failed(false, true), ["frame indifference", "energy in a closed cycle"]);
 }
 
 #[test]
