@@ -33,7 +33,7 @@ impl Source {
     ///
     /// # Errors
     ///
-    /// [`ErrorKind::Input`] for a file that is too large or nested too deeply.
+    /// [`ErrorKind::Input`] for a file that is too large, nested too deeply, or of another precision.
     pub fn new(path: &str, user: &str) -> Result<Self> {
         if user.len() > MOST_BYTES {
             return Err(Error::new(ErrorKind::Input, "the file of a law is too large")
@@ -43,14 +43,20 @@ impl Source {
                 .fix("leave out what the law does not need"));
         }
         let source = Self { path: path.to_owned(), user: user.to_owned(), text: format!("{user}\n{PRELUDE}") };
-        source.check_depth().map_err(|fault| source.error(*fault))?;
+        source.check_words().map_err(|fault| source.error(*fault))?;
         Ok(source)
     }
 
-    fn check_depth(&self) -> Outcome<()> {
+    fn check_words(&self) -> Outcome<()> {
         let (mut nested, mut branches) = (0, 0);
         for token in tokens(&self.user) {
             let word = &self.user[token.range.clone()];
+            let here = Span::new(token.range.start as u32, token.range.end as u32);
+            if matches!(word, "f64" | "f16") {
+                return Err(Fault::new(here, "a law is written in f32")
+                    .found(format!("`{word}`"))
+                    .fix("write f32; it is computed in f64 where a run asks for it"));
+            }
             branches += usize::from(word == "else");
             nested = match token.kind {
                 Kind::Mark if matches!(word, ";" | "{" | "}") => 0,
@@ -58,7 +64,6 @@ impl Source {
                 _ => nested,
             };
             if nested > MOST_NESTED || branches > MOST_NESTED {
-                let here = Span::new(token.range.start as u32, token.range.end as u32);
                 return Err(Fault::new(here, "this is too long for one statement or one chain of `else`")
                     .wanted(format!("{MOST_NESTED} operators in a statement, {MOST_NESTED} `else` in a file"))
                     .fix("name parts of it with `let`, or put them in functions"));
@@ -74,13 +79,6 @@ impl Source {
 
     /// The error of a fault, at the line and column of the user's file.
     pub fn error(&self, mut fault: Fault) -> Error {
-        if !fault.span.is_defined() {
-            // the first place of the word that is spoken of
-            let word = fault.what.split('`').nth(1).filter(|word| !word.is_empty());
-            if let Some(start) = word.and_then(|word| self.user.find(word)) {
-                fault.span = Span::new(start as u32, start as u32 + 1);
-            }
-        }
         if let Some(range) = fault.span.to_range() {
             // an error of what follows the file is one of its end
             let start = range.start.min(self.user.trim_end().len());

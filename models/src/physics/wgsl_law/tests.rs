@@ -327,7 +327,7 @@ const WRONG: [(&str, &str, &str); 24] = [
         "t.wgsl:7",
         "out of range",
     ),
-    ("fn stress(p: Point) -> mat3x3<f64> { return p.f; }", "t.wgsl:5", "WGSL"),
+    ("fn stress(p: Point) -> mat3x3<f64> { return p.f; }", "t.wgsl:5:31", "f64"),
     ("fn stress(p: Point) -> mat3x3<f32> { return 1.0h * p.f; }", "t.wgsl:5:45", "f16"),
     (
         "struct History {\n/// x [-], start 1\nx: f32,\n}\nfn stress(p: Point) -> mat3x3<f32> { return p.f; }",
