@@ -1,5 +1,8 @@
 //! 3-vectors and row-major 3×3 matrices.
 
+use faer::Mat;
+use faer::linalg::solvers::Solve;
+
 type Vector = [f64; 3];
 type Matrix = [Vector; 3];
 
@@ -41,6 +44,11 @@ pub(crate) fn times(m: &Matrix, x: Vector) -> Vector {
 
 pub(crate) fn product(a: Matrix, b: Matrix) -> Matrix {
     a.map(|row| std::array::from_fn(|j| (0..3).map(|k| row[k] * b[k][j]).sum()))
+}
+
+pub(crate) fn inverse(m: Matrix) -> Matrix {
+    let inverse = Mat::from_fn(3, 3, |i, j| m[i][j]).partial_piv_lu().solve(Mat::<f64>::identity(3, 3));
+    std::array::from_fn(|i| std::array::from_fn(|j| inverse[(i, j)]))
 }
 
 pub(crate) fn transposed(m: Matrix) -> Matrix {

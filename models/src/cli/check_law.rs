@@ -32,7 +32,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         None => Law::read(&arguments.law)?,
     };
     let report = check_material(&law)?;
-    let values: Vec<f64> = law.parameters().iter().map(|p| p.start).collect();
+    let values = law.start_values();
     let curves = responses(&law, &values);
     let others = materials::all().into_iter().filter(|other| !other.name().starts_with("learned"));
     let mut speeds: Vec<(String, f64)> = others.map(|other| (other.name().to_owned(), 1e9 * speed(&other))).collect();
@@ -50,8 +50,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             series: series.collect(),
             reference: None,
         };
-        let svg = plot.svg().replacen("<svg ", "<svg xmlns=\"http://www.w3.org/2000/svg\" ", 1);
-        std::fs::write(path, svg).map_err(|e| Error::io(path, "write the plot", &e))?;
+        std::fs::write(path, plot.svg()).map_err(|e| Error::io(path, "write the plot", &e))?;
     }
     if arguments.json {
         let checks = report.checks.iter().map(|check| {

@@ -7,9 +7,9 @@ use gradreel::{Error, ErrorKind, Result};
 
 use super::resimulate;
 use crate::cli::output::{self, say, tell};
-use crate::physics::{Number, name_of};
+use crate::physics::{Number, law_file, name_of};
 use crate::report::quantity::readable;
-use crate::report::simulation::{Format, Record, law_file};
+use crate::report::simulation::{Format, Record};
 use crate::runtime::interrupt;
 use crate::runtime::progress::Progress;
 use crate::runtime::run_folder::RunFolder;

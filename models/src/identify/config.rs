@@ -8,7 +8,8 @@ use serde::{Deserialize, Serialize};
 use crate::field::FitSettings;
 use crate::identify::{FlowingConfig, LossConfig, TemporalConfig};
 use crate::nearest::{listed, nearest};
-use crate::physics::{Law, Map, materials};
+use crate::physics::materials::{self, AUTO, FAMILIES};
+use crate::physics::{Law, Map};
 use crate::render::{Surface, Weights};
 use crate::report::quantity::compact;
 use crate::video::FilmSettings;
@@ -166,15 +167,6 @@ impl Default for MaterialConfig {
         }
     }
 }
-
-/// The families of materials by the names that people use, and their laws.
-pub const FAMILIES: [(&str, &str); 5] = [
-    ("elastic", "neo_hookean"),
-    ("plasticine", "von_mises"),
-    ("newtonian", "newtonian"),
-    ("non_newtonian", "viscoplastic"),
-    ("sand", "drucker_prager"),
-];
 
 /// The law of a family, or of that name.
 pub fn law_of(name: &str) -> Option<Law> {
@@ -408,7 +400,7 @@ impl Config {
 
     /// Whether the family of the material is still to be chosen.
     pub fn chooses_family(&self) -> bool {
-        self.material.name == "auto" && self.material.law.is_none() && self.material.own.law().is_none()
+        self.material.name == AUTO && self.material.law.is_none() && self.material.own.law().is_none()
     }
 
     /// The law of the material.
@@ -427,7 +419,7 @@ impl Config {
         let name = if self.chooses_family() { FAMILIES[0].0 } else { name };
         law_of(name).ok_or_else(|| {
             let laws = materials::all();
-            let families = || FAMILIES.iter().map(|(family, _)| *family).chain(["auto"]);
+            let families = || FAMILIES.iter().map(|(family, _)| *family).chain([AUTO]);
             let names = || laws.iter().map(|law| law.name()).filter(|name| families().all(|family| family != *name));
             let everyday = EVERYDAY.iter().find(|(_, things)| things.contains(&name.to_lowercase().as_str()));
             let near = everyday.map(|(family, _)| *family).or_else(|| nearest(name, families().chain(names())));

@@ -52,10 +52,9 @@ mod with_voxels;
 #[cfg(test)]
 mod tests;
 
+pub use crate::physics::materials::FAMILIES;
 pub use again::Changes;
-pub use config::{
-    ClipConfig, Config, EstimateConfig, FAMILIES, GeometryConfig, ImagineConfig, MaterialConfig, WorldConfig,
-};
+pub use config::{ClipConfig, Config, EstimateConfig, GeometryConfig, ImagineConfig, MaterialConfig, WorldConfig};
 pub(crate) use config::{law_of, no_such_parameter};
 pub use contact::first_contact;
 pub use estimate::{Evaluation, estimate};

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use gradreel::Result;
 
 use super::Config;
-use crate::physics::Law;
+use crate::physics::{Law, law_file};
 
 /// The law of a run that brings its own; equal if name and text are.
 #[derive(Debug, Clone, Default)]
@@ -47,7 +47,7 @@ impl Config {
     #[must_use]
     pub fn with_law(mut self, law: Law) -> Self {
         law.name().clone_into(&mut self.material.name);
-        self.material.law = law.text().map(|_| PathBuf::from(format!("{}.wgsl", law.name())));
+        self.material.law = law.text().map(|_| PathBuf::from(law_file(law.name())));
         self.material.own = OwnLaw(Some(law));
         self
     }

@@ -39,11 +39,6 @@ pub struct Observed {
 }
 
 impl Observed {
-    /// How many pictures there are, imagined ones included.
-    pub fn pictures(&self) -> usize {
-        self.views.len() * self.targets.len()
-    }
-
     /// All pixels of a clip.
     ///
     /// # Errors
@@ -73,6 +68,7 @@ impl Observed {
 }
 
 /// What is known: the object at rest, the world, the material's law, and what was filmed.
+#[derive(Clone)]
 pub struct Problem<'a> {
     /// The object in the first frame.
     pub particles: &'a Particles,
@@ -134,19 +130,11 @@ impl<'a> Problem<'a> {
         Self { least_speed: 0.0, ..self }
     }
 
-    /// The same beside this one.
-    pub(super) fn with_fewest_substeps(&self) -> Self {
-        let (world, law, surface, ranges) =
-            (self.world.clone(), self.law.clone(), self.surface.clone(), self.ranges.clone());
-        Self { world, law, surface, ranges, least_speed: 0.0, ..*self }
-    }
-
     /// The same in free flight.
     #[must_use]
     pub fn flying(&self) -> Self {
-        let (world, law, surface) = (self.world.clone(), self.law.clone(), self.surface.clone());
         // flight says nothing of the material
-        Self { world, law, surface, ranges: None, flying: true, ..*self }
+        Self { ranges: None, flying: true, ..self.clone() }
     }
 
     /// A schedule for `frames` frames that is stable for these unknowns: for the sound in the material, and for the speed that

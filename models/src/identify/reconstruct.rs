@@ -86,8 +86,9 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
 pub(super) enum Moved<'a> {
     /// In free flight, for the first frames.
     Flying { frames: usize, velocity: [f64; 3], spin: [f64; 3] },
-    /// As simulated, through the first frames, each of which counts so much; the material is fitted with them, from these unknowns on.
-    Simulated { frames: usize, unknowns: &'a Unknowns, weights: Option<&'a [f64]>, fewest_substeps: bool },
+    /// As simulated with the fewest stable substeps, through as many first frames as there are weights, by which they count; the
+    /// material is fitted with them, from these unknowns on.
+    Simulated { unknowns: &'a Unknowns, weights: &'a [f64] },
 }
 
 /// What all stages share.
@@ -115,14 +116,14 @@ impl Stages<'_> {
     /// Fits the voxels to some frames, moved as the stage says; starts from the hull if there is no field yet. Where they are simulated, the
     /// material is fitted with them; what moves them in the end is returned.
     pub(super) fn shape(&self, run: &mut Run, stage: &str, iterations: usize, moved: Moved<'_>) -> Result<Unknowns> {
-        let (simulated, start, frames, weights) = match moved {
-            Moved::Simulated { frames, unknowns, weights, .. } => (true, unknowns.clone(), frames, weights),
+        let (simulated, start, weights) = match moved {
+            Moved::Simulated { unknowns, weights } => (true, unknowns.clone(), weights.to_vec()),
             Moved::Flying { frames, velocity, spin } => {
                 let parameters = run.config.starting_values(self.law)?;
-                (false, Unknowns { velocity, spin, parameters, ..Unknowns::default() }, frames, None)
+                (false, Unknowns { velocity, spin, parameters, ..Unknowns::default() }, vec![1.0; frames])
             }
         };
-        let weights = weights.map_or_else(|| vec![1.0; frames], <[f64]>::to_vec);
+        let frames = weights.len();
         let with = WithVoxels::new(self.law, start, simulated, &run.config)?;
         let reached = run.reached(stage)?;
         if run.has_finished(stage) || reached.ended {
@@ -148,11 +149,7 @@ impl Stages<'_> {
         }
         let particles = Particles::of_field(&field, &params, 0.0)?;
         let problem = Problem::new(&particles, self.observed, self.law.clone(), &run.config, DTYPE);
-        let problem = match moved {
-            Moved::Flying { .. } => problem.flying(),
-            Moved::Simulated { fewest_substeps: true, .. } => problem.fewest_substeps(),
-            Moved::Simulated { .. } => problem,
-        };
+        let problem = if simulated { problem.fewest_substeps() } else { problem.flying() };
         // those of the start: a loss that is followed must not jump with the step, whether the fit was interrupted or not
         let substeps = problem.schedule(&with.start, frames).substeps;
         let loss = |bound: &Bound, opacity: &Var, colour: &Var| {

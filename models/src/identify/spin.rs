@@ -1,11 +1,9 @@
 //! A body that turns while it flies: its velocities, and how it is turned after a while.
 
-use faer::Mat;
-use faer::linalg::solvers::Solve;
 use gradreel::{DType, Result, Tensor};
 
 use crate::particles::Particles;
-use crate::vector::{EYE, cross, minus, plus, product, rotation, times, transposed};
+use crate::vector::{EYE, cross, inverse, minus, plus, product, rotation, times, transposed};
 
 type Vector = [f64; 3];
 type Matrix = [Vector; 3];
@@ -82,12 +80,6 @@ impl Gyration {
     pub fn place(&self, turned: &Matrix, x: Vector) -> Vector {
         plus(self.centre, times(turned, minus(x, self.centre)))
     }
-}
-
-/// The inverse of an inertia, which is positive definite.
-fn inverse(inertia: Matrix) -> Matrix {
-    let inverse = Mat::from_fn(3, 3, |i, j| inertia[i][j]).partial_piv_lu().solve(Mat::<f64>::identity(3, 3));
-    std::array::from_fn(|i| std::array::from_fn(|j| inverse[(i, j)]))
 }
 
 #[cfg(test)]

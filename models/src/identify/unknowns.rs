@@ -309,16 +309,6 @@ impl Unknowns {
         self.spin != [0.0; 3]
     }
 
-    /// Whether the body leans, wherever it is.
-    pub fn leans(&self) -> bool {
-        self.lean[..2] != [0.0; 2]
-    }
-
-    /// How much farther away the body is than it was taken to be, as a share of its distance.
-    pub fn farther(&self) -> f64 {
-        self.lean[2]
-    }
-
     /// The same unknowns with the free ones moved to these coordinates.
     #[must_use]
     pub fn moved(&self, law: &Law, free: Free, coordinates: &[f64]) -> Self {

@@ -116,6 +116,11 @@ impl Law {
         WgslLaw::read(path).map(Self::of)
     }
 
+    /// Where its parameters start, in SI units.
+    pub(crate) fn start_values(&self) -> Vec<f64> {
+        self.parameters().iter().map(|parameter| parameter.start).collect()
+    }
+
     /// The text of its file, for a law written in WGSL ([`Material::text`]).
     pub fn text(&self) -> Option<&str> {
         self.material.text()

@@ -75,5 +75,5 @@ pub use substep::Simulation;
 pub use timestep::{CFL, Schedule};
 pub use values::{ValueGradients, Values};
 pub use wgsl_law::WgslLaw;
-pub(crate) use wgsl_law::name_of;
+pub(crate) use wgsl_law::{law_file, name_of};
 pub use world::World;

@@ -183,8 +183,7 @@ pub fn quantities(found: &Reconstruction, run: &Run) -> Vec<Quantity> {
         (_, true) => "assumed".into(),
         _ => "fitted".into(),
     };
-    let own = || found.law.parameters().iter().map(|p| p.start).collect();
-    let starts = run.config.starting_values(&found.law).unwrap_or_else(|_| own());
+    let starts = run.config.starting_values(&found.law).unwrap_or_else(|_| found.law.start_values());
     let parameters = found.law.parameters().iter().zip(&found.unknowns.parameters).zip(starts);
     let material = parameters.map(|((p, &value), start)| Quantity {
         interval_90: interval(p.name).map(|known| known.interval_90),

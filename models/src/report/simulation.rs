@@ -13,6 +13,7 @@ use super::plot::{Plot, Series};
 use super::ply::ply;
 use super::png_file::png_with_alpha;
 use crate::physics::Contact;
+use crate::physics::law_file;
 use crate::runtime::run_folder::RunFolder;
 use crate::scenes::{Film, Frame, SceneFile, Setup, Snapshot, Totals, View, positions_of};
 
@@ -54,11 +55,6 @@ pub struct Record<'a> {
     pub animated: bool,
     /// Cameras that render a clip, if any.
     pub film: Option<Film>,
-}
-
-/// The name of the copy of a law in the folder of a run.
-pub fn law_file(law: &str) -> String {
-    format!("{law}.wgsl")
 }
 
 impl<'a> Record<'a> {

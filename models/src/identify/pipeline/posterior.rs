@@ -50,27 +50,30 @@ pub(crate) struct Part {
     walked: BTreeMap<usize, Marginal>,
 }
 
-impl Part {
-    /// One survey under one covariance.
-    fn of(
-        budget: &ErrorBudget,
-        times: f64,
-        survey: &Survey,
-        prior: &Prior<'_>,
-    ) -> Result<(Laplace, BTreeMap<usize, Marginal>)> {
+impl Survey {
+    /// Its normal posterior, if discrepancies are so many times as large as most, and their columns.
+    fn laplace(&self, budget: &ErrorBudget, times: f64, prior: &Prior<'_>) -> Result<(Laplace, Vec<Vec<f64>>)> {
         let scales = budget.discrepancy.times(times);
-        let discrepancy = columns(&scales, prior.law, prior.free, &survey.unknowns, &survey.resolution);
-        let laplace = survey.expansion.posterior(prior, &discrepancy, budget.residuals)?;
+        let discrepancy = columns(&scales, prior.law, prior.free, &self.unknowns, &self.resolution);
+        Ok((self.expansion.posterior(prior, &discrepancy, budget.residuals)?, discrepancy))
+    }
+
+    /// The posteriors along what its profiles walk, by the places of the unknowns.
+    fn walked(
+        &self,
+        budget: &ErrorBudget,
+        prior: &Prior<'_>,
+        (laplace, discrepancy): (&Laplace, &[Vec<f64>]),
+    ) -> BTreeMap<usize, Marginal> {
+        let count = budget.residuals * self.expansion.pictures as f64;
         let walk = |profile: &Profile| {
             let k = profile.unknown;
             let own: f64 = discrepancy.iter().map(|column| column[k] * column[k]).sum();
-            let damped = 1.0 + survey.expansion.along(&laplace, k, budget.residuals) * own;
-            let count = budget.residuals * survey.expansion.pictures as f64;
+            let damped = 1.0 + self.expansion.along(laplace, k, budget.residuals) * own;
             let parts = profile.parts(prior, count, damped);
             (!parts.is_empty()).then(|| (k, Marginal::of(parts)))
         };
-        let walked = survey.profiles.iter().filter_map(walk).collect();
-        Ok((laplace, walked))
+        self.profiles.iter().filter_map(walk).collect()
     }
 }
 
@@ -82,7 +85,8 @@ pub(crate) fn parts(budget: &ErrorBudget, surveys: &[Survey], priors: &[Prior<'_
     let mut all = Vec::new();
     for (index, (survey, prior)) in surveys.iter().zip(priors).enumerate() {
         for (share, times) in [(1.0 - budget.outliers.share, 1.0), (budget.outliers.share, budget.outliers.times)] {
-            if let Ok((laplace, walked)) = Part::of(budget, times, survey, prior) {
+            if let Ok((laplace, discrepancy)) = survey.laplace(budget, times, prior) {
+                let walked = survey.walked(budget, prior, (&laplace, &discrepancy));
                 all.push(Part { survey: index, log_weight: share.ln() + laplace.log_evidence, laplace, walked });
             }
         }
@@ -130,7 +134,7 @@ pub(crate) fn marginals(parts: &[Part], of: &dyn Fn(usize) -> bool) -> Vec<Margi
 fn profiles(setting: &Setting<'_>, survey: &Survey) -> Result<Vec<Profile>> {
     let law = &setting.problem.law;
     let prior = Prior::read(law, survey.free, &survey.prior);
-    let Ok((laplace, _)) = Part::of(&ErrorBudget::shipped(), 1.0, survey, &prior) else { return Ok(Vec::new()) };
+    let Ok((laplace, _)) = survey.laplace(&ErrorBudget::shipped(), 1.0, &prior) else { return Ok(Vec::new()) };
     let lines: Vec<(usize, Vec<Vec<f64>>)> =
         profile::flat(&laplace, &prior).into_iter().map(|k| (k, profile::line(&laplace, &prior, k))).collect();
     let request = |x: &Vec<f64>| Request {
@@ -214,8 +218,12 @@ impl Stages<'_> {
         }
         for survey in &mut surveys {
             let Setting { problem, free, frames, floor } = &settings[place(families, &survey.family)];
-            let walked =
-                Setting { problem: problem.with_fewest_substeps(), free: *free, frames: frames.clone(), floor: *floor };
+            let walked = Setting {
+                problem: problem.clone().fewest_substeps(),
+                free: *free,
+                frames: frames.clone(),
+                floor: *floor,
+            };
             survey.profiles = profiles(&walked, survey)?;
         }
         run.state.surveys = surveys;

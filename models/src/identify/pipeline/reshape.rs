@@ -50,8 +50,7 @@ impl Stages<'_> {
     pub fn reshape_and_follow(&self, run: &mut Run, stage: &str, unknowns: &Unknowns) -> Result<Unknowns> {
         self.keep_before(run, stage)?;
         let weights = if run.has_finished(stage) { vec![] } else { self.explained(run, unknowns)?.2 };
-        let frames = self.observed.targets.len();
-        let moved = Moved::Simulated { frames, unknowns, weights: Some(&weights), fewest_substeps: true };
+        let moved = Moved::Simulated { unknowns, weights: &weights };
         self.shape(run, stage, FOLLOWED, moved)
     }
 

@@ -1,5 +1,6 @@
 //! What a law answers to extension, shear and change of volume.
 
+use super::response::IDENTITY;
 use crate::physics::law::Law;
 
 /// The stress along one kind of deformation.
@@ -32,7 +33,7 @@ pub fn responses(law: &Law, values: &[f64]) -> [Response; 3] {
         [("uniaxial", [0, 0, 0], false), ("shear", [1, 1, 1], false), ("volumetric", [0, 4, 8], true)];
     kinds.map(|(name, entries, mean)| {
         let side = |sign: f64| {
-            let mut f = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+            let mut f = IDENTITY;
             let mut history: Vec<f64> = law.history().iter().map(|variable| variable.start).collect();
             let step = STRAIN / STEPS as f64;
             let follow = |n: usize| {

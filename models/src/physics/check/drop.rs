@@ -50,7 +50,7 @@ pub(super) fn checks(law: &Law) -> Vec<MaterialCheck> {
 fn fall(law: &Law) -> Result<Imbalance> {
     let ground = Collider::plane([0.0; 3], [0.0, 1.0, 0.0], Contact::Separate);
     let world = World { colliders: vec![ground], ..World::new(DX) };
-    let values: Vec<f64> = law.parameters().iter().map(|p| p.start).collect();
+    let values = law.start_values();
     // Compression raises the speed of sound: half of the default CFL number.
     let schedule = Schedule::stable(&world, 2, TIME, law.wave_speed(&values, DENSITY), 3.0, 0.5 * CFL);
     let positions: Vec<[f64; 3]> = (0..SIDE.pow(3))

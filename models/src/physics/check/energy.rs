@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 use super::MaterialCheck;
 use super::response::{Matrix, Subject};
 use crate::physics::law::Law;
+use crate::vector::{inverse, product};
 
 /// Steps of a cycle; the sum over a smooth cycle converges faster than any power of them.
 const STEPS: usize = 2048;
@@ -32,8 +33,8 @@ pub(super) fn check(law: &Law) -> MaterialCheck {
     for step in 0..STEPS {
         let [f, slope] = at(TAU * step as f64 / STEPS as f64);
         // τ : Ḟ F⁻¹
-        let rate = product(slope, inverse(f));
-        let power: f64 = subject.still_stress(f).iter().zip(rate).map(|(tau, d)| tau * d).sum();
+        let rate = product(rows(slope), inverse(rows(f)));
+        let power: f64 = subject.still_stress(f).iter().zip(rate.as_flattened()).map(|(tau, d)| tau * d).sum();
         work += power;
         moved += power.abs();
     }
@@ -41,15 +42,6 @@ pub(super) fn check(law: &Law) -> MaterialCheck {
     MaterialCheck { name: NAME, found, allowed: 1e-5, note: "work of a cycle".to_owned() }
 }
 
-fn product(a: Matrix, b: Matrix) -> Matrix {
-    std::array::from_fn(|k| (0..3).map(|i| a[k / 3 * 3 + i] * b[3 * i + k % 3]).sum())
-}
-
-fn inverse(a: Matrix) -> Matrix {
-    let minor = |i: usize, j: usize| {
-        let (p, q, r, s) = ((i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3);
-        a[3 * p + r] * a[3 * q + s] - a[3 * p + s] * a[3 * q + r]
-    };
-    let det: f64 = (0..3).map(|j| a[j] * minor(0, j)).sum();
-    std::array::from_fn(|k| minor(k % 3, k / 3) / det)
+fn rows(flat: Matrix) -> [[f64; 3]; 3] {
+    std::array::from_fn(|i| std::array::from_fn(|j| flat[3 * i + j]))
 }

@@ -41,7 +41,7 @@ impl Law {
         let names: Vec<&str> = program.inputs().iter().map(String::as_str).collect();
         let fixed = names.iter().position(|name| *name == "dt").unwrap_or(names.len());
         // stresses are of the order of the P-wave modulus ρ c²; F is of order 1
-        let values: Vec<f64> = self.parameters().iter().map(|p| p.start).collect();
+        let values = self.start_values();
         let stiffness = self.wave_speed(&values, 1.0).powi(2);
         let starts: Vec<f64> = values.into_iter().chain(self.history().iter().map(|variable| variable.start)).collect();
         let whole = Program::trace(&format!("{}_contracted", self.name()), &names, &["y"], |x| {

@@ -8,7 +8,7 @@ use crate::physics::law::Law;
 /// A 3×3 matrix, row by row.
 pub(super) type Matrix = [f64; 9];
 
-const IDENTITY: Matrix = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+pub(super) const IDENTITY: Matrix = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
 const STILL: Matrix = [0.0; 9];
 /// A generic velocity gradient \[1/s\].
 const STIRRED: Matrix = [0.3, -0.2, 0.1, 0.4, 0.2, -0.5, -0.1, 0.6, -0.3];
@@ -27,7 +27,7 @@ pub(super) struct Subject<'a> {
 
 impl<'a> Subject<'a> {
     pub fn new(law: &'a Law) -> Self {
-        let values: Vec<f64> = law.parameters().iter().map(|p| p.start).collect();
+        let values = law.start_values();
         Self { law, vjp: law.program().vjp(), modulus: law.wave_speed(&values, DENSITY).powi(2) * DENSITY }
     }
 

@@ -10,7 +10,7 @@ use crate::physics::law::Law;
 
 /// Compares the declared speed of sound with that of the stress at rest: a smaller one makes substeps unstable.
 pub(super) fn wave_speed(law: &Law) -> MaterialCheck {
-    let values: Vec<f64> = law.parameters().iter().map(|p| p.start).collect();
+    let values = law.start_values();
     let (declared, real) = (law.wave_speed(&values, DENSITY), law.speed_at_rest(&values, DENSITY));
     let found = if declared > 0.0 { (real / declared - 1.0).max(0.0) } else { f64::INFINITY };
     // a law without elastic stress at rest has no wave

@@ -49,7 +49,8 @@ static OWN: RwLock<Vec<Law>> = RwLock::new(Vec::new());
 ///
 /// [`ErrorKind::Input`] if a shipped law, a family or a law that was added has this name.
 pub fn register(law: Law) -> Result<()> {
-    let taken = find(law.name()).is_some() || FAMILY_NAMES.contains(&law.name());
+    let taken = find(law.name()).is_some()
+        || FAMILIES.iter().map(|(family, _)| *family).chain([AUTO]).any(|name| name == law.name());
     if taken {
         return Err(Error::new(ErrorKind::Input, "a law of this name exists")
             .found(law.name())
@@ -59,8 +60,17 @@ pub fn register(law: Law) -> Result<()> {
     Ok(())
 }
 
-/// Names that stand for the laws of families.
-const FAMILY_NAMES: [&str; 6] = ["auto", "elastic", "plasticine", "newtonian", "non_newtonian", "sand"];
+/// The families of materials by the names that people use, and their laws.
+pub const FAMILIES: [(&str, &str); 5] = [
+    ("elastic", "neo_hookean"),
+    ("plasticine", "von_mises"),
+    ("newtonian", "newtonian"),
+    ("non_newtonian", "viscoplastic"),
+    ("sand", "drucker_prager"),
+];
+
+/// The name that lets every family try.
+pub const AUTO: &str = "auto";
 
 /// Every shipped material. The tests cover all materials listed here.
 pub fn all() -> Vec<Law> {

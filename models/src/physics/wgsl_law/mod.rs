@@ -107,6 +107,11 @@ impl WgslLaw {
     }
 }
 
+/// The name of the copy of a law in the folder of a run.
+pub(crate) fn law_file(law: &str) -> String {
+    format!("{law}.wgsl")
+}
+
 /// The name of the law in a file: the stem of its path as an identifier.
 pub(crate) fn name_of(path: &str) -> String {
     let stem = Path::new(path).file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
