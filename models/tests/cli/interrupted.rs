@@ -24,7 +24,7 @@ fn a_run_goes_on_where_it_was_stopped() {
         line.clear();
         assert!(stderr.read_line(&mut line).unwrap() > 0, "it ended before it showed progress");
     }
-    let begun = || fs::read_to_string(scene.path("out/state.json")).unwrap().contains("\"loss\"");
+    let begun = || !history(&scene.state("out")).is_empty();
     while !begun() && child.try_wait().unwrap().is_none() {
         std::thread::sleep(std::time::Duration::from_millis(5));
     }

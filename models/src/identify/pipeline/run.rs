@@ -64,12 +64,19 @@ impl Stages<'_> {
         let cost = |run: &mut Run, stage: &str, best: &Hypothesis| {
             let full = Level { particles: self.particles(run)?, observed: self.observed };
             let rung = Rung { stage, fidelity: Fidelity::Full, world: true, steps: 0, keep: (1, f64::INFINITY) };
-            match self.rung(run, rung, families, &full, vec![best.clone()]) {
-                Ok(found) => Ok(found[0].cost.unwrap_or(f64::INFINITY)),
-                // what cannot be simulated is as improbable as can be
-                Err(error) if error.kind() == ErrorKind::Physics => Ok(f64::INFINITY),
-                Err(error) => Err(error),
-            }
+            let since = Instant::now();
+            let found = match self.rung(run, rung, families, &full, vec![best.clone()]) {
+                Ok(found) => found,
+                // what cannot be simulated is as improbable as can be; the run knows it when it goes on with the shape from before
+                Err(error) if error.kind() == ErrorKind::Physics => {
+                    let broken = vec![Hypothesis::new(&best.family, best.unknowns.clone())];
+                    run.state.survivors.insert(stage.to_owned(), broken.clone());
+                    run.finish(stage, since)?;
+                    broken
+                }
+                Err(error) => return Err(error),
+            };
+            Ok::<_, gradreel::Error>(found[0].cost.unwrap_or(f64::INFINITY))
         };
         self.reshape(run, &format!("shape in motion {round}"), &survivors[0].unknowns)?;
         if run.config.flows(self.law) {
