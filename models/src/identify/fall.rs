@@ -1,17 +1,20 @@
-//! What the free fall says of the velocity and the distance of what a single camera saw, before the pixels after it are asked.
+//! What the free fall says of velocity, distance and pitch of what a single camera saw, before the pixels after it are asked.
 
 use faer::{Mat, Side};
 use gradreel::{Error, ErrorKind, Result};
 
+use crate::identify::unknowns::Unknown;
 use crate::video::Flight;
 
-/// A velocity, and with it a distance, known to a covariance: what is expected, and directions at right angles along which it is unsure
-/// independently.
+/// A velocity, and with it a distance and a pitch, known to a covariance: what is expected, and directions at right angles along which it
+/// is unsure independently.
 #[derive(Debug, Clone)]
 pub(crate) struct Fallen {
-    /// The expected velocity \[m/s\]; the distance is expected to be what it was taken to be.
+    /// The expected velocity \[m/s\]; distance and pitch are expected to be what they were taken to be.
     pub middle: [f64; 3],
-    /// Unit vectors of three components of the velocity and, if it may be another, the distance as a share of it.
+    /// What it tells of.
+    pub unknowns: Vec<Unknown>,
+    /// Unit vectors in the space of these.
     directions: Vec<Vec<f64>>,
     /// Standard deviations along them.
     deviations: Vec<f64>,
@@ -21,17 +24,22 @@ pub(crate) struct Fallen {
 const LEAST: f64 = 1e-3;
 
 impl Fallen {
-    /// What a fall says of the velocity, and, if asked, of the distance with it: whoever is farther away falls as many pixels faster. Alone, the
-    /// velocity is as unsure as it is with any distance.
+    /// What a fall says of the velocity, and, if they may be others, of the distance and the pitch with it: whoever is farther away falls
+    /// as many pixels faster. Alone, the velocity is as unsure as it is with any distance and pitch.
     ///
     /// # Errors
     /// [`ErrorKind::NonFinite`] for a covariance that is not finite.
-    pub fn of(flight: &Flight, distance: bool) -> Result<Self> {
-        let count = if distance { 4 } else { 3 };
-        let entry = |i: usize, j: usize| match (i.min(j), i.max(j)) {
-            (3, 3) => flight.deviation * flight.deviation,
-            (axis, 3) => flight.velocity_with_distance[axis],
-            (i, j) => flight.velocity_covariance[i][j],
+    pub fn of(flight: &Flight, distance: bool, pitch: bool) -> Result<Self> {
+        let open = [distance.then_some(Unknown::DISTANCE), pitch.then_some(Unknown::PITCH)];
+        let unknowns: Vec<Unknown> = (0..3).map(Unknown::Velocity).chain(open.into_iter().flatten()).collect();
+        let count = unknowns.len();
+        let entry = |i: usize, j: usize| match (unknowns[i.min(j)], unknowns[i.max(j)]) {
+            (Unknown::Velocity(i), Unknown::Velocity(j)) => flight.velocity_covariance[i][j],
+            (Unknown::Velocity(axis), Unknown::DISTANCE) => flight.velocity_with_distance[axis],
+            (Unknown::Velocity(axis), _) => flight.pitch.with_velocity[axis],
+            (Unknown::DISTANCE, Unknown::DISTANCE) => flight.deviation * flight.deviation,
+            (Unknown::DISTANCE, _) => flight.pitch.with_distance,
+            _ => flight.pitch.deviation * flight.pitch.deviation,
         };
         let covariance = Mat::from_fn(count, count, entry);
         let not_finite = || Error::new(ErrorKind::NonFinite, "the covariance of the velocity is not finite").at("fall");
@@ -42,12 +50,7 @@ impl Fallen {
         let (u, s) = (eigen.U(), eigen.S().column_vector());
         let directions = (0..count).map(|k| (0..count).map(|i| u[(i, k)]).collect()).collect();
         let deviations = (0..count).map(|k| s[k].max(0.0).sqrt().max(LEAST)).collect();
-        Ok(Self { middle: flight.velocity, directions, deviations })
-    }
-
-    /// How many unknowns it tells of: the components of the velocity and, perhaps, the distance.
-    pub fn count(&self) -> usize {
-        self.deviations.len()
+        Ok(Self { middle: flight.velocity, unknowns, directions, deviations })
     }
 
     /// How far one standard deviation along direction `k` leads.
@@ -59,6 +62,7 @@ impl Fallen {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::video::PitchSpread;
 
     /// Steps make up the covariance.
     #[test]
@@ -75,26 +79,30 @@ mod tests {
             diameter: 0.2,
             deviation: 0.05,
             scales_world: false,
+            pitch: PitchSpread { deviation: 0.3, with_velocity: [0.01, -0.02, 0.03], with_distance: 0.01 },
         };
         let [a, b, c] = flight.velocity_with_distance;
-        let whole: Vec<Vec<f64>> = (0..3)
-            .map(|i| of_velocity[i].into_iter().chain([flight.velocity_with_distance[i]]).collect())
-            .chain([vec![a, b, c, 0.05 * 0.05]])
-            .collect();
-        for distance in [false, true] {
-            let fallen = Fallen::of(&flight, distance).unwrap();
-            let count = fallen.count();
-            assert_eq!(count, if distance { 4 } else { 3 });
-            for i in 0..count {
-                for j in 0..count {
-                    let made: f64 = (0..count).map(|k| fallen.step(k)[i] * fallen.step(k)[j]).sum();
-                    approx::assert_relative_eq!(made, whole[i][j], epsilon = 1e-12);
+        let whole = [
+            [0.05, 0.01, -0.02, a, 0.01],
+            [0.01, 0.02, 0.0, b, -0.02],
+            [-0.02, 0.0, 0.09, c, 0.03],
+            [a, b, c, 0.05 * 0.05, 0.01],
+            [0.01, -0.02, 0.03, 0.01, 0.3 * 0.3],
+        ];
+        for (distance, pitch) in [(false, false), (true, false), (false, true), (true, true)] {
+            let fallen = Fallen::of(&flight, distance, pitch).unwrap();
+            let kept: Vec<usize> = (0..5).filter(|k| *k < 3 || [distance, pitch][k - 3]).collect();
+            assert_eq!(fallen.unknowns.len(), kept.len());
+            for (i, &row) in kept.iter().enumerate() {
+                for (j, &column) in kept.iter().enumerate() {
+                    let made: f64 = (0..kept.len()).map(|k| fallen.step(k)[i] * fallen.step(k)[j]).sum();
+                    approx::assert_relative_eq!(made, whole[row][column], epsilon = 1e-12);
                 }
             }
         }
         let lost = Flight { velocity_covariance: [[f64::NAN; 3]; 3], ..flight };
-        assert_eq!(Fallen::of(&lost, false).unwrap_err().kind(), ErrorKind::NonFinite);
+        assert_eq!(Fallen::of(&lost, false, false).unwrap_err().kind(), ErrorKind::NonFinite);
         let lost = Flight { deviation: f64::INFINITY, ..flight };
-        assert_eq!(Fallen::of(&lost, true).unwrap_err().kind(), ErrorKind::NonFinite);
+        assert_eq!(Fallen::of(&lost, true, true).unwrap_err().kind(), ErrorKind::NonFinite);
     }
 }

@@ -1,12 +1,14 @@
-//! How a body that a single camera saw leans away from it, to the side or upwards, and how far away it is.
+//! How a body that a single camera saw leans away from it, to the side or upwards, how far away it is, and how far down the camera looks.
 
 use std::borrow::Cow;
 
 use gradreel::Result;
 
+use super::pitch::Pitch;
 use crate::field::bounding_sphere;
+use crate::identify::Unknowns;
 use crate::particles::Particles;
-use crate::vector::{dot, minus};
+use crate::vector::{dot, minus, product};
 use crate::video::{Camera, Clip};
 
 /// The only camera of a clip, and where it sees the middle of the object in the first frame.
@@ -20,8 +22,11 @@ pub struct Sight {
     eye: [f64; 3],
     /// Right, up and away in the world.
     axes: [[f64; 3]; 3],
-    /// Tangents of the middle.
+    /// The middle, and its tangents.
+    centre: [f64; 3],
     middle: [f64; 2],
+    /// Growth of all lengths with the camera's pitch \[1/rad\].
+    growth: f64,
 }
 
 impl Sight {
@@ -31,7 +36,12 @@ impl Sight {
     /// When no camera sees the object in the first frame.
     pub fn of(clip: &Clip) -> Result<Option<Self>> {
         match (&clip.cameras[..], &clip.around) {
-            ([camera], None) => Ok(Self::at(camera, bounding_sphere(clip, 0)?.centre)),
+            ([camera], None) => {
+                let sight = Self::at(camera, bounding_sphere(clip, 0)?.centre);
+                let pitch = clip.flight.map(|flight| flight.pitch).filter(|pitch| pitch.deviation > 0.0);
+                let growth = pitch.map_or(0.0, |pitch| pitch.with_distance / pitch.deviation.powi(2));
+                Ok(sight.map(|sight| sight.growing(growth)))
+            }
             _ => Ok(None),
         }
     }
@@ -40,8 +50,14 @@ impl Sight {
     pub fn at(camera: &Camera, middle: [f64; 3]) -> Option<Self> {
         let axis = |column: usize, sign: f64| camera.c2w.map(|row| sign * row[column]);
         let axes = [axis(0, 1.0), axis(1, 1.0), axis(2, -1.0)];
-        let sight = Self { eye: camera.centre(), axes, middle: [0.0; 2] };
+        let sight = Self { eye: camera.centre(), axes, centre: middle, middle: [0.0; 2], growth: 0.0 };
         sight.tangents(middle).map(|middle| Self { middle, ..sight })
+    }
+
+    /// The same where all lengths grow so with the camera's pitch \[1/rad\].
+    #[must_use]
+    pub(super) fn growing(self, growth: f64) -> Self {
+        Self { growth, ..self }
     }
 
     /// How far to the right of the middle a point is seen, and how far above; `None` behind the camera.
@@ -57,16 +73,54 @@ impl Sight {
         [right, up, 1.0].map(|share| ray.map(|x| x * share))
     }
 
-    /// The body with this lean.
-    pub fn leaning<'a>(&self, body: &'a Particles, lean: [f64; 3]) -> Cow<'a, Particles> {
-        if lean == [0.0; 3] {
+    /// How body and camera stand in the world.
+    pub(super) fn pitch(&self, ground: f64) -> Pitch {
+        Pitch::new(self.centre, self.axes[0], self.growth, ground)
+    }
+
+    /// Where a point of the body is with this lean, before the camera's pitch is counted.
+    pub(super) fn leant(&self, x: [f64; 3], lean: [f64; 4]) -> [f64; 3] {
+        let rates = self.rates(x);
+        std::array::from_fn(|axis| x[axis] + (0..3).map(|k| lean[k] * rates[k][axis]).sum::<f64>())
+    }
+
+    /// The body with this lean, over a ground of this height.
+    pub(super) fn leaning<'a>(&self, body: &'a Particles, lean: [f64; 4], ground: f64) -> Cow<'a, Particles> {
+        if lean == [0.0; 4] {
             return Cow::Borrowed(body);
         }
+        let pitch = self.pitch(ground);
         let moved = |x: &[f64; 3]| {
-            let rates = self.rates(*x);
-            std::array::from_fn(|axis| x[axis] + (0..3).map(|k| lean[k] * rates[k][axis]).sum::<f64>())
+            let leant = self.leant(*x, lean);
+            if lean[3] == 0.0 { leant } else { pitch.placed(leant, lean[3]) }
         };
         Cow::Owned(Particles { positions: body.positions.iter().map(moved).collect(), ..body.clone() })
+    }
+}
+
+impl Sight {
+    /// Turns a clip and the body in it as the pitch that was found says, so that the vertical of both is that of the world, and lengths are
+    /// those with which it moved. Every camera sees every point where it saw it before.
+    pub(super) fn stand_upright(&self, (clip, body, unknowns): &mut (Clip, Particles, Unknowns), ground: f64) {
+        let angle = std::mem::take(&mut unknowns.lean[3]);
+        if angle == 0.0 {
+            return;
+        }
+        let pitch = self.pitch(ground);
+        let (scale, turn) = (pitch.scale(angle), pitch.turn(angle));
+        for camera in &mut clip.cameras {
+            let centre = pitch.placed(camera.centre(), angle);
+            let axes = camera.c2w.map(|[x, y, z, _]| [x, y, z]);
+            let turned = product(turn, axes);
+            camera.c2w = std::array::from_fn(|i| [turned[i][0], turned[i][1], turned[i][2], centre[i]]);
+        }
+        if let Some(flight) = &mut clip.flight {
+            flight.centre = pitch.placed(flight.centre, angle);
+            flight.distance *= scale;
+            flight.diameter *= scale;
+        }
+        body.positions.iter_mut().for_each(|x| *x = pitch.placed(*x, angle));
+        body.spacing *= scale;
     }
 }
 
@@ -77,7 +131,67 @@ const LEAN: [f64; 2] = [-0.6, 0.6];
 /// The range in which the distance of a body is expected to differ from what its fall says, as a share, where nothing more is said of it.
 const FARTHER: [f64; 2] = [-0.15, 0.15];
 
+/// The range of what the camera's pitch is off, where no fall tells of it \[rad\].
+const PITCH: [f64; 2] = [-0.5, 0.5];
+
 /// The range in which a component of the lean is expected.
 pub(super) fn range_of(axis: usize) -> [f64; 2] {
-    if axis < 2 { LEAN } else { FARTHER }
+    match axis {
+        0 | 1 => LEAN,
+        2 => FARTHER,
+        _ => PITCH,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::vector::rotation;
+
+    /// A camera that was taken to look 20° down and looks 32° down: it sees every point where it saw it, and up is up.
+    #[test]
+    fn what_stands_upright_is_seen_where_it_was() {
+        let (ground, angle, growth) = (0.1, 12f64.to_radians(), 0.3);
+        let [x, y, z] = rotation([-20f64.to_radians(), 0.0, 0.0]);
+        let c2w = [[x[0], x[1], x[2], 0.2], [y[0], y[1], y[2], 1.5], [z[0], z[1], z[2], 0.4]];
+        let camera = Camera { id: 0, width: 64, height: 48, fx: 60.0, fy: 60.0, cx: 32.0, cy: 24.0, c2w };
+        let middle = [0.3, 0.6, -2.0];
+        let points = vec![middle, [0.4, 0.7, -2.1], [0.1, 0.5, -1.8]];
+        let count = points.len();
+        let body = Particles {
+            positions: points.clone(),
+            opacity: vec![1.0; count],
+            colour: vec![[0.5; 3]; count],
+            spacing: 0.02,
+        };
+        let clip = Clip {
+            name: String::new(),
+            root: std::path::PathBuf::new(),
+            cameras: vec![camera.clone()],
+            times: vec![],
+            frame_numbers: vec![],
+            frames: vec![vec![]],
+            foreground: vec![],
+            imagined: vec![false],
+            assumptions: vec![],
+            flight: None,
+            around: None,
+        };
+        let mut found = (clip, body, Unknowns { lean: [0.1, 0.0, 0.0, angle], ..Unknowns::default() });
+        Sight::at(&camera, middle).unwrap().growing(growth).stand_upright(&mut found, ground);
+        let (clip, body, unknowns) = found;
+        assert_eq!(unknowns.lean, [0.1, 0.0, 0.0, 0.0]);
+        let stands = &clip.cameras[0];
+        let scale = (growth * angle).exp();
+        for (x, old) in body.positions.iter().zip(&points) {
+            let ([u, v, depth], [u2, v2, before]) = (stands.project(*x).unwrap(), camera.project(*old).unwrap());
+            approx::assert_relative_eq!(u, u2, epsilon = 1e-9);
+            approx::assert_relative_eq!(v, v2, epsilon = 1e-9);
+            approx::assert_relative_eq!(depth, scale * before, epsilon = 1e-9);
+        }
+        // it looks along −z of its own, 32° down
+        approx::assert_relative_eq!(stands.c2w[1][2], 32f64.to_radians().sin(), epsilon = 1e-12);
+        approx::assert_relative_eq!(body.positions[0][1] - ground, scale * (middle[1] - ground), epsilon = 1e-12);
+        approx::assert_relative_eq!(body.spacing, scale * 0.02, epsilon = 1e-15);
+    }
 }

@@ -15,6 +15,7 @@ use crate::identify::{Free, Problem, Unknowns};
 use crate::physics::{Rollout, Schedule};
 use crate::render::trajectory::Middle;
 use crate::render::{Splat, render_jvp};
+use crate::vector::{plus, times};
 
 /// The loss around a point, to second order in the sense of Gauss and Newton.
 ///
@@ -274,6 +275,33 @@ impl Problem<'_> {
     /// # Errors
     /// As [`Rollout::jvp`].
     pub fn tangents(&self, unknowns: &Unknowns, free: Free, schedule: Schedule) -> Result<(Tensor, Vec<Tensor>)> {
+        let (motion, tangents) = self.tangents_in_world(unknowns, free, schedule)?;
+        let (pitch, list) = (unknowns.lean[3], free.list(&self.law));
+        let Some(sight) = self.observed.sight.filter(|_| pitch != 0.0 || free.pitch()) else {
+            return Ok((motion, tangents));
+        };
+        let stand = sight.pitch(self.ground);
+        let (by, from) = stand.seen(pitch);
+        let mapped = |points: &Tensor, of: &dyn Fn(usize, [f64; 3]) -> [f64; 3]| {
+            let values = points.to_vec()?;
+            let each = values.as_chunks::<3>().0.iter().enumerate();
+            let values: Vec<f64> = each.flat_map(|(i, x)| of(i, *x)).collect();
+            Tensor::from_vec(values, points.dims()).cast(self.dtype)
+        };
+        let seen = mapped(&motion, &|_, x| plus(times(&by, x), from))?;
+        let points = seen.to_vec()?;
+        let points = points.as_chunks::<3>().0;
+        let turned = |(tangent, unknown): (&Tensor, &Unknown)| {
+            mapped(tangent, &|i, x| match *unknown {
+                Unknown::PITCH => plus(times(&by, x), stand.seen_rate(points[i], pitch)),
+                _ => times(&by, x),
+            })
+        };
+        let tangents = tangents.iter().zip(&list).map(turned).collect::<Result<_>>()?;
+        Ok((seen, tangents))
+    }
+
+    fn tangents_in_world(&self, unknowns: &Unknowns, free: Free, schedule: Schedule) -> Result<(Tensor, Vec<Tensor>)> {
         if self.flying {
             return self.flight_tangents(unknowns, free, schedule);
         }
@@ -329,7 +357,7 @@ impl Problem<'_> {
                     let lower = [0.0, -slope * self.world.dx, 0.0].repeat(opacity.len());
                     direction[0] = Some(Tensor::from_vec(lower, [opacity.len(), 3]).cast(self.dtype)?);
                 }
-                Unknown::Lean(axis) => direction[0] = Some(self.lean_field(axis)?),
+                Unknown::Lean(axis) => direction[0] = Some(self.lean_field(axis, unknowns.lean)?),
             }
             directions.push(direction);
         }
@@ -431,7 +459,7 @@ impl Problem<'_> {
                 let share = unknowns.slope(&self.law, unknown) / (2.0 * NEARBY);
                 tensor(beside(1.0).into_iter().zip(beside(-1.0)).map(|(high, low)| share * (high - low)).collect())
             }
-            Unknown::Lean(axis) => tensor(self.lean_field(axis)?.to_vec()?.repeat(frames)),
+            Unknown::Lean(axis) => tensor(self.lean_field(axis, unknowns.lean)?.to_vec()?.repeat(frames)),
             Unknown::Parameter(_) | Unknown::Contact => tensor(vec![0.0; 3 * frames * positions.len()]),
         };
         let tangents = free.list(&self.law).into_iter().map(tangent).collect::<Result<_>>()?;
@@ -439,7 +467,7 @@ impl Problem<'_> {
     }
 
     /// The particles at each frame as far as they are turned, not as they fall.
-    pub(super) fn turned(&self, spin: [f64; 3], lean: [f64; 3], schedule: Schedule) -> Vec<Vec<[f64; 3]>> {
+    pub(super) fn turned(&self, spin: [f64; 3], lean: [f64; 4], schedule: Schedule) -> Vec<Vec<[f64; 3]>> {
         let body = self.leaning(lean);
         let (positions, frames) = (&body.positions, schedule.frames);
         if spin == [0.0; 3] {
@@ -451,14 +479,22 @@ impl Problem<'_> {
     }
 
     /// The velocities of all particles for a spin of 1 rad/s about each axis, `[3, 3 particles]` \[m/s\].
-    pub(super) fn spin_field(&self, lean: [f64; 3]) -> Result<Tensor> {
+    pub(super) fn spin_field(&self, lean: [f64; 4]) -> Result<Tensor> {
         let body = self.leaning(lean);
         Gyration::of(&body).velocities(&body, self.world.dx, self.dtype)
     }
 
-    /// How the particles move for each unit of the lean to the right (0), upwards (1), or in distance (2), `[particles, 3]` \[m\].
-    fn lean_field(&self, axis: usize) -> Result<Tensor> {
-        let rate = |x: &[f64; 3]| self.observed.sight.map_or([0.0; 3], |sight| sight.rates(*x)[axis]);
+    /// How the particles move in the world for each unit of the lean to the right (0), upwards (1), in distance (2), or of the camera's
+    /// pitch (3), `[particles, 3]` \[m\].
+    fn lean_field(&self, axis: usize, lean: [f64; 4]) -> Result<Tensor> {
+        let rate = |x: &[f64; 3]| {
+            let Some(sight) = self.observed.sight else { return [0.0; 3] };
+            let stand = sight.pitch(self.ground);
+            match axis {
+                3 => stand.rate(sight.leant(*x, lean), lean[3]),
+                _ => stand.along(sight.rates(*x)[axis], lean[3]),
+            }
+        };
         let values = self.particles.positions.iter().flat_map(rate).collect();
         Tensor::from_vec(values, [self.particles.len(), 3]).cast(self.dtype)
     }

@@ -29,6 +29,7 @@ mod ground;
 mod hypotheses;
 mod interval;
 mod lean;
+mod pitch;
 mod linearise;
 mod loss;
 mod own_law;

@@ -12,7 +12,7 @@ use crate::identify::{Bound, Config, Free, RangePenalty, Unknowns};
 use crate::particles::Particles;
 use crate::physics::{Body, Collider, Law, Parameter, Remat, Schedule, World, rollout};
 use crate::render::{Rays, Robust, Splat, Surface, Target, Trajectory, render};
-use crate::vector::norm;
+use crate::vector::{norm, transposed};
 use crate::video::Clip;
 
 /// How far the step may exceed what the unknowns ask for before it is made smaller; the recommended step leaves more room
@@ -167,6 +167,22 @@ impl<'a> Problem<'a> {
     /// # Errors
     /// What the rollout returns.
     pub fn motion_of(&self, opacity: &Var, bound: &Bound, schedule: Schedule) -> Result<Var> {
+        self.seen(&self.motion_in_world(opacity, bound, schedule)?, bound.lean)
+    }
+
+    /// Positions in the world as the camera that was taken to look in another direction sees them.
+    fn seen(&self, motion: &Var, lean: [f64; 4]) -> Result<Var> {
+        let Some(sight) = self.observed.sight.filter(|_| lean[3] != 0.0) else { return Ok(motion.clone()) };
+        let (by, from) = sight.pitch(self.ground).seen(lean[3]);
+        // positions are rows
+        let by = Tensor::from_vec(transposed(by).as_flattened().to_vec(), [3, 3]).cast(self.dtype)?;
+        let shape: Vec<usize> = motion.dims().to_vec();
+        let rows = motion.reshape([shape.iter().product::<usize>() / 3, 3]);
+        let seen = &rows.matmul(&motion.tape().constant(by)) + &self.constant(motion.tape(), from)?;
+        Ok(seen.reshape(shape))
+    }
+
+    fn motion_in_world(&self, opacity: &Var, bound: &Bound, schedule: Schedule) -> Result<Var> {
         let tape = opacity.tape();
         if self.flying {
             return self.flight(tape, bound, schedule);
@@ -227,9 +243,9 @@ impl<'a> Problem<'a> {
     }
 
     /// The body with this lean.
-    pub(super) fn leaning(&self, lean: [f64; 3]) -> Cow<'_, Particles> {
+    pub(super) fn leaning(&self, lean: [f64; 4]) -> Cow<'_, Particles> {
         match &self.observed.sight {
-            Some(sight) => sight.leaning(self.particles, lean),
+            Some(sight) => sight.leaning(self.particles, lean, self.ground),
             None => Cow::Borrowed(self.particles),
         }
     }
@@ -239,7 +255,7 @@ impl<'a> Problem<'a> {
     ///
     /// # Errors
     /// Never for `f32` and `f64`.
-    pub(crate) fn placed(&self, contact: f64, lean: [f64; 3]) -> Result<Tensor> {
+    pub(crate) fn placed(&self, contact: f64, lean: [f64; 4]) -> Result<Tensor> {
         let (shift, body) = (contact * self.world.dx, self.leaning(lean));
         let lower = body.positions.iter().flat_map(|x| [x[0], x[1] - shift, x[2]]);
         Tensor::from_vec(lower.collect(), [self.particles.len(), 3]).cast(self.dtype)

@@ -11,7 +11,7 @@ use crate::field::{Faces, Field, Hull, Sphere, bounding_sphere, fill_gaps, fit, 
 use crate::identify::ground::find_ground;
 use crate::identify::run::Run;
 use crate::identify::with_voxels::{UNKNOWNS, WithVoxels};
-use crate::identify::{Observed, Problem, Reached, Unknowns, first_contact, velocity_of_silhouettes};
+use crate::identify::{Observed, Problem, Reached, Sight, Unknowns, first_contact, velocity_of_silhouettes};
 use crate::particles::Particles;
 use crate::physics::Law;
 use crate::runtime::interrupt;
@@ -288,7 +288,11 @@ impl Reconstruction {
         };
         let (field, params) = run.load_field(&mut Adam::new(0.0))?;
         let particles = Particles::of_field(&field, &params, run.config.geometry.least_opacity)?;
-        let clip = clip.scaled(shrink_factor(clip, run, 2.0 * particles.spacing)?);
+        let mut found = (clip.scaled(shrink_factor(clip, run, 2.0 * particles.spacing)?), particles, unknowns);
+        if let Some(sight) = Sight::of(&found.0)? {
+            sight.stand_upright(&mut found, run.config.world.ground);
+        }
+        let (clip, particles, unknowns) = found;
         let observed = Observed::of(&clip, &run.config, DTYPE)?;
         Ok(Self { particles, unknowns, law, clip, observed, given: BTreeSet::new(), changes: Vec::new() })
     }
@@ -318,7 +322,9 @@ pub(crate) fn describe(law: &Law, unknowns: &Unknowns) -> String {
         }
     });
     let lean = match unknowns.lean {
-        lean @ [right, up, farther] if lean != [0.0; 3] => format!("  lean ({right:.2}, {up:.2}, {farther:.3})"),
+        lean @ [right, up, farther, pitch] if lean != [0.0; 4] => {
+            format!("  lean ({right:.2}, {up:.2}, {farther:.3})  pitch {:+.1}°", pitch.to_degrees())
+        }
         _ => String::new(),
     };
     format!("v ({x:.3}, {y:.3}, {z:.3}) m/s{spin}  {}{lean}", parameters.collect::<Vec<_>>().join("  "))

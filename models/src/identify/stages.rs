@@ -56,13 +56,30 @@ impl Stages<'_> {
 
     /// What the fall of what a single camera saw says of its velocity.
     pub fn fall(&self, run: &Run) -> Result<Option<Fallen>> {
-        self.clip.flight.as_ref().map(|flight| Fallen::of(flight, self.distance_is_open(run))).transpose()
+        self.clip
+            .flight
+            .as_ref()
+            .map(|flight| Fallen::of(flight, self.distance_is_open(run), self.pitch_is_open(run)))
+            .transpose()
     }
 
     /// Whether only the fall says how far away the body is, in a world that is known. Where the world's metres follow from the fall as
     /// well, nothing is seen to be nearer or farther than it was taken to be.
     pub fn distance_is_open(&self, run: &Run) -> bool {
         self.leans(run) && self.clip.flight.is_some_and(|flight| !flight.scales_world)
+    }
+
+    /// Whether only the fall, and what follows it, says how far down the camera looks.
+    pub fn pitch_is_open(&self, run: &Run) -> bool {
+        self.leans(run) && self.clip.flight.is_some_and(|flight| flight.pitch.deviation > 0.0)
+    }
+
+    /// The standard deviation of all lengths, as a share, that the fall of what a single camera saw leaves: at a given pitch, if that is
+    /// an unknown.
+    pub fn length(&self, run: &Run) -> f64 {
+        let Some(flight) = &self.clip.flight else { return 0.0 };
+        let of_pitch = if self.pitch_is_open(run) { flight.pitch.with_distance / flight.pitch.deviation } else { 0.0 };
+        (flight.deviation.powi(2) - of_pitch.powi(2)).max(0.0).sqrt()
     }
 
     /// The pressure `ρ v²` with which the body meets the ground \[Pa\].

@@ -30,7 +30,7 @@ pub const VELOCITY: [&str; 3] = ["velocity_x", "velocity_y", "velocity_z"];
 pub const SPIN: [&str; 3] = ["spin_x", "spin_y", "spin_z"];
 
 /// Names of the lean's components.
-pub(super) const LEAN: [&str; 3] = ["lean_right", "lean_up", "farther"];
+pub(super) const LEAN: [&str; 4] = ["lean_right", "lean_up", "farther", "pitch"];
 
 /// Velocity \[m/s\], spin \[rad/s\] and material parameters (SI units).
 #[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
@@ -46,10 +46,10 @@ pub struct Unknowns {
     /// ground, and a coarse one earlier than a fine one or the real ground.
     #[serde(default)]
     pub contact: f64,
-    /// How much deeper than it was taken to be a body lies that a single camera saw, in metres for each metre to the right, upwards, and
-    /// of its distance.
+    /// How otherwise than it was taken to a body lies that a single camera saw: how much deeper, in metres for each metre to the right,
+    /// upwards, and of its distance; and how much further down the camera looks \[rad\].
     #[serde(default)]
-    pub lean: [f64; 3],
+    pub lean: [f64; 4],
 }
 
 /// The coordinate of the unknown of this name at a value in its unit, and how fast it changes with the value.
@@ -96,6 +96,9 @@ pub struct Chosen {
     pub lean: bool,
     /// Whether its distance is.
     pub distance: bool,
+    /// Whether the pitch of the camera is.
+    #[serde(default)]
+    pub pitch: bool,
 }
 
 /// What is known of the height at which the ground is felt.
@@ -131,13 +134,16 @@ pub enum Unknown {
     Parameter(usize),
     /// The height at which the ground is felt.
     Contact,
-    /// A component of the lean: to the right, upwards, or the distance.
+    /// A component of the lean: to the right, upwards, the distance, or the camera's pitch.
     Lean(usize),
 }
 
 impl Unknown {
-    /// The last component of the lean.
+    /// The distance of what a single camera saw.
     pub const DISTANCE: Self = Self::Lean(2);
+
+    /// The pitch of a single camera.
+    pub const PITCH: Self = Self::Lean(3);
 
     /// Its name in results.
     pub fn name(self, law: &Law) -> String {
@@ -162,16 +168,20 @@ impl Unknown {
     }
 }
 
+/// Nothing is free.
+const NONE: Chosen = Chosen {
+    velocity: false,
+    spin: false,
+    parameters: 0,
+    contact: Ground::Held,
+    lean: false,
+    distance: false,
+    pitch: false,
+};
+
 impl Free {
     /// Nothing.
-    pub const NOTHING: Self = Self::Chosen(Chosen {
-        velocity: false,
-        spin: false,
-        parameters: 0,
-        contact: Ground::Held,
-        lean: false,
-        distance: false,
-    });
+    pub const NOTHING: Self = Self::Chosen(NONE);
 
     fn velocity(self) -> bool {
         matches!(self, Self::Velocity | Self::Both | Self::Chosen(Chosen { velocity: true, .. }))
@@ -195,7 +205,7 @@ impl Free {
         let free = law.parameters().iter().enumerate().take(64).filter(|(_, p)| !held.contains(&p.name));
         let ground = if world { Ground::Known } else { Ground::Held };
         let parameters = free.map(|(k, _)| 1 << k).sum();
-        Self::Chosen(Chosen { velocity: world, spin: false, parameters, contact: ground, lean: false, distance: false })
+        Self::Chosen(Chosen { velocity: world, parameters, contact: ground, ..NONE })
     }
 
     /// The same with the velocity.
@@ -228,12 +238,26 @@ impl Free {
         Self::Chosen(Chosen { distance: true, ..self.chosen(law) })
     }
 
+    /// The same with the pitch of the camera.
+    #[must_use]
+    pub fn with_pitch(self, law: &Law) -> Self {
+        Self::Chosen(Chosen { pitch: true, ..self.chosen(law) })
+    }
+
     /// The same, one by one.
     fn chosen(self, law: &Law) -> Chosen {
         let free = law.parameters().iter().enumerate().take(64).filter(|(k, p)| self.parameter(*k, p.map));
         let parameters = free.map(|(k, _)| 1 << k).sum();
         let (velocity, spin, contact) = (self.velocity(), self.spin(), self.contact());
-        Chosen { velocity, spin, parameters, contact, lean: self.lean(), distance: self.distance() }
+        Chosen {
+            velocity,
+            spin,
+            parameters,
+            contact,
+            lean: self.lean(),
+            distance: self.distance(),
+            pitch: self.pitch(),
+        }
     }
 
     /// What is known of the height at which the ground is felt.
@@ -253,6 +277,11 @@ impl Free {
         matches!(self, Self::Chosen(Chosen { distance: true, .. }))
     }
 
+    /// Whether the camera's pitch is free.
+    pub fn pitch(self) -> bool {
+        matches!(self, Self::Chosen(Chosen { pitch: true, .. }))
+    }
+
     /// The free unknowns in the order of their coordinates.
     pub fn list(self, law: &Law) -> Vec<Unknown> {
         let velocity = (0..3).filter(|_| self.velocity()).map(Unknown::Velocity);
@@ -260,7 +289,8 @@ impl Free {
         let parameters = law.parameters().iter().enumerate().filter(|(k, p)| self.parameter(*k, p.map));
         let contact = (self.contact() != Ground::Held).then_some(Unknown::Contact);
         let lean = (0..2).filter(|_| self.lean()).map(Unknown::Lean);
-        let body = contact.into_iter().chain(lean).chain(self.distance().then_some(Unknown::DISTANCE));
+        let distance = self.distance().then_some(Unknown::DISTANCE);
+        let body = contact.into_iter().chain(lean).chain(distance).chain(self.pitch().then_some(Unknown::PITCH));
         velocity.chain(spin).chain(parameters.map(|(k, _)| Unknown::Parameter(k))).chain(body).collect()
     }
 }
@@ -279,13 +309,13 @@ pub struct Bound {
     /// How much higher than it is the ground is felt, in grid spacings; never a leaf.
     pub contact: f64,
     /// The lean; never a leaf.
-    pub lean: [f64; 3],
+    pub lean: [f64; 4],
 }
 
 impl Unknowns {
-    /// Depth shear to the right and upwards \[m/m\], and depth scale, a share of the distance: the modes of the body that a single
-    /// camera saw.
-    pub fn depth_modes(&self) -> [f64; 3] {
+    /// Depth shear to the right and upwards \[m/m\], depth scale, a share of the distance, and how much further down than it was taken
+    /// to the camera looks \[rad\]: the modes of what a single camera saw.
+    pub fn depth_modes(&self) -> [f64; 4] {
         self.lean
     }
 

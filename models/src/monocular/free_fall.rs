@@ -5,7 +5,7 @@ use gradreel::optim::{LevenbergMarquardt, Residuals};
 
 use super::sighting::Sighting;
 use crate::vector::{dot, times};
-use crate::video::{Camera, Flight};
+use crate::video::{Camera, Flight, PitchSpread};
 
 /// Standard deviation of a silhouette's centroid: a share of its side, with a minimum in pixels.
 const MIDDLE: [f64; 2] = [0.003, 0.25];
@@ -64,6 +64,10 @@ pub struct FreeFall {
     pub spread: [[f64; 3]; 3],
     /// Covariance of that velocity with the logarithm of the distance \[1/s\].
     pub with_distance: [f64; 3],
+    /// Variance of the pitch \[rad²\]; 0 if it is known.
+    pub angle_variance: f64,
+    /// Covariances of the pitch with that velocity \[rad/s\], in camera axes, and with the logarithm of the distance \[rad\].
+    pub with_angle: ([f64; 3], f64),
     /// `½ Σ r²`, residuals in standard deviations.
     pub cost: f64,
 }
@@ -74,15 +78,42 @@ impl FreeFall {
         [0, 1, 2].map(|axis| self.start[axis] + self.velocity[axis] * t + 0.5 * self.gravity * self.down[axis] * t * t)
     }
 
+    /// How the velocity in world axes changes with the pitch \[1/s\]: the camera's axes turn about the first, to the right.
+    fn turning(&self, turn: &[[f64; 3]; 3]) -> [f64; 3] {
+        if self.angle_variance == 0.0 {
+            return [0.0; 3];
+        }
+        let [_, y, z] = self.velocity;
+        times(turn, [0.0, z, -y])
+    }
+
     /// Covariance of the velocity \[m²/s²\] in world axes, where `turn` rotates camera to world coordinates, at a
     /// distance \[m\].
     pub fn velocity_covariance(&self, turn: &[[f64; 3]; 3], distance: f64) -> [[f64; 3]; 3] {
-        turn.map(|a| turn.map(|b| distance * distance * dot(a, times(&self.spread, b))))
+        let (turning, with_angle) = (self.turning(turn), times(turn, self.with_angle.0));
+        std::array::from_fn(|i| {
+            std::array::from_fn(|j| {
+                let of_axes = with_angle[i] * turning[j] + turning[i] * with_angle[j];
+                let own = dot(turn[i], times(&self.spread, turn[j]));
+                distance * distance * (own + of_axes + turning[i] * turning[j] * self.angle_variance)
+            })
+        })
     }
 
     /// Covariance of the velocity with the relative distance \[m/s\] for the same arguments.
     pub fn velocity_with_distance(&self, turn: &[[f64; 3]; 3], distance: f64) -> [f64; 3] {
-        times(turn, self.with_distance).map(|x| distance * x)
+        let (turning, own) = (self.turning(turn), times(turn, self.with_distance));
+        std::array::from_fn(|axis| distance * (own[axis] + turning[axis] * self.with_angle.1))
+    }
+
+    /// How uncertain the pitch is, for the same arguments.
+    pub fn pitch_spread(&self, turn: &[[f64; 3]; 3], distance: f64) -> PitchSpread {
+        let (turning, own) = (self.turning(turn), times(turn, self.with_angle.0));
+        PitchSpread {
+            deviation: self.angle_variance.sqrt(),
+            with_velocity: std::array::from_fn(|axis| distance * (own[axis] + turning[axis] * self.angle_variance)),
+            with_distance: self.with_angle.1,
+        }
     }
 
     /// Fits `sightings` with a ballistic trajectory. `bias` is the difference between a sighting and the projection
@@ -166,6 +197,8 @@ impl FreeFall {
         };
         // the distance is g/γ, hence d ln(distance) = −dγ/γ
         let with_distance = |i: usize| (rate[i] * covariance(5, 5) - covariance(2 + i, 5)) / p[5];
+        let of_angle = |i: usize| if tilt.is_some() { covariance(i, 7) } else { 0.0 };
+        let with_angle = std::array::from_fn(|i| of_angle(2 + i) - rate[i] * of_angle(5));
         Ok(Self {
             frames: sightings.len(),
             start: [p[0], p[1], -1.0],
@@ -176,6 +209,8 @@ impl FreeFall {
             deviation: covariance(5, 5).sqrt() / p[5].abs(),
             spread: std::array::from_fn(|i| std::array::from_fn(|j| spread(i, j))),
             with_distance: std::array::from_fn(with_distance),
+            angle_variance: of_angle(7),
+            with_angle: (with_angle, -of_angle(5) / p[5]),
             cost: fit.cost,
         })
     }

@@ -56,6 +56,7 @@ pub(crate) fn sight(clip: &mut Clip, gravity: [f64; 3]) -> Result<()> {
         diameter: 2.0 * distance * half_extent(clip),
         deviation: fall.deviation,
         scales_world: false,
+        pitch: fall.pitch_spread(&turn, distance),
     });
     clip.assumptions.push(format!(
         "a single camera: the object is {distance:.3} m away (± {:.0} %), as it falls freely in the first {} frames; it is taken \

@@ -288,7 +288,7 @@ fn notes(
     if let Some(contact) = run.state.contact {
         notes.push(("First frame in contact".into(), contact.to_string()));
     }
-    let [right, up, scale] = found.unknowns.depth_modes();
+    let [right, up, scale, _] = found.unknowns.depth_modes();
     if [right, up] != [0.0; 2] {
         let shear = format!("{right:.2} m deeper for each metre to the right, {up:.2} m for each upwards");
         notes.push(("Depth shear".into(), shear));
@@ -296,6 +296,11 @@ fn notes(
     if scale != 0.0 {
         let share = format!("{:+.1} % of what its fall alone says, as it is where it lands", 100.0 * scale);
         notes.push(("Depth scale".into(), share));
+    }
+    let pitch = run.state.unknowns.as_ref().map_or(0.0, |unknowns| unknowns.depth_modes()[3]);
+    if pitch != 0.0 {
+        let degrees = format!("{:+.1}° from what its fall alone says, as it moves on the ground", pitch.to_degrees());
+        notes.push(("Pitch of the camera".into(), degrees));
     }
     for Standing { family, stage, loss, behind } in &run.state.standings {
         let chosen = if *family == run.config.material.name { ": chosen" } else { "" };

@@ -98,6 +98,19 @@ pub struct Flight {
     /// Whether the metric scale of the whole world, ground included, follows from this drop. Otherwise the camera
     /// is calibrated and only the object's depth is uncertain.
     pub scales_world: bool,
+    /// What is known of the camera's pitch, together with the rest.
+    pub pitch: PitchSpread,
+}
+
+/// How uncertain the downward pitch of a camera is, and its covariances with what the fall tells; zero where the pitch is known.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PitchSpread {
+    /// Standard deviation \[rad\].
+    pub deviation: f64,
+    /// Covariance with the velocity \[rad m/s\].
+    pub with_velocity: [f64; 3],
+    /// Covariance with the relative distance \[rad\].
+    pub with_distance: f64,
 }
 
 /// Prefix of those lines of [`Clip::assumptions`] that warn of implausible values.

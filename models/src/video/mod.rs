@@ -78,7 +78,7 @@ mod select;
 
 pub use camera::Camera;
 pub(crate) use clip::WARNING;
-pub use clip::{Around, Clip, Flight, Frame, OpenOptions, PixelRect};
+pub use clip::{Around, Clip, Flight, Frame, OpenOptions, PitchSpread, PixelRect};
 pub use film::{Film, FilmSettings, MattingSettings};
 pub use foreground::Foreground;
 pub(crate) use image::Image;

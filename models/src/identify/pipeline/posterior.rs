@@ -186,7 +186,7 @@ impl Stages<'_> {
         let requests: Vec<Request> = survivors.iter().map(request).collect();
         let answers = Threads(&settings).evaluate(&requests)?;
         let diameter = 2.0 * (0.75 * level.particles.volume() / std::f64::consts::PI).cbrt();
-        let length = self.clip.flight.map_or(0.0, |flight| flight.deviation);
+        let length = self.length(run);
         let fall = self.fall(run)?;
         let mut surveys = Vec::new();
         for (survivor, answer) in survivors.iter().zip(answers) {

@@ -81,7 +81,8 @@ impl Stages<'_> {
         let free = if self.freedom_of_flight(world) { free.with_velocity(law) } else { free };
         let free = free.with_spin(law, run.config.estimate.spin);
         let free = if self.leans(run) { free.with_lean(law) } else { free };
-        Ok(if self.distance_is_open(run) { free.with_distance(law) } else { free })
+        let free = if self.distance_is_open(run) { free.with_distance(law) } else { free };
+        Ok(if self.pitch_is_open(run) { free.with_pitch(law) } else { free })
     }
 
     /// The loss of a frame that no motion explains: that of the frames of flight, with the velocity that they have shown.

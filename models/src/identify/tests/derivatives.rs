@@ -94,11 +94,12 @@ fn contact_height(problem: &Problem<'_>, truth: &Unknowns, frames: usize) {
 fn a_body_leans_along_the_rays_of_its_camera() {
     let (config, particles, truth, seen_by_three) = thrown();
     let middle = particles.centre_of_mass();
-    let observed = Observed { sight: Sight::at(&camera(1, 2.5, 20), middle), ..seen_by_three };
+    let sight = Sight::at(&camera(1, 2.5, 20), middle).map(|sight| sight.growing(0.3));
+    let observed = Observed { sight, ..seen_by_three };
     let problem = problem(&particles, &observed, &config, DType::F64);
-    let leaning = |lean: [f64; 3]| Unknowns { lean, ..truth.clone() };
+    let leaning = |lean: [f64; 4]| Unknowns { lean, ..truth.clone() };
     let positions = |lean| problem.positions(&leaning(lean)).unwrap().slice::<f64>().to_vec();
-    let (upright, leans) = (positions([0.0; 3]), positions([0.4, -0.3, 0.1]));
+    let (upright, leans) = (positions([0.0; 4]), positions([0.4, -0.3, 0.1, 0.0]));
     let own = camera(1, 2.5, 20);
     for (x, moved) in upright.chunks_exact(3).zip(leans.chunks_exact(3)).take(particles.len()) {
         let of = |x: &[f64]| own.project([x[0], x[1], x[2]]).unwrap();
@@ -109,13 +110,13 @@ fn a_body_leans_along_the_rays_of_its_camera() {
         let wanted = depth * (1.1 + 0.4 * (u - mu) / own.fx + 0.3 * (v - mv) / own.fy);
         assert!((deeper - wanted).abs() < 1e-9, "{deeper}, not {wanted} m away");
     }
-    let free = Free::NOTHING.with_lean(&problem.law).with_distance(&problem.law);
+    let free = Free::NOTHING.with_lean(&problem.law).with_distance(&problem.law).with_pitch(&problem.law);
     for problem in [&problem, &problem.flying()] {
         let at = |lean| problem.linearise(&leaning(lean), free, FRAMES, &mut 0, &mut |_| ()).unwrap();
-        let here = at([0.2, -0.1, 0.05]);
-        for axis in 0..3 {
+        let here = at([0.2, -0.1, 0.05, 0.15]);
+        for axis in 0..4 {
             let [plus, minus] = [1e-6, -1e-6].map(|step| {
-                let mut lean = [0.2, -0.1, 0.05];
+                let mut lean = [0.2, -0.1, 0.05, 0.15];
                 lean[axis] += step;
                 at(lean).loss
             });
@@ -124,7 +125,7 @@ fn a_body_leans_along_the_rays_of_its_camera() {
             assert!((found - difference).abs() < 1e-5 * difference.abs(), "axis {axis}: {found}, {difference}");
         }
         let taped =
-            problem.evaluate(&leaning([0.2, -0.1, 0.05]), Free::Velocity, FRAMES, &mut 0, &mut |_| ()).unwrap().0;
+            problem.evaluate(&leaning([0.2, -0.1, 0.05, 0.15]), Free::Velocity, FRAMES, &mut 0, &mut |_| ()).unwrap().0;
         assert!((here.loss - taped).abs() < 1e-12 * taped && here.loss > 1e-4, "{} {taped}", here.loss);
     }
 }

@@ -68,7 +68,7 @@ impl<'a> Prior<'a> {
             velocity: fall.map_or(at.velocity, |fall| fall.middle),
             parameters: (0..all.len()).map(value).collect(),
             contact: 0.0,
-            lean: [0.0; 3],
+            lean: [0.0; 4],
             ..at.clone()
         };
         let mean = means.coordinates(law, free);
@@ -80,9 +80,8 @@ impl<'a> Prior<'a> {
             Unknown::Parameter(k) => usual(&all[k])[1] / scale(&all[k], means.parameters[k]),
         };
         let told: Vec<usize> = {
-            let place = |unknown: Unknown| list.iter().position(|other| *other == unknown);
-            let all = (0..3).map(Unknown::Velocity).chain([Unknown::DISTANCE]);
-            all.take(fall.map_or(0, Fallen::count)).filter_map(place).collect()
+            let place = |unknown: &Unknown| list.iter().position(|other| other == unknown);
+            fall.map_or(&[][..], |fall| &fall.unknowns[..]).iter().filter_map(place).collect()
         };
         let of_fall = |i: usize| told.iter().position(|place| *place == i);
         let in_coordinates = |i: usize| match list[i] {
