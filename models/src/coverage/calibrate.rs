@@ -3,7 +3,7 @@
 use gradreel::{Error, ErrorKind, Result};
 
 use super::{Line, Recipe, Split, material};
-use crate::identify::{Discrepancy, ErrorBudget, Outliers, coordinate, known, law_of};
+use crate::identify::{Discrepancy, ErrorBudget, OneCamera, Outliers, coordinate, known, law_of};
 use crate::physics::Law;
 
 /// What a calibration found.
@@ -41,6 +41,7 @@ const PLAIN: ErrorBudget = ErrorBudget {
         compression: 0.1,
         velocity: 0.02,
     },
+    one_camera: OneCamera { residuals: 0.1, shape: 0.3, velocity: 0.3 },
 };
 
 /// The budget that makes the truths of development clips most probable, found one scale after another from the shipped one and from a plain

@@ -76,7 +76,7 @@ pub use reconstruct::{Reconstruction, reconstruct};
 pub use run::{HistoryRow, Run, Standing, State};
 pub use temporal_start::TemporalConfig;
 pub use tracks::{TANGENT_COST, Tracks, TracksFit};
-pub(crate) use uncertainty::error_budget::{Discrepancy, ErrorBudget, Outliers};
+pub(crate) use uncertainty::error_budget::{Discrepancy, ErrorBudget, OneCamera, Outliers};
 pub(crate) use uncertainty::normal;
 pub(crate) use unknowns::coordinate;
 pub use unknowns::{Bound, Free, Ground, SPIN, Unknowns, VELOCITY};

@@ -53,9 +53,9 @@ pub(crate) struct Part {
 impl Survey {
     /// Its normal posterior, if discrepancies are so many times as large as most, and their columns.
     fn laplace(&self, budget: &ErrorBudget, times: f64, prior: &Prior<'_>) -> Result<(Laplace, Vec<Vec<f64>>)> {
-        let scales = budget.discrepancy.times(times);
-        let discrepancy = columns(&scales, prior.law, prior.free, &self.unknowns, &self.resolution);
-        Ok((self.expansion.posterior(prior, &discrepancy, budget.residuals)?, discrepancy))
+        let (residuals, scales, resolution) = budget.of(&self.resolution);
+        let discrepancy = columns(&scales.times(times), prior.law, prior.free, &self.unknowns, &resolution);
+        Ok((self.expansion.posterior(prior, &discrepancy, residuals)?, discrepancy))
     }
 
     /// The posteriors along what its profiles walk, by the places of the unknowns.
@@ -65,11 +65,12 @@ impl Survey {
         prior: &Prior<'_>,
         (laplace, discrepancy): (&Laplace, &[Vec<f64>]),
     ) -> BTreeMap<usize, Marginal> {
-        let count = budget.residuals * self.expansion.pictures as f64;
+        let (residuals, ..) = budget.of(&self.resolution);
+        let count = residuals * self.expansion.pictures as f64;
         let walk = |profile: &Profile| {
             let k = profile.unknown;
             let own: f64 = discrepancy.iter().map(|column| column[k] * column[k]).sum();
-            let damped = 1.0 + self.expansion.along(laplace, k, budget.residuals) * own;
+            let damped = 1.0 + self.expansion.along(laplace, k, residuals) * own;
             let parts = profile.parts(prior, count, damped);
             (!parts.is_empty()).then(|| (k, Marginal::of(parts)))
         };
@@ -203,6 +204,7 @@ impl Stages<'_> {
                 impact: self.impact(run, &survivor.unknowns),
                 density: run.config.world.density,
                 length,
+                one_camera: self.observed.sight.is_some(),
             };
             let x = survivor.unknowns.coordinates(&problem.law, *free);
             let pictures = frames * level.observed.views.len();

@@ -20,6 +20,9 @@ pub(crate) struct Resolution {
     pub density: f64,
     /// Standard deviation of all lengths, as a share: of what a single camera saw fall.
     pub length: f64,
+    /// Whether a single camera saw the body, and not the other side.
+    #[serde(default)]
+    pub one_camera: bool,
 }
 
 /// How far a parameter may be off: in decades if it is fitted as a logarithm, in its unit otherwise.
@@ -110,7 +113,8 @@ mod tests {
     fn own(law: &str, parameters: [f64; 2], dx: f64) -> f64 {
         let law = materials::find(law).unwrap();
         let at = Unknowns { parameters: parameters.to_vec(), ..Unknowns::default() };
-        let resolution = Resolution { dx, diameter: 0.2, filmed: 0.5, impact: 5e3, density: 1e3, length: 0.0 };
+        let resolution =
+            Resolution { dx, diameter: 0.2, filmed: 0.5, impact: 5e3, density: 1e3, length: 0.0, one_camera: false };
         columns(&SCALES, &law, Free::Material, &at, &resolution)[0][0]
     }
 
@@ -134,7 +138,15 @@ mod tests {
         let law = materials::find("neo_hookean").unwrap();
         let velocity = [0.5, 0.0, -2.0];
         let at = Unknowns { velocity, parameters: vec![1e5, 0.3], ..Unknowns::default() };
-        let resolution = Resolution { dx: 0.02, diameter: 0.2, filmed: 0.5, impact: 5e3, density: 1e3, length: 0.05 };
+        let resolution = Resolution {
+            dx: 0.02,
+            diameter: 0.2,
+            filmed: 0.5,
+            impact: 5e3,
+            density: 1e3,
+            length: 0.05,
+            one_camera: false,
+        };
         let all = columns(&SCALES, &law, Free::Both, &at, &resolution);
         let together = all.last().unwrap();
         let x = at.coordinates(&law, Free::Both);
