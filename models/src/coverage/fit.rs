@@ -13,7 +13,7 @@ use crate::monocular;
 use crate::report::reconstruction::quantities;
 use crate::runtime::progress::Progress;
 use crate::runtime::run_folder::RunFolder;
-use crate::video::{Clip, FilmSettings, OpenOptions};
+use crate::video::{Camera, Clip, FilmSettings, OpenOptions};
 
 /// What came of one clip: a line of JSON.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -30,6 +30,9 @@ pub struct Line {
     pub calibrated: bool,
     /// Whether the pictures have a background.
     pub background: bool,
+    /// How far down a single camera looks \[degrees\].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pitch: Option<Looks>,
     /// Particles of the fit; 0 where there was none.
     pub particles: usize,
     /// The true values by name, in SI units.
@@ -43,6 +46,22 @@ pub struct Line {
     /// What the clip says of each hypothesis that survived, where the fit is by a pool: what the error budget is measured from.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) surveys: Vec<Survey>,
+}
+
+/// How far down a camera looks \[degrees\].
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Looks {
+    /// In truth.
+    pub truth: f64,
+    /// As the fall suggests, or as it was told.
+    pub fall: Option<f64>,
+    /// As the fit found.
+    pub found: Option<f64>,
+}
+
+/// Downward pitch \[degrees\].
+fn pitch_of(camera: &Camera) -> f64 {
+    camera.c2w[1][2].asin().to_degrees()
 }
 
 /// Draws, films and fits a clip with these settings, the family of its material told, on the grid that the recipe has for it
@@ -65,6 +84,10 @@ pub fn fit(split: Split, number: u64, cameras: usize, settings: &Config, folder:
         family: recipe.family.to_owned(),
         calibrated: recipe.calibrated,
         background: recipe.background,
+        pitch: match &recipe.cameras[..] {
+            [camera] => Some(Looks { truth: pitch_of(camera), fall: None, found: None }),
+            _ => None,
+        },
         particles: 0,
         truth,
         scores: BTreeMap::new(),
@@ -85,14 +108,22 @@ pub fn fit(split: Split, number: u64, cameras: usize, settings: &Config, folder:
     match estimate(&recipe, settings, &path, &folder.join("run")) {
         Err(error) if error.kind() == ErrorKind::Interrupted => return Err(error),
         Err(error) => line.refused = Some(error.to_string()),
-        Ok((scores, particles, surveys)) => (line.scores, line.particles, line.surveys) = (scores, particles, surveys),
+        Ok(Estimate { scores, particles, surveys, pitch: [fall, found] }) => {
+            (line.scores, line.particles, line.surveys) = (scores, particles, surveys);
+            line.pitch.iter_mut().for_each(|pitch| (pitch.fall, pitch.found) = (Some(fall), Some(found)));
+        }
     }
     line.seconds = since.elapsed().as_secs_f64();
     Ok(line)
 }
 
-/// Scores by name, how many particles the fit had, and its surveys.
-type Estimate = (BTreeMap<String, Score>, usize, Vec<Survey>);
+struct Estimate {
+    scores: BTreeMap<String, Score>,
+    particles: usize,
+    surveys: Vec<Survey>,
+    /// Of the first camera, as the fall suggests and as found \[degrees\].
+    pitch: [f64; 2],
+}
 
 fn estimate(recipe: &Recipe, settings: &Config, path: &Path, out: &Path) -> Result<Estimate> {
     let mut config = Config { material: material::named(recipe.family), ..settings.clone() };
@@ -139,5 +170,12 @@ fn estimate(recipe: &Recipe, settings: &Config, path: &Path, out: &Path) -> Resu
         };
         scores.insert(quantity.name, score);
     }
-    Ok((scores, found.particles.len(), run.surveys().to_vec()))
+    let fall = pitch_of(&clip.cameras[0]);
+    let moved = run.state.unknowns.as_ref().map_or(0.0, |unknowns| unknowns.depth_modes()[3]);
+    Ok(Estimate {
+        scores,
+        particles: found.particles.len(),
+        surveys: run.surveys().to_vec(),
+        pitch: [fall, fall + moved.to_degrees()],
+    })
 }

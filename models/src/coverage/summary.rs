@@ -176,6 +176,7 @@ mod tests {
             family: "elastic".into(),
             calibrated: true,
             background: false,
+            pitch: None,
             particles: 1000,
             truth: BTreeMap::new(),
             scores: scores.map(|(name, score)| (name.to_owned(), score)).into(),

@@ -182,7 +182,9 @@ mod tests {
         let (clip, body, unknowns) = found;
         assert_eq!(unknowns.lean, [0.1, 0.0, 0.0, 0.0]);
         let stands = &clip.cameras[0];
-        let scale = (growth * angle).exp();
+        // lengths that grow so with the pitch are those along a line of sight with this slope
+        let below = (-growth).atan();
+        let scale = (below + angle).cos() / below.cos();
         for (x, old) in body.positions.iter().zip(&points) {
             let ([u, v, depth], [u2, v2, before]) = (stands.project(*x).unwrap(), camera.project(*old).unwrap());
             approx::assert_relative_eq!(u, u2, epsilon = 1e-9);

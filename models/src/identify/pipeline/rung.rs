@@ -115,9 +115,21 @@ impl Stages<'_> {
             let prior = Prior::of(&family.law, free, &start, fallen.as_ref());
             let count = family.config.estimate.points * prior.varied();
             pool.push(Hypothesis::new(&family.name, start.clone()));
-            pool.extend(prior.points(&start, count).into_iter().map(|point| Hypothesis::new(&family.name, point)));
+            let points = prior.points(&start, count).into_iter().map(|point| self.seen_to_move(run, point));
+            pool.extend(points.map(|point| Hypothesis::new(&family.name, point)));
         }
         Ok(pool)
+    }
+
+    /// The same with the velocity that is seen where the camera looks down by its pitch, as it was seen where it was taken to.
+    fn seen_to_move(&self, run: &Run, unknowns: Unknowns) -> Unknowns {
+        match self.observed.sight {
+            Some(sight) if unknowns.lean[3] != 0.0 => {
+                let velocity = sight.pitch(run.config.world.ground).along(unknowns.velocity, unknowns.lean[3]);
+                Unknowns { velocity, ..unknowns }
+            }
+            _ => unknowns,
+        }
     }
 
     /// One rung: each hypothesis searches with its budget; those that go on.

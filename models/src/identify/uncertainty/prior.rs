@@ -180,7 +180,7 @@ impl<'a> Prior<'a> {
     /// `count` points that follow the prior of the parameters and of the body's modes (Halton 1960, through the normal
     /// quantiles), each parameter within its plausible range; other unknowns are those of `start`.
     pub fn points(&self, start: &Unknowns, count: usize) -> Vec<Unknowns> {
-        let list = self.free.list(self.law);
+        let (list, deviations) = (self.free.list(self.law), self.deviations());
         let point = |index: usize| {
             let mut bases = PRIMES.iter().cycle();
             let z: Vec<f64> = list
@@ -192,7 +192,11 @@ impl<'a> Prior<'a> {
                 .collect();
             let here = start.coordinates(self.law, self.free);
             let limits = self.limits();
-            let along = |i: usize| (0..z.len()).map(|k| self.factor[(i, k)] * z[k]).sum::<f64>();
+            let along = |i: usize| match list[i] {
+                // the fall's own directions mix it with the velocity, which stays
+                Unknown::PITCH => deviations[i] * z[i],
+                _ => (0..z.len()).map(|k| self.factor[(i, k)] * z[k]).sum::<f64>(),
+            };
             let x = (0..z.len()).map(|i| match varies(&list[i]) {
                 true => (self.mean[i] + along(i)).clamp(limits[i][0], limits[i][1]),
                 false => here[i],
@@ -236,9 +240,9 @@ pub(crate) fn limits(law: &Law, free: Free) -> Vec<[f64; 2]> {
     free.list(law).into_iter().map(limit).collect()
 }
 
-/// Parameters and the depth shear: what a search starts from many values of.
+/// Parameters, the depth shear and the pitch: what a search starts from many values of.
 fn varies(unknown: &Unknown) -> bool {
-    matches!(unknown, Unknown::Parameter(_) | Unknown::Lean(0 | 1))
+    matches!(unknown, Unknown::Parameter(_) | Unknown::Lean(0 | 1 | 3))
 }
 
 /// A base of [`radical_inverse`] for each dimension of a Halton sequence.
