@@ -11,6 +11,8 @@ mod folder;
 mod pictures;
 mod probe;
 mod stream;
+#[cfg(test)]
+mod tests;
 
 use std::path::{Path, PathBuf};
 
