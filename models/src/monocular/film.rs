@@ -1,12 +1,13 @@
 //! A clip from a film of an uncalibrated camera.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use gradreel::{Error, ErrorKind, Result};
 use ndarray::azip;
 
 use super::free_fall::Down;
-use super::{ground, half_extent, locate};
+use super::{ground, half_extent, locate, story};
 use crate::vector::times;
 use crate::video::{Camera, Clip, Film, FilmSettings, Flight, Frame, OpenOptions};
 
@@ -56,6 +57,7 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
         assumptions: film.assumptions,
         flight: None,
         around: None,
+        story: None,
     };
     let down = match settings.elevation.map(f64::to_radians) {
         Some(angle) => Down::Known([0.0, -angle.cos(), -angle.sin()]),
@@ -128,6 +130,7 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
         None => "ground: none is seen; the object falls to the end of the film".to_owned(),
     });
     say("shape: as deep as it is wide, part by part".to_owned());
+    clip.story = Some(Arc::new(story::completed(film.story, &clip, fall.frames)));
     Ok(clip)
 }
 

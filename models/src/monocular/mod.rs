@@ -17,6 +17,7 @@ mod free_fall;
 mod ground;
 mod locate;
 mod sighting;
+mod story;
 mod surround;
 #[cfg(test)]
 mod tests;

@@ -75,6 +75,7 @@ mod plausible;
 mod samples;
 mod scale;
 mod select;
+mod story;
 
 pub use camera::Camera;
 pub(crate) use clip::WARNING;
@@ -85,3 +86,4 @@ pub(crate) use image::Image;
 pub use inspect::{CameraInventory, Inventory, inspect, inspect_and_open};
 pub use layout::Format;
 pub(crate) use matte::from_white;
+pub use story::{Curve, Doing, Phase, Sight, Snapshot, Story};

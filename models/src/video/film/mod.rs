@@ -33,6 +33,7 @@ use super::clip::{Frame, OpenOptions};
 use super::foreground::Foreground;
 use super::image::Image;
 use super::layout::Format;
+use super::story::{Snapshot, Story};
 
 /// Extensions of the files that ffmpeg decodes.
 const VIDEOS: [&str; 13] =
@@ -116,6 +117,8 @@ pub struct Film {
     pub foreground: Foreground,
     /// Assumptions made.
     pub assumptions: Vec<String>,
+    /// What happens in the film, as far as it is known before its metres; its snapshots at least.
+    pub story: Story,
 }
 
 /// Decoded pictures.
@@ -196,6 +199,13 @@ impl Film {
             assumptions.push("the grain of the pictures is that of a palette of few colours: it was smoothed".into());
             decoded = Decoded { images: smooth, few_colours: false, ..decoded };
         }
+        let rate = 1.0 / interval;
+        let story = Story {
+            count: wanted.first + decoded.images.len(),
+            size: (decoded.images[0].width, decoded.images[0].height),
+            snapshots: snapshots(&decoded.images, wanted.first, rate),
+            ..Story::default()
+        };
         let Found { foreground, mut frames, mut hueless, lost, said } =
             matting::frames(path, decoded, settings, wanted)?;
         assumptions.push(format!("the object is told from the background by {foreground}"));
@@ -216,8 +226,24 @@ impl Film {
         let name = name.file_stem().map_or_else(|| "film".into(), |name| name.to_string_lossy().into_owned());
         let focal = if ending(path) == "gif" { None } else { lens::focal(path) };
         let frames_per_s = 1.0 / interval;
-        Ok(Self { name, frames, hueless, first: wanted.first, frames_per_s, focal, foreground, assumptions })
+        Ok(Self { name, frames, hueless, first: wanted.first, frames_per_s, focal, foreground, assumptions, story })
     }
+}
+
+/// Number of pictures that a page shows, and their longer side \[pixels\].
+const SHOWN: (usize, usize) = (12, 480);
+
+/// Some of the pictures, evenly spread.
+fn snapshots(images: &[Image], first: usize, rate: f64) -> Vec<Snapshot> {
+    let count = images.len().min(SHOWN.0);
+    let index = |k: usize| if count > 1 { k * (images.len() - 1) / (count - 1) } else { 0 };
+    let one = |k: usize| {
+        let image = &images[index(k)];
+        let size = source::within((image.width, image.height), SHOWN.1);
+        let number = first + index(k);
+        Snapshot { number, seconds: number as f64 / rate, image: source::shrunk(image.clone(), size) }
+    };
+    (0..count).map(one).collect()
 }
 
 /// The frame interval \[s\], the number of intervals per frame if the film has display times, and messages.

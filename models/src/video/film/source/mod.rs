@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 
 use gradreel::{Error, ErrorKind, Result};
 
-pub(in crate::video::film) use self::area::shrunk;
+pub(in crate::video::film) use self::area::{shrunk, within};
 pub(in crate::video::film) use self::pictures::{Picture, Pictures};
 use super::pictures::Series;
 use super::{RATES, ending};
