@@ -64,6 +64,9 @@ fn curve(seen: &[&Sight], seconds: [f64; 2]) -> Option<Curve> {
     }
     let at = seen.iter().map(|sight| sight.seconds).sum::<f64>() / seen.len() as f64;
     let span = seen.iter().map(|sight| (sight.seconds - at).abs()).fold(0.0, f64::max);
+    if span <= 0.0 {
+        return None;
+    }
     let fit = |c: usize| {
         // normal equations in time relative to the span
         let mut sums = [[0.0; 4]; 3];
@@ -87,7 +90,7 @@ fn solved(mut rows: [[f64; 4]; 3]) -> Option<[f64; 3]> {
     for k in 0..3 {
         let pivot = (k..3).max_by(|a, b| rows[*a][k].abs().total_cmp(&rows[*b][k].abs()))?;
         rows.swap(k, pivot);
-        if rows[k][k].abs() < 1e-12 {
+        if rows[k][k].abs() < 1e-9 {
             return None;
         }
         for other in (0..3).filter(|other| *other != k) {
