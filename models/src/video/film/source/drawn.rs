@@ -7,10 +7,10 @@ use std::path::{Path, PathBuf};
 use gif::{ColorOutput, DecodeOptions, Decoder, DecodingError, DisposalMethod, MemoryLimit};
 use gradreel::{Error, ErrorKind, Result};
 
-use super::super::pile::{check_size, halvings_of};
 use super::area::{shrunk, within};
+use super::limits::{Budget, check_size, halvings_of};
 use super::pictures::{Decoded, Undated};
-use super::{Budget, Info, Kind, Pass, absent};
+use super::{Info, Kind, Pass, absent};
 use crate::video::image::Image;
 
 /// Delays of a hundredth of a second or less are treated as a tenth, as browsers do.

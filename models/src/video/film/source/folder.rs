@@ -4,11 +4,11 @@ use std::path::Path;
 
 use gradreel::Result;
 
-use super::super::pile::check_size;
-use super::super::{Wanted, lens};
+use super::super::Wanted;
 use super::area::{shrunk, within};
+use super::limits::{Budget, check_size};
 use super::pictures::{Decoded, Undated};
-use super::{Budget, Info, Kind, Pass, Series, absent, uneven};
+use super::{Info, Kind, Pass, Series, absent, lens, uneven};
 use crate::video::image::Image;
 
 /// What a folder says of itself.
@@ -26,7 +26,7 @@ pub(super) fn open(folder: &Path) -> Result<(Info, Kind)> {
         capture_rate: None,
         unit: 0.0,
         few_colours: false,
-        focal: lens::focal(folder),
+        focal: lens::focal(&series),
         said: series.said.clone(),
     };
     Ok((info, Kind::Folder(series)))

@@ -8,6 +8,8 @@ mod brightness;
 mod capture;
 mod drawn;
 mod folder;
+mod lens;
+mod limits;
 mod pictures;
 mod probe;
 mod stream;
@@ -19,14 +21,11 @@ use std::path::{Path, PathBuf};
 use gradreel::{Error, ErrorKind, Result};
 
 pub(in crate::video::film) use self::area::{shrunk, within};
+pub(in crate::video::film) use self::limits::check_size;
 pub(in crate::video::film) use self::pictures::{Picture, Pictures};
 use super::pictures::Series;
 use super::{RATES, ending};
 use crate::runtime::progress::{Progress, Stage};
-
-/// Maximum number of pixels that one pass decodes: more than two hours of 1080p at 60 pictures a second. A file
-/// that claims to be longer is not read to its end.
-const MOST_DECODED: u64 = 1 << 40;
 
 /// What a film says of itself.
 #[derive(Debug, Clone, PartialEq)]
@@ -154,27 +153,6 @@ impl Source {
     pub fn stage(&self, progress: &Progress, title: &str, pass: Pass) -> Stage {
         let total = self.info.count.unwrap_or(0).min(pass.decoded());
         progress.stage(title, if self.info.count.is_some() { total as u64 } else { 0 })
-    }
-}
-
-/// Counts decoded pixels up to [`MOST_DECODED`].
-#[derive(Default)]
-struct Budget(u64);
-
-impl Budget {
-    /// Counts a picture of this size.
-    ///
-    /// # Errors
-    /// [`ErrorKind::Input`] if the film is too long.
-    fn spend(&mut self, path: &Path, (width, height): (usize, usize)) -> Result<()> {
-        self.0 = self.0.saturating_add(width as u64 * height as u64);
-        if self.0 <= MOST_DECODED {
-            return Ok(());
-        }
-        Err(Error::new(ErrorKind::Input, "the film is too long")
-            .at(path.display())
-            .found(format!("more than {} megapixels in all frames", MOST_DECODED >> 20))
-            .fix("cut it to the fall, or take fewer frames (--first-frame, --frames)"))
     }
 }
 

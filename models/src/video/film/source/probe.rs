@@ -8,19 +8,13 @@ use std::process::{Command, Stdio};
 use gradreel::{Error, ErrorKind, Result};
 use serde_json::Value;
 
-use super::super::pile::check_size;
 use super::Info;
 use super::brightness::Transfer;
-use super::capture;
+use super::limits::check_size;
+use super::{capture, lens};
 
 /// Maximum length of what ffprobe may say \[bytes\].
 const MOST_SAID: u64 = 1 << 22;
-
-/// Diagonal of a 35 mm film frame \[mm\].
-const DIAGONAL: f64 = 43.27;
-
-/// Accepted 35 mm equivalent focal lengths \[mm\].
-const BELIEVED: std::ops::RangeInclusive<f64> = 5.0..=2000.0;
 
 /// Maximum ratio of a pixel's sides that is believed.
 const MOST_OBLONG: f64 = 4.0;
@@ -148,7 +142,7 @@ fn described(path: &Path, told: &Value) -> Result<Probed> {
             capture_rate: speed.capture_rate,
             unit: UNIT,
             few_colours: false,
-            focal: focal.filter(|focal| BELIEVED.contains(focal)).map(|focal| focal / DIAGONAL),
+            focal: focal.and_then(lens::share),
             said,
         },
         rate,

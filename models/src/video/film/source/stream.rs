@@ -8,11 +8,11 @@ use std::thread::JoinHandle;
 
 use gradreel::{Error, ErrorKind, Result};
 
-use super::super::pile::check_size;
 use super::brightness::Standard;
+use super::limits::{Budget, check_size};
 use super::pictures::{Decoded, Undated};
 use super::probe::{self, Probed, command, missing, undecodable};
-use super::{Budget, Info, Kind, Pass, absent, uneven};
+use super::{Info, Kind, Pass, absent, uneven};
 use crate::video::image::Image;
 
 /// Nominal rate at which pictures leave the decoder; their actual times are read separately \[1/s\].
