@@ -28,7 +28,7 @@ const COLOURS: [(Doing, &str); 4] =
     [(Doing::Held, "#8a8f98"), (Doing::Flight, "#3b7dd8"), (Doing::Contact, "#d9733a"), (Doing::Rest, "#2f9e77")];
 
 /// Number of points of a drawn curve.
-const POINTS: usize = 32;
+const POINTS: usize = 48;
 
 /// Ends of a 90 % interval in standard deviations.
 pub(crate) const NINETY: f64 = 1.644_853_6;

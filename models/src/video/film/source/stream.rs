@@ -169,11 +169,21 @@ impl Drop for Running {
 }
 
 fn cut_off(path: &Path, seen: usize, said: &str) -> Error {
+    // the last may be incomplete
+    let whole = seen.saturating_sub(1);
     Error::new(ErrorKind::Input, "the film is cut off or damaged")
         .at(path.display())
-        .found(format!("{seen} whole frames, then: {}", said.lines().next().unwrap_or("an error of ffmpeg").trim()))
+        .found(format!("{whole} whole frames, then: {}", said.lines().next().unwrap_or("an error of ffmpeg").trim()))
         .wanted("a whole file")
-        .fix(format!("copy it again, or use the frames before the damage (--frames {seen})"))
+        .fix(format!("copy it again, or use the frames before the damage (--frames {whole})"))
+}
+
+fn changed(path: &Path, number: usize) -> Error {
+    Error::new(ErrorKind::Input, "the frames of the film differ in size")
+        .at(path.display())
+        .found(format!("frame {number} has another size, or another kind of pixels, than those before it"))
+        .wanted("frames of one size and kind")
+        .fix(format!("use the frames before it (--frames {number}), or export the film again at one size"))
 }
 
 /// Reads pictures from a pipe, and their times as they are told.
@@ -225,6 +235,10 @@ impl Reading {
         while self.seen <= number {
             let Ok((told, seconds)) = self.times.recv() else { break };
             self.budget.spend(&self.path, self.probed.info.stored)?;
+            if told < self.seen {
+                // the filters start anew with pictures of another size or kind
+                return Err(changed(&self.path, self.seen));
+            }
             if told == 0 {
                 self.start = seconds;
             }

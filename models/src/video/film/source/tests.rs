@@ -231,6 +231,23 @@ fn what_is_no_film_is_refused_with_the_cause() {
     refused(read(&film, None, Pass::whole(96)), &["back.mp4", "moov", "index"]);
 }
 
+#[test]
+fn pictures_that_change_their_size_are_refused() {
+    let Some(folder) = Folder::new() else { return };
+    let part = |size: &str, name: &str| {
+        let input = format!("testsrc=size={size}:rate=25");
+        let film = folder.make(&["-f", "lavfi", "-i", &input, "-frames:v", "30", "-pix_fmt", "yuv420p", name]);
+        std::fs::read(film).unwrap()
+    };
+    let film = folder.path("film.ts");
+    // of another shape, and of the same
+    for other in ["64x64", "192x128"] {
+        std::fs::write(&film, [part("96x64", "a.ts"), part(other, "b.ts")].concat()).unwrap();
+        refused(read(&film, None, Pass::whole(48)), &["film.ts", "differ in size", "frame 30"]);
+        assert_eq!(read(&film, None, Pass { last: Some(29), ..Pass::whole(48) }).unwrap().len(), 30);
+    }
+}
+
 #[cfg(target_os = "linux")]
 #[test]
 fn a_pass_that_is_left_ends_its_decoder() {
