@@ -131,6 +131,11 @@ impl Source {
         &self.info
     }
 
+    /// A warning about damage that the passes so far came upon; to be asked for after a pass.
+    pub fn heard(&self) -> Option<String> {
+        if let Kind::Stream(decoding) = &self.kind { decoding.heard() } else { None }
+    }
+
     /// Starts a pass.
     ///
     /// # Errors

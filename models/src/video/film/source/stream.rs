@@ -4,6 +4,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Stdio};
 use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
 use gradreel::{Error, ErrorKind, Result};
@@ -13,6 +14,7 @@ use super::limits::{Budget, check_size};
 use super::pictures::{Decoded, Undated};
 use super::probe::{self, Probed, command, missing, undecodable};
 use super::{Info, Kind, Pass, absent, uneven};
+use crate::video::clip::WARNING;
 use crate::video::image::Image;
 
 /// Nominal rate at which pictures leave the decoder; their actual times are read separately \[1/s\].
@@ -30,14 +32,31 @@ const WAITING: usize = 2;
 /// What demuxers say of a file that ends too early.
 const CUT_OFF: [&str; 3] = ["partial file", "ended prematurely", "Truncating packet"];
 
-/// What is known of a file before it is decoded.
+/// What decoders say of damaged pictures.
+const DAMAGED: [&str; 5] = ["error while decoding", "Invalid NAL unit", "corrupt", "Invalid data found", "damaged"];
+
+/// What is known of a file before it is decoded, and what was heard while it was.
 #[derive(Debug, Clone)]
-pub(super) struct Decoding(Box<Probed>);
+pub(super) struct Decoding {
+    probed: Box<Probed>,
+    heard: Heard,
+}
+
+/// The first complaint of a decoder about damage.
+type Heard = Arc<Mutex<Option<String>>>;
+
+impl Decoding {
+    /// What the passes so far heard of damage.
+    pub fn heard(&self) -> Option<String> {
+        let heard = self.heard.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).clone()?;
+        Some(format!("{WARNING}the file is damaged: ffmpeg says `{heard}`; pictures behind the damage may be wrong"))
+    }
+}
 
 /// Looks at a file.
 pub(super) fn open(path: &Path) -> Result<(Info, Kind)> {
     let probed = probe::read(path)?;
-    Ok((probed.info.clone(), Kind::Stream(Decoding(Box::new(probed)))))
+    Ok((probed.info.clone(), Kind::Stream(Decoding { probed: Box::new(probed), heard: Heard::default() })))
 }
 
 /// The filters of a pass: each frame prints its number and time to stderr, wanted ones are shrunk, and even
@@ -60,7 +79,7 @@ fn filters(probed: &Probed, pass: Pass) -> String {
 
 /// Starts ffmpeg.
 pub(super) fn pass(path: &Path, decoding: &Decoding, pass: Pass) -> Result<Decoded> {
-    let probed = &decoding.0;
+    let probed = &decoding.probed;
     let before: &[&str] = if probed.turn.is_some() { &["-noautorotate"] } else { &[] };
     let mut command = command("ffmpeg", before, path);
     let format = if probed.has_alpha { "rgba" } else { "rgb24" };
@@ -99,6 +118,7 @@ pub(super) fn pass(path: &Path, decoding: &Decoding, pass: Pass) -> Result<Decod
         path: path.to_path_buf(),
         pass,
         count: 0,
+        heard: Arc::clone(&decoding.heard),
     }))
 }
 
@@ -111,6 +131,7 @@ struct Running {
     pass: Pass,
     /// Number of pictures so far.
     count: usize,
+    heard: Heard,
 }
 
 impl Iterator for Running {
@@ -140,6 +161,11 @@ impl Running {
         let status = self.child.wait().map_err(|e| Error::io(&self.path, "decode the film", &e))?;
         let (reader, told) = self.threads.take().expect("ended once");
         let (seen, said) = (reader.join().unwrap_or(0), told.join().unwrap_or_default());
+        if let Some(line) = said.lines().find(|line| DAMAGED.iter().any(|word| line.contains(word))) {
+            // without the decoder's address
+            let line = line.split_once("] ").map_or(line, |(_, line)| line).trim().to_owned();
+            self.heard.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).get_or_insert(line);
+        }
         if self.pass.last.is_some_and(|last| seen > last) {
             return Ok(());
         }

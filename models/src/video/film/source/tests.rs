@@ -231,6 +231,24 @@ fn what_is_no_film_is_refused_with_the_cause() {
     refused(read(&film, None, Pass::whole(96)), &["back.mp4", "moov", "index"]);
 }
 
+/// Decoders conceal damage in mid-film; it must not pass in silence.
+#[test]
+fn damage_in_mid_film_is_said() {
+    let Some(folder) = Folder::new() else { return };
+    let noise = "nullsrc=size=96x64:rate=25,geq=random(1)*255:128:128";
+    let film = folder.make(&["-f", "lavfi", "-i", noise, "-frames:v", "40", "-pix_fmt", "yuv420p", "film.mp4"]);
+    let source = Source::open(&film, None).unwrap();
+    assert_eq!(source.pictures(Pass::whole(96)).unwrap().filter(Result::is_ok).count(), 40);
+    assert_eq!(source.heard(), None);
+    let mut bytes = std::fs::read(&film).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle..middle + 2000].iter_mut().for_each(|byte| *byte ^= 0xa5);
+    std::fs::write(&film, bytes).unwrap();
+    let source = Source::open(&film, None).unwrap();
+    source.pictures(Pass::whole(96)).unwrap().for_each(drop);
+    assert!(source.heard().is_some_and(|heard| heard.contains("the file is damaged")), "{:?}", source.heard());
+}
+
 #[test]
 fn pictures_that_change_their_size_are_refused() {
     let Some(folder) = Folder::new() else { return };
