@@ -36,8 +36,10 @@ use super::layout::Format;
 use super::story::{Snapshot, Story};
 
 /// Extensions of the files that ffmpeg decodes.
-const VIDEOS: [&str; 13] =
-    ["mp4", "mov", "m4v", "mkv", "webm", "avi", "mpg", "mpeg", "ogv", "wmv", "3gp", "ts", "apng"];
+const VIDEOS: [&str; 19] = [
+    "mp4", "mov", "m4v", "qt", "mkv", "webm", "avi", "mpg", "mpeg", "ogv", "wmv", "asf", "flv", "3gp", "3g2", "ts",
+    "mts", "m2ts", "apng",
+];
 
 /// Accepted frame rates \[1/s\].
 const RATES: std::ops::RangeInclusive<f64> = 0.1..=1e6;
