@@ -16,6 +16,7 @@ mod pictures;
 mod pile;
 mod resample;
 mod runtime;
+mod source;
 mod stream;
 
 use std::path::{Path, PathBuf};

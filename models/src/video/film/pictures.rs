@@ -14,6 +14,7 @@ use crate::video::image::Image;
 const TIMES: (u128, u128) = (5, 2);
 
 /// A series of consecutive pictures in a folder.
+#[derive(Debug, Clone)]
 pub(super) struct Series {
     /// In order.
     pub files: Vec<PathBuf>,
