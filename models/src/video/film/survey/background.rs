@@ -1,8 +1,10 @@
-//! The empty scene behind what moves: per pixel, the median over a few pictures spread over the action.
+//! The empty scene behind what moves, from a few pictures spread over the action.
 
 use rayon::prelude::*;
 
 use super::sequence::{Rgb, Sequence};
+use crate::video::film::backdrop;
+use crate::video::image::Image;
 
 /// Number of pictures that are compared.
 const PICTURES: usize = 31;
@@ -31,22 +33,23 @@ impl Background {
             0 | 1 => vec![],
             _ => numbers.iter().map(|k| (&sequence.pictures[*k][..], &sequence.pictures[next(k)][..])).collect(),
         };
-        let pixel = |i: usize| {
-            let middle = [0, 1, 2].map(|c| median(&mut chosen.iter().map(|p| p[i][c]).collect::<Vec<u8>>()));
+        let images: Vec<Image> = chosen.iter().map(|pixels| sequence.image(pixels)).collect();
+        let empty = backdrop::of(&images);
+        let noise = |i: usize| {
             // mean over the channels, for a scale finer than a level
             let steps = |(a, b): &(&[Rgb], &[Rgb])| (0..3).map(|c| u16::from(a[i][c].abs_diff(b[i][c]))).sum::<u16>();
             let mut steps: Vec<u16> = pairs.iter().map(steps).collect();
             // a difference of two normal variables is within 0.954 of their deviations half of the time
             let step = if steps.is_empty() { 0.0 } else { f32::from(median(&mut steps)) / 3.0 / 0.954 };
-            (middle, step.max(LEAST_NOISE))
+            step.max(LEAST_NOISE)
         };
-        let (colour, noise) = (0..sequence.width * sequence.height).into_par_iter().map(pixel).unzip();
-        Self { colour, noise }
+        let colour = empty.pixels.iter().map(|p| [p[0], p[1], p[2]]).collect();
+        Self { colour, noise: (0..images[0].pixels.len()).into_par_iter().map(noise).collect() }
     }
 }
 
 /// Indices of pictures spread over time and over change.
-fn spread(sequence: &Sequence) -> Vec<usize> {
+pub(super) fn spread(sequence: &Sequence) -> Vec<usize> {
     let count = sequence.pictures.len();
     if count <= PICTURES {
         return (0..count).collect();

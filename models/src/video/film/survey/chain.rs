@@ -1,7 +1,7 @@
 //! All flights of one object: each begins where the one before ends, with nearly the same acceleration.
 
 use super::flight::{Flight, Parabola};
-use super::search::{GRAVITY, Model, Scene};
+use super::search::{Model, Scene};
 
 /// Number of flights that are tried as the first of a chain.
 const LEADERS: usize = 12;
@@ -9,11 +9,20 @@ const LEADERS: usize = 12;
 /// Longest time between the last position of a flight and the first of the next \[s\].
 const APART: f64 = 0.2;
 
+/// Longest time for which the object may be hidden where two flights meet \[s\].
+const HIDDEN: f64 = 0.4;
+
+/// A flight of another acceleration is preferred where its score is higher by this factor.
+const BETTER: f64 = 3.0;
+
 /// Largest distance of two flights where they meet, in widths of the object.
 const MEETING: f64 = 0.7;
 
 /// Relative change of the acceleration from flight to flight that the depth of an object can cause.
 const NEARER: f64 = 0.07;
+
+/// Largest logarithm of the ratio of the accelerations, or of the widths, of two flights of one object.
+const OTHERWISE: f64 = 0.4;
 
 /// Largest share of the speed downwards that is left after a hit.
 const STOPS: f64 = 0.25;
@@ -28,6 +37,8 @@ pub(in crate::video::film) struct Link {
     /// Vertical acceleration by the flight and its neighbours \[pixels/s²\], with its relative standard deviation.
     pub acceleration: f64,
     pub deviation: f64,
+    /// Relative standard deviation by the flight alone.
+    pub own: f64,
 }
 
 /// The flights of one object in time order.
@@ -49,7 +60,7 @@ pub(in crate::video::film) fn chains(scene: &Scene<'_>, flights: &[Flight]) -> V
             })
         };
         if !all.iter().any(known) {
-            all.push(of(scene, leader));
+            all.push(of(scene, leader, flights));
         }
     }
     all.sort_by(|a, b| b.score.total_cmp(&a.score));
@@ -57,13 +68,13 @@ pub(in crate::video::film) fn chains(scene: &Scene<'_>, flights: &[Flight]) -> V
 }
 
 /// The chain that a flight begins, in both directions.
-fn of(scene: &Scene<'_>, leader: &Flight) -> Chain {
+fn of(scene: &Scene<'_>, leader: &Flight, all: &[Flight]) -> Chain {
     let first = linked(scene, leader.clone(), None);
     let mut links = vec![first];
     for forward in [true, false] {
         while links.len() < MOST {
             let end = if forward { links.len() - 1 } else { 0 };
-            let Some(link) = next(scene, &links[end], forward) else { break };
+            let Some(link) = next(scene, &links[end], all, forward) else { break };
             links.insert(if forward { links.len() } else { 0 }, link);
         }
     }
@@ -83,11 +94,12 @@ fn linked(scene: &Scene<'_>, flight: Flight, neighbour: Option<&Link>) -> Link {
         sum += value / (sigma * sigma);
     }
     let acceleration = sum / weight;
-    Link { flight, acceleration, deviation: (1.0 / weight).sqrt() / acceleration }
+    let alone = own.map_or(f64::INFINITY, |(_, sigma)| sigma / acceleration);
+    Link { flight, acceleration, deviation: (1.0 / weight).sqrt() / acceleration, own: alone }
 }
 
 /// The flight that follows one, or the one before it.
-fn next(scene: &Scene<'_>, link: &Link, forward: bool) -> Option<Link> {
+fn next(scene: &Scene<'_>, link: &Link, all: &[Flight], forward: bool) -> Option<Link> {
     let flight = &link.flight;
     let model = model(scene, flight);
     let ratio = link.acceleration / flight.path.acceleration[1];
@@ -128,6 +140,27 @@ fn next(scene: &Scene<'_>, link: &Link, forward: bool) -> Option<Link> {
             }
         }
     }
+    // or one that was found without knowing the acceleration, which the perspective may have changed
+    let alike = |other: &&Flight| {
+        let ratio = (other.path.acceleration[1] / link.acceleration).ln().abs();
+        let width = (other.across / flight.across).ln().abs();
+        ratio < OTHERWISE && width < OTHERWISE && follows(scene, flight, other, forward)
+    };
+    let gap = |other: &Flight| match forward {
+        true => scene.times[other.first()] - scene.times[flight.last()],
+        false => scene.times[flight.first()] - scene.times[other.last()],
+    };
+    let known = best.as_ref().map_or(0.0, |best| BETTER * best.flight.score);
+    let mut others: Vec<&Flight> = all.iter().filter(alike).collect();
+    for longest in [APART, HIDDEN] {
+        others.sort_by(|a, b| b.score.total_cmp(&a.score));
+        if let Some(found) = others.iter().find(|other| gap(other) <= longest && other.score > known) {
+            return Some(linked(scene, (*found).clone(), None));
+        }
+        if best.is_some() {
+            break;
+        }
+    }
     best
 }
 
@@ -156,26 +189,5 @@ pub(super) fn model(scene: &Scene<'_>, flight: &Flight) -> Model {
         across: of(&|s| scene.piece(s).across()).max(1.0),
         area: of(&|s| scene.piece(s).area),
         colour: [0, 1, 2].map(|c| of(&|s| scene.piece(s).colour[c])),
-    }
-}
-
-impl Chain {
-    /// Diameter of the object \[m\]: the median over its flights, by their weights.
-    pub fn size(&self) -> f64 {
-        let mut sizes: Vec<(f64, f64)> = self
-            .links
-            .iter()
-            .map(|link| (GRAVITY * link.flight.across / link.acceleration, link.flight.members.len() as f64))
-            .collect();
-        sizes.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let half = 0.5 * sizes.iter().map(|size| size.1).sum::<f64>();
-        let mut sum = 0.0;
-        sizes
-            .iter()
-            .find(|size| {
-                sum += size.1;
-                sum >= half
-            })
-            .map_or(0.0, |size| size.0)
     }
 }

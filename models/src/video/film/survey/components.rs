@@ -16,6 +16,9 @@ const LEAST_AREA: usize = 5;
 /// A component of a higher level counts beside the one around it if it is smaller than this share of it.
 const DISTINCT: f64 = 0.7;
 
+/// Quantile of the change of a component's pixels that is taken for that inside it.
+const INSIDE: f32 = 0.85;
+
 /// Largest number of components kept per picture, of those against the background and of those against the pictures
 /// around each.
 const MOST: usize = 16;
@@ -25,15 +28,15 @@ const MOST: usize = 16;
 pub(in crate::video::film) struct Component {
     /// Index of its picture in the sequence.
     pub picture: usize,
-    /// Centroid, weighted by the change \[pixels\].
+    /// Centroid of what lies within its edge \[pixels\].
     pub middle: [f64; 2],
     /// Covariance of the position \[pixels²\]: xx, xy, yy.
     pub spread: [f64; 3],
-    /// Number of pixels.
+    /// Number of pixels within its edge.
     pub area: f64,
     /// Left, top, right and bottom \[pixels\], the last two exclusive.
     pub rect: [usize; 4],
-    /// Mean colour of its strongest pixels.
+    /// Mean colour.
     pub colour: [f64; 3],
     /// Mean change against the background, in levels.
     pub contrast: f64,
@@ -51,6 +54,12 @@ impl Component {
         let [xx, xy, yy] = self.spread;
         let half = 0.5 * (xx - yy);
         4.0 * (0.5 * (xx + yy) - (half * half + xy * xy).sqrt()).max(0.0).sqrt()
+    }
+
+    /// Whether a place is on it.
+    pub fn covers(&self, [x, y]: [f64; 2]) -> bool {
+        let at = |v: f64| v.max(0.0) as u16;
+        self.runs.iter().any(|[row, first, last]| *row == at(y) && (*first..*last).contains(&at(x)))
     }
 
     /// Whether another one is the same but for a few pixels.
@@ -226,24 +235,23 @@ impl View<'_> {
                 }
             }
         }
-        let mut made: Vec<Component> = found.into_iter().map(|pixels| self.described(pixels, difference)).collect();
+        let mut made: Vec<Component> =
+            found.into_iter().map(|pixels| self.described(pixels, difference, change)).collect();
         let clear = |piece: &Component| piece.area.sqrt() * piece.contrast;
         made.sort_by(|a, b| clear(b).total_cmp(&clear(a)));
         made.truncate(MOST);
         made
     }
 
-    fn described(&self, mut pixels: Vec<usize>, difference: &[[f32; 3]]) -> Component {
+    fn described(&self, mut pixels: Vec<usize>, difference: &[[f32; 3]], change: &[f32]) -> Component {
         pixels.sort_unstable();
         let (width, height) = (self.width, difference.len() / self.width);
-        // the direction of the change, from all pixels
-        let sum = pixels.iter().fold([0.0f32; 3], |s, i| std::array::from_fn(|c| s[c] + difference[*i][c]));
-        let size = length(sum).max(f32::MIN_POSITIVE);
-        let towards = sum.map(|v| v / size);
-        let weight = |i: usize| {
-            let d = difference[i];
-            f64::from((0..3).map(|c| d[c] * towards[c]).sum::<f32>().max(0.05 * length(d)))
-        };
+        // its edge is where the change is half of that inside: blur and soft shadows end below
+        let mut sorted: Vec<f32> = pixels.iter().map(|i| change[*i]).collect();
+        let rank = (INSIDE * (sorted.len() - 1) as f32) as usize;
+        let inside = *sorted.select_nth_unstable_by(rank, f32::total_cmp).1;
+        let weight = |i: usize| f64::from((2.0 * change[i] / inside - 0.5).clamp(0.0, 1.0));
+        let mut contrast = 0.0;
         let (mut mass, mut moment, mut second) = (0.0, [0.0; 2], [0.0; 3]);
         let mut rect = [usize::MAX, usize::MAX, 0, 0];
         let (mut colour, mut ratio) = ([0.0; 3], [0.0; 3]);
@@ -251,6 +259,7 @@ impl View<'_> {
         for &i in &pixels {
             let (x, y, w) = ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5, weight(i));
             mass += w;
+            contrast += w * f64::from(length(difference[i]));
             moment = [moment[0] + w * x, moment[1] + w * y];
             second = [second[0] + w * x * x, second[1] + w * x * y, second[2] + w * y * y];
             let (column, row) = (i % width, i / width);
@@ -274,10 +283,10 @@ impl View<'_> {
             picture: self.picture,
             middle,
             spread,
-            area: pixels.len() as f64,
+            area: mass,
             rect,
             colour: colour.map(|v| v / mass),
-            contrast: mass / pixels.len() as f64,
+            contrast: contrast / mass,
             shadow: shadow(ratio.map(|v| v / mass)),
             cut: rect[0] == 0 || rect[1] == 0 || rect[2] == width || rect[3] == height,
             runs,

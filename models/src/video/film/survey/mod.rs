@@ -1,8 +1,82 @@
 //! What happens in a film: the object, its free flights and contacts.
+//!
+//! Small pictures of the whole film are compared with the empty scene ([`background`]) and with each other; what
+//! differs falls into [`components`]. Among their positions [`search`] finds free flights: nothing else moves on a
+//! downward parabola in time. [`chain`] collects the flights of one object, [`track`] the hits between them and the
+//! way afterwards. [`choose`] takes the part of the film to use, and [`metres`] the scale: gravity is the same in
+//! all flights.
 
-pub(in crate::video::film) mod background;
-pub(in crate::video::film) mod chain;
-pub(in crate::video::film) mod components;
-pub(in crate::video::film) mod flight;
-pub(in crate::video::film) mod search;
-pub(in crate::video::film) mod sequence;
+mod background;
+mod chain;
+mod choose;
+mod components;
+mod flight;
+mod metres;
+mod phases;
+mod search;
+mod sequence;
+mod track;
+
+use self::background::Background;
+use self::chain::chains;
+use self::components::Component;
+pub(in crate::video::film) use self::metres::Size;
+pub(in crate::video::film) use self::phases::{Phase, Span};
+use self::search::Scene;
+pub(in crate::video::film) use self::sequence::Sequence;
+pub(in crate::video::film) use self::track::Hit;
+use self::track::Track;
+
+/// Sizes of objects that are looked for \[m\].
+const SIZES: std::ops::RangeInclusive<f64> = 0.005..=3.0;
+
+/// Number of pixels of a surveyed picture.
+pub(in crate::video::film) const PIXELS: f64 = 65_000.0;
+
+/// Evidence at which a chain of flights counts.
+const LEAST_SCORE: f64 = 4.0;
+
+/// What was understood of a film.
+pub(in crate::video::film) struct Survey {
+    /// Width and height of the surveyed pictures.
+    pub size: [usize; 2],
+    /// Numbers and times of the surveyed pictures.
+    pub numbers: Vec<usize>,
+    pub times: Vec<f64>,
+    /// The components of each.
+    pub pieces: Vec<Vec<Component>>,
+    /// Pictures that show most of the background together.
+    pub spread: Vec<usize>,
+    pub track: Track,
+    pub phases: Vec<Span>,
+    /// The part to use, if there is a contact.
+    pub run: Option<choose::Run>,
+    pub diameter: Size,
+}
+
+/// Surveys a film; `None` if nothing falls freely.
+pub(in crate::video::film) fn survey(sequence: &Sequence) -> Option<Survey> {
+    if sequence.pictures.len() < choose::LEAST_FREE + 1 {
+        return None;
+    }
+    let background = Background::of(sequence);
+    let pieces = components::all(sequence, &background);
+    let scene = Scene { pieces: &pieces, times: &sequence.times };
+    let flights = scene.flights(&SIZES);
+    let chain = chains(&scene, &flights).into_iter().next().filter(|chain| chain.score >= LEAST_SCORE)?;
+    let diameter = Size::of(&scene, &chain);
+    let track = Track::of(&scene, chain);
+    let run = choose::run(&scene, &track);
+    let phases = phases::of(&scene, &track, &sequence.numbers);
+    Some(Survey {
+        size: [sequence.width, sequence.height],
+        numbers: sequence.numbers.clone(),
+        times: sequence.times.clone(),
+        spread: background::spread(sequence),
+        track,
+        phases,
+        run,
+        diameter,
+        pieces,
+    })
+}

@@ -254,9 +254,13 @@ impl Scene<'_> {
 
     /// Whether a flight bends more than errors of its positions can make it appear.
     fn sags(&self, flight: &Flight) -> bool {
+        self.sag(flight) >= (LEAST_SAG.0 * flight.across).max(LEAST_SAG.1).max(3.0 * flight.path.scatter)
+    }
+
+    /// Largest distance of a flight from its chord \[pixels\].
+    fn sag(&self, flight: &Flight) -> f64 {
         let time = self.times[flight.last()] - self.times[flight.first()];
-        let sag = flight.path.acceleration[1] * time * time / 8.0;
-        sag >= (LEAST_SAG.0 * flight.across).max(LEAST_SAG.1).max(3.0 * flight.path.scatter)
+        flight.path.acceleration[1] * time * time / 8.0
     }
 
     /// A flight with its score, if it is one.
@@ -279,7 +283,8 @@ impl Scene<'_> {
         // each position that is found within the gate could have been anywhere in it
         let tight = (gate(flight.across) / scatter).ln().max(0.1);
         let certain = if known { 1.0 } else { (1.0 + (sure / SURE).ln().max(0.0)).min(2.0) };
-        flight.score = (whole - free).max(0.0) * tight * certain * covered * (1.0 - 0.5 * flight.shadow);
+        let bent = (self.sag(&flight) / flight.across.max(1.0)).min(1.0);
+        flight.score = bent * (whole - free).max(0.0) * tight * certain * covered * (1.0 - 0.5 * flight.shadow);
         Some(flight)
     }
 }

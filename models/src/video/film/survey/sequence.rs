@@ -1,9 +1,15 @@
 //! Small pictures of a film in time order.
 
+use crate::video::image::Image;
+
 /// Red, green and blue.
 pub(in crate::video::film) type Rgb = [u8; 3];
 
+/// What lies behind transparent pixels.
+const BEHIND: Rgb = [0, 255, 0];
+
 /// Small pictures of equal size with their numbers in the film and their times.
+#[derive(Default)]
 pub(in crate::video::film) struct Sequence {
     pub width: usize,
     pub height: usize,
@@ -12,4 +18,43 @@ pub(in crate::video::film) struct Sequence {
     /// Time of each picture \[s\].
     pub times: Vec<f64>,
     pub pictures: Vec<Vec<Rgb>>,
+}
+
+impl Sequence {
+    /// Adds a picture.
+    pub fn push(&mut self, number: usize, seconds: f64, image: &Image) {
+        (self.width, self.height) = (image.width, image.height);
+        let opaque = |&[r, g, b, a]: &[u8; 4]| match a {
+            255 => [r, g, b],
+            _ => {
+                let mixed = |c: u8, behind: u8| {
+                    ((u32::from(c) * u32::from(a) + u32::from(behind) * (255 - u32::from(a)) + 127) / 255) as u8
+                };
+                [mixed(r, BEHIND[0]), mixed(g, BEHIND[1]), mixed(b, BEHIND[2])]
+            }
+        };
+        self.numbers.push(number);
+        self.times.push(seconds);
+        self.pictures.push(image.pixels.iter().map(opaque).collect());
+    }
+
+    /// A picture of this size.
+    pub fn image(&self, pixels: &[Rgb]) -> Image {
+        let pixels = pixels.iter().map(|&[r, g, b]| [r, g, b, 255]).collect();
+        Image { width: self.width, height: self.height, pixels, has_alpha: false }
+    }
+
+    /// Leaves out all but each `every`-th picture.
+    pub fn thin(&mut self, every: usize) {
+        fn kept<T>(all: &mut Vec<T>, every: usize) {
+            let mut at = 0;
+            all.retain(|_| {
+                at += 1;
+                (at - 1) % every == 0
+            });
+        }
+        kept(&mut self.numbers, every);
+        kept(&mut self.times, every);
+        kept(&mut self.pictures, every);
+    }
 }
