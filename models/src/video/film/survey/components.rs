@@ -28,11 +28,13 @@ const MOST: usize = 16;
 pub(in crate::video::film) struct Component {
     /// Index of its picture in the sequence.
     pub picture: usize,
-    /// Centroid of what lies within its edge \[pixels\].
+    /// Centroid, weighted by the change \[pixels\].
     pub middle: [f64; 2],
     /// Covariance of the position \[pixels²\]: xx, xy, yy.
     pub spread: [f64; 3],
-    /// Number of pixels within its edge.
+    /// The same of what lies within its edge.
+    pub body: [f64; 3],
+    /// Number of pixels.
     pub area: f64,
     /// Left, top, right and bottom \[pixels\], the last two exclusive.
     pub rect: [usize; 4],
@@ -68,11 +70,11 @@ impl Component {
         off < 0.05 * self.area.sqrt().max(10.0) && (self.area / other.area).ln().abs() < 0.15
     }
 
-    /// Extent perpendicular to a direction \[pixels\].
+    /// Extent within its edge perpendicular to a direction \[pixels\].
     pub fn across_direction(&self, [x, y]: [f64; 2]) -> f64 {
         let length = x.hypot(y).max(f64::MIN_POSITIVE);
         let [a, b] = [-y / length, x / length];
-        let [xx, xy, yy] = self.spread;
+        let [xx, xy, yy] = self.body;
         4.0 * (a * a * xx + 2.0 * a * b * xy + b * b * yy).max(0.0).sqrt()
     }
 }
@@ -235,23 +237,33 @@ impl View<'_> {
                 }
             }
         }
-        let mut made: Vec<Component> =
-            found.into_iter().map(|pixels| self.described(pixels, difference, change)).collect();
+        let mut made: Vec<Component> = found.into_iter().map(|pixels| self.described(pixels, difference)).collect();
         let clear = |piece: &Component| piece.area.sqrt() * piece.contrast;
         made.sort_by(|a, b| clear(b).total_cmp(&clear(a)));
         made.truncate(MOST);
         made
     }
 
-    fn described(&self, mut pixels: Vec<usize>, difference: &[[f32; 3]], change: &[f32]) -> Component {
+    fn described(&self, mut pixels: Vec<usize>, difference: &[[f32; 3]]) -> Component {
         pixels.sort_unstable();
         let (width, height) = (self.width, difference.len() / self.width);
+        // the direction of the change
+        let sum = pixels.iter().fold([0.0f32; 3], |s, i| std::array::from_fn(|c| s[c] + difference[*i][c]));
+        let size = length(sum).max(f32::MIN_POSITIVE);
+        let towards = sum.map(|v| v / size);
+        let along = |i: usize| (0..3).map(|c| difference[i][c] * towards[c]).sum::<f32>();
+        let weight = |i: usize| f64::from(along(i).max(0.05 * length(difference[i])));
         // its edge is where the change is half of that inside: blur and soft shadows end below
-        let mut sorted: Vec<f32> = pixels.iter().map(|i| change[*i]).collect();
+        let mut sorted: Vec<f32> = pixels.iter().map(|i| along(*i)).collect();
         let rank = (INSIDE * (sorted.len() - 1) as f32) as usize;
         let inside = *sorted.select_nth_unstable_by(rank, f32::total_cmp).1;
-        let weight = |i: usize| f64::from((2.0 * change[i] / inside - 0.5).clamp(0.0, 1.0));
-        let mut contrast = 0.0;
+        let within: Vec<([f64; 2], f64)> = pixels
+            .iter()
+            .map(|&i| {
+                let place = [(i % width) as f64 + 0.5, (i / width) as f64 + 0.5];
+                (place, f64::from((2.0 * along(i) / inside - 0.5).clamp(0.0, 1.0)))
+            })
+            .collect();
         let (mut mass, mut moment, mut second) = (0.0, [0.0; 2], [0.0; 3]);
         let mut rect = [usize::MAX, usize::MAX, 0, 0];
         let (mut colour, mut ratio) = ([0.0; 3], [0.0; 3]);
@@ -259,7 +271,6 @@ impl View<'_> {
         for &i in &pixels {
             let (x, y, w) = ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5, weight(i));
             mass += w;
-            contrast += w * f64::from(length(difference[i]));
             moment = [moment[0] + w * x, moment[1] + w * y];
             second = [second[0] + w * x * x, second[1] + w * x * y, second[2] + w * y * y];
             let (column, row) = (i % width, i / width);
@@ -283,10 +294,11 @@ impl View<'_> {
             picture: self.picture,
             middle,
             spread,
-            area: mass,
+            area: pixels.len() as f64,
             rect,
             colour: colour.map(|v| v / mass),
-            contrast: contrast / mass,
+            contrast: mass / pixels.len() as f64,
+            body: covariance(&within),
             shadow: shadow(ratio.map(|v| v / mass)),
             cut: rect[0] == 0 || rect[1] == 0 || rect[2] == width || rect[3] == height,
             runs,
@@ -304,6 +316,16 @@ fn neighbours(pixel: usize, width: usize, count: usize) -> impl Iterator<Item = 
     ]
     .into_iter()
     .flatten()
+}
+
+/// Covariance of weighted places: xx, xy, yy.
+fn covariance(places: &[([f64; 2], f64)]) -> [f64; 3] {
+    let mean = |of: &dyn Fn([f64; 2]) -> f64| {
+        places.iter().map(|(place, weight)| weight * of(*place)).sum::<f64>()
+            / places.iter().map(|(_, weight)| weight).sum::<f64>().max(f64::MIN_POSITIVE)
+    };
+    let [x, y] = [mean(&|p| p[0]), mean(&|p| p[1])];
+    [mean(&|p| (p[0] - x).powi(2)), mean(&|p| (p[0] - x) * (p[1] - y)), mean(&|p| (p[1] - y).powi(2))]
 }
 
 /// Logarithm of the ratio of linear light, with a floor against noise.
