@@ -79,7 +79,7 @@ mod select;
 pub use camera::Camera;
 pub(crate) use clip::WARNING;
 pub use clip::{Around, Clip, Flight, Frame, OpenOptions, PixelRect};
-pub use film::{Film, FilmSettings, MattingSettings};
+pub use film::{Fall, Film, FilmSettings, MattingSettings, Phase, Span};
 pub use foreground::Foreground;
 pub(crate) use image::Image;
 pub use inspect::{CameraInventory, Inventory, inspect, inspect_and_open};

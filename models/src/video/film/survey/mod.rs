@@ -12,7 +12,10 @@ mod choose;
 mod components;
 mod flight;
 mod metres;
+pub(in crate::video::film) mod pass;
 mod phases;
+mod place;
+mod tell;
 mod search;
 mod sequence;
 mod track;
@@ -20,11 +23,11 @@ mod track;
 use self::background::Background;
 use self::chain::chains;
 use self::components::Component;
-pub(in crate::video::film) use self::metres::Size;
-pub(in crate::video::film) use self::phases::{Phase, Span};
+pub(in crate::video::film) use self::metres::{EDGES, Size};
+pub use self::phases::{Phase, Span};
 use self::search::Scene;
 pub(in crate::video::film) use self::sequence::Sequence;
-pub(in crate::video::film) use self::track::Hit;
+pub(in crate::video::film) use self::tell::Fall;
 use self::track::Track;
 
 /// Sizes of objects that are looked for \[m\].
@@ -54,7 +57,7 @@ pub(in crate::video::film) struct Survey {
     pub diameter: Size,
 }
 
-/// Surveys a film; `None` if nothing falls freely.
+/// Surveys pictures; `None` if nothing falls freely.
 pub(in crate::video::film) fn survey(sequence: &Sequence) -> Option<Survey> {
     if sequence.pictures.len() < choose::LEAST_FREE + 1 {
         return None;
@@ -79,4 +82,16 @@ pub(in crate::video::film) fn survey(sequence: &Sequence) -> Option<Survey> {
         diameter,
         pieces,
     })
+}
+
+impl Survey {
+    /// A flight with its acceleration.
+    pub fn link(&self, flight: usize) -> &chain::Link {
+        &self.track.chain.links[flight]
+    }
+
+    /// Time of the first position of a flight \[s\].
+    pub fn time_of_first(&self, flight: usize) -> f64 {
+        self.times[self.link(flight).flight.first()] - 1e-9
+    }
 }

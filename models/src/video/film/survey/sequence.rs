@@ -44,17 +44,26 @@ impl Sequence {
         Image { width: self.width, height: self.height, pixels, has_alpha: false }
     }
 
-    /// Leaves out all but each `every`-th picture.
-    pub fn thin(&mut self, every: usize) {
-        fn kept<T>(all: &mut Vec<T>, every: usize) {
-            let mut at = 0;
-            all.retain(|_| {
-                at += 1;
-                (at - 1) % every == 0
-            });
+    /// Leaves out all but the last pictures.
+    pub fn keep_last(&mut self, count: usize) {
+        let old = self.pictures.len().saturating_sub(count);
+        self.numbers.drain(..old);
+        self.times.drain(..old);
+        self.pictures.drain(..old);
+    }
+
+    /// Shortens the time for which the first picture is held, if it is longer than `held` usual intervals: nobody
+    /// knows when in it the action begins.
+    pub fn begin_with_motion(&mut self, held: f64) {
+        let mut gaps: Vec<f64> = self.times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        if gaps.len() < 2 {
+            return;
         }
-        kept(&mut self.numbers, every);
-        kept(&mut self.times, every);
-        kept(&mut self.pictures, every);
+        let first = gaps[0];
+        gaps.sort_by(f64::total_cmp);
+        let usual = gaps[gaps.len() / 2];
+        if first > held * usual {
+            self.times[0] = self.times[1] - usual;
+        }
     }
 }
