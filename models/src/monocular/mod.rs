@@ -17,13 +17,14 @@ mod free_fall;
 mod ground;
 mod locate;
 mod sighting;
+mod story;
 mod surround;
 #[cfg(test)]
 mod tests;
 
 pub use film::clip_of_film;
 pub(crate) use free_fall::Down;
-pub(crate) use locate::locate;
+pub(crate) use locate::{locate, locate_known};
 pub(crate) use surround::surround;
 
 use gradreel::Result;

@@ -75,13 +75,15 @@ mod plausible;
 mod samples;
 mod scale;
 mod select;
+mod story;
 
 pub use camera::Camera;
 pub(crate) use clip::WARNING;
 pub use clip::{Around, Clip, Flight, Frame, OpenOptions, PixelRect};
-pub use film::{Fall, Film, FilmSettings, MattingSettings, Phase, Span};
+pub use film::{Film, FilmSettings, MattingSettings};
 pub use foreground::Foreground;
 pub(crate) use image::Image;
 pub use inspect::{CameraInventory, Inventory, inspect, inspect_and_open};
 pub use layout::Format;
 pub(crate) use matte::from_white;
+pub use story::{Curve, Doing, Phase, Sight, Snapshot, Story};

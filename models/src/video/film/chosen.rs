@@ -6,12 +6,14 @@ use std::path::Path;
 
 use gradreel::{Error, ErrorKind, Result};
 
-use super::source::{Pass, Source};
+use super::source::{Pass, Source, shrunk, within};
+use super::survey::register::warped;
 use super::survey::{self, Survey};
 use super::{FilmSettings, refuse};
 use crate::runtime::progress::Progress;
 use crate::video::clip::OpenOptions;
 use crate::video::image::Image;
+use crate::video::story::{Snapshot, Story};
 
 /// Longer side of the pictures \[pixels\], and the largest that small objects are given.
 const SIDE: (usize, usize) = (640, 1920);
@@ -34,6 +36,8 @@ pub(super) struct Chosen {
     pub times: Vec<f64>,
     /// Further pictures that show the background, with their numbers.
     pub beside: Vec<(usize, Image)>,
+    /// Number of pictures in the film, as far as it was read.
+    pub count: usize,
     /// Width and height in the film.
     pub size: (usize, usize),
     /// Whether the pictures have few colours, as in a GIF.
@@ -44,7 +48,36 @@ pub(super) struct Chosen {
     pub said: Vec<String>,
 }
 
+/// Number of pictures that a page shows, and their longer side \[pixels\].
+const SHOWN: (usize, usize) = (12, 480);
+
 impl Chosen {
+    /// What happens in the film, with some of the pictures.
+    pub fn story(&self) -> Story {
+        let mut story = Story {
+            count: self.count,
+            size: (self.images[0].width, self.images[0].height),
+            snapshots: self.snapshots(),
+            ..Story::default()
+        };
+        if let (Some(survey), Some(scale)) = (&self.survey, self.scale()) {
+            survey.told_in(&mut story, scale);
+        }
+        story
+    }
+
+    /// Some of the pictures, evenly spread.
+    fn snapshots(&self) -> Vec<Snapshot> {
+        let count = self.images.len().min(SHOWN.0);
+        let index = |k: usize| if count > 1 { k * (self.images.len() - 1) / (count - 1) } else { 0 };
+        let one = |k: usize| {
+            let image = &self.images[k];
+            let size = within((image.width, image.height), SHOWN.1);
+            Snapshot { number: self.numbers[k], seconds: self.times[k], image: shrunk(image.clone(), size) }
+        };
+        (0..count).map(|k| one(index(k))).collect()
+    }
+
     /// Pixels of the pictures in a pixel of the survey.
     pub fn scale(&self) -> Option<f64> {
         self.survey.as_ref().map(|survey| self.images[0].width as f64 / survey.size[0] as f64)
@@ -77,7 +110,7 @@ pub(super) fn read(path: &Path, source: &Source, settings: &FilmSettings, option
         }
         (Some(survey), Some(run)) => (first, survey.numbers[run.last].max(first)),
         (Some(survey), None) if !lenient => return Err(refuse::no_contact(path, survey)),
-        (None, None) if !lenient && found.count > first + MOST => return Err(refuse::no_fall(path, found.count)),
+        (None, None) if !lenient && found.count > first + MOST => return Err(refuse::no_fall(path, &found)),
         _ => (first, found.count.saturating_sub(1).max(first)),
     };
     let (to, every) = match options.max_frames {
@@ -90,6 +123,9 @@ pub(super) fn read(path: &Path, source: &Source, settings: &FilmSettings, option
             .found(format!("{} frames", (to - from) / every + 1))
             .wanted(format!("at most {MOST_ASKED}"))
             .fix("choose fewer (--frames), or leave it out: the film is thinned to what the fit needs"));
+    }
+    if let Some(moves) = refuse::moves(path, &found, run.is_some() || lenient) {
+        return Err(moves);
     }
     let wanted: BTreeSet<usize> = (from..=to).step_by(every).collect();
     let survey = found.survey;
@@ -107,13 +143,18 @@ pub(super) fn read(path: &Path, source: &Source, settings: &FilmSettings, option
         numbers: vec![],
         times: vec![],
         beside: vec![],
+        count: found.count,
         size: source.info().size,
         few_colours: false,
         survey,
         said: source.info().said.clone(),
     };
     for picture in source.pictures(pass)?.shown_on(source.stage(&progress, "reading the fall", pass)) {
-        let picture = picture?;
+        let mut picture = picture?;
+        if let Some(map) = chosen.survey.as_ref().and_then(|survey| survey.map(picture.number)) {
+            let image = &mut picture.image;
+            image.pixels = warped(&image.pixels, image.width, image.height, &map);
+        }
         if wanted.contains(&picture.number) {
             chosen.numbers.push(picture.number);
             chosen.times.push(picture.seconds);
@@ -137,6 +178,15 @@ pub(super) fn read(path: &Path, source: &Source, settings: &FilmSettings, option
     if every > 1 {
         chosen.said.push(format!("one frame in {every} is used: the fit needs no more"));
     }
+    if found.camera.0 > 0.0 {
+        chosen.said.push(format!(
+            "camera: it moves by up to {:.1} % of the picture; the background was aligned to take that out",
+            100.0 * found.camera.0
+        ));
+    }
+    if found.camera.1 > 0 {
+        chosen.said.push(format!("camera: {} frames could not be aligned with the others", found.camera.1));
+    }
     if let Some(survey) = &chosen.survey {
         chosen.said.extend(survey.said(found.count));
     }
@@ -145,13 +195,10 @@ pub(super) fn read(path: &Path, source: &Source, settings: &FilmSettings, option
 
 /// Longer side of the pictures in which the object is large enough.
 fn longer(source: &Source, survey: Option<&Survey>) -> usize {
-    let enough = survey.map_or(0.0, |survey| {
-        LEAST_ACROSS / survey.width() * survey.size[0].max(survey.size[1]) as f64
-    });
+    let enough = survey.map_or(0.0, |survey| LEAST_ACROSS / survey.width() * survey.size[0].max(survey.size[1]) as f64);
     let (width, height) = source.info().size;
     SIDE.0.max(enough.ceil() as usize).min(SIDE.1).min(width.max(height))
 }
-
 
 /// Least number of frames of free fall.
 pub(super) const LEAST: usize = crate::video::clip::Flight::LEAST_FRAMES;

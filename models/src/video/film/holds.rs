@@ -108,6 +108,8 @@ mod tests {
         let even = Even::of(&frames, &pace, &[7, 8, 9, 10, 11]);
         assert_eq!(even.shown, [Some(0), Some(1), Some(2)]);
         assert!(even.said[0].contains("frame 9") && even.said[0].contains("5.00 s"), "{:?}", even.said);
-        assert!(!Even::of(&frames, &Pace { interval: 0.04, steps: vec![1; 5], off: 0.0 }, &[0, 1, 2, 3, 4]).is_change(5));
+        assert!(
+            !Even::of(&frames, &Pace { interval: 0.04, steps: vec![1; 5], off: 0.0 }, &[0, 1, 2, 3, 4]).is_change(5)
+        );
     }
 }

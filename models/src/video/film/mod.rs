@@ -5,6 +5,8 @@ mod chosen;
 mod corrected;
 mod grain;
 mod holds;
+mod lens;
+mod limits;
 mod lost;
 mod matting;
 mod network;
@@ -30,10 +32,10 @@ use self::matting::Found;
 pub use self::network::MattingSettings;
 use self::pace::{Clock, Pace};
 use self::source::Source;
-pub use self::survey::{Fall, Phase, Span};
 use super::clip::{Frame, OpenOptions};
 use super::foreground::Foreground;
 use super::layout::Format;
+use super::story::Story;
 
 /// Extensions of the files that ffmpeg decodes.
 const VIDEOS: [&str; 13] =
@@ -109,8 +111,6 @@ pub struct Film {
     pub hueless: Option<Vec<Frame>>,
     /// Number of each of `frames` in the film.
     pub numbers: Vec<usize>,
-    /// What the survey of the whole film found.
-    pub fall: Option<Fall>,
     /// The chosen free fall.
     pub(crate) scale: Option<Scale>,
     /// Frame rate \[1/s\].
@@ -121,6 +121,8 @@ pub struct Film {
     pub foreground: Foreground,
     /// Assumptions made.
     pub assumptions: Vec<String>,
+    /// What happens in the film, as far as it is known before its metres; its snapshots at least.
+    pub story: Story,
 }
 
 /// Range of pictures to decode.
@@ -158,6 +160,7 @@ impl Film {
         let clock = Clock { shown, until: None, unit: source.info().unit };
         let (interval, pace, mut assumptions) = time(path, settings, every, &clock)?;
         assumptions.append(&mut chosen.said);
+        let story = chosen.story();
         if let Some(smooth) = grain::removed(&chosen.images) {
             assumptions.push("the grain of the pictures is that of a palette of few colours: it was smoothed".into());
             let (numbers, beside): (Vec<_>, Vec<_>) = chosen.beside.drain(..).unzip();
@@ -191,12 +194,12 @@ impl Film {
             frames,
             hueless,
             numbers,
-            fall: chosen.survey.as_ref().map(survey::Survey::fall),
             scale,
             frames_per_s: 1.0 / interval,
             focal: source.info().focal,
             foreground,
             assumptions,
+            story,
         })
     }
 }

@@ -26,7 +26,8 @@ pub(super) fn all(chosen: &Chosen, survey: &Survey, scale: f64) -> Vec<Window> {
             let [left, top, right, bottom] = rect.map(|v| v * scale);
             let inside = |v: f64, most: usize| (v.max(0.0) as usize).min(most);
             let (left, top) = (inside(left.floor(), width - 1), inside(top.floor(), height - 1));
-            let (right, bottom) = (inside(right.ceil(), width).max(left + 1), inside(bottom.ceil(), height).max(top + 1));
+            let (right, bottom) =
+                (inside(right.ceil(), width).max(left + 1), inside(bottom.ceil(), height).max(top + 1));
             Window { left, top, width: right - left, height: bottom - top }
         }
     };

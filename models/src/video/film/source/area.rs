@@ -3,7 +3,7 @@
 use crate::video::image::Image;
 
 /// Width and height of a picture of `size` whose longer side is at most `longer`; never more than `size`.
-pub(super) fn within((width, height): (usize, usize), longer: usize) -> (usize, usize) {
+pub(in crate::video::film) fn within((width, height): (usize, usize), longer: usize) -> (usize, usize) {
     let most = width.max(height);
     if most <= longer {
         return (width, height);

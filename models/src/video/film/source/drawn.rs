@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use gif::{ColorOutput, DecodeOptions, Decoder, DecodingError, DisposalMethod, MemoryLimit};
 use gradreel::{Error, ErrorKind, Result};
 
-use super::super::pile::{check_size, halvings_of};
+use super::super::limits::{check_size, halvings_of};
 use super::area::{shrunk, within};
 use super::pictures::{Decoded, Undated};
 use super::{Budget, Info, Kind, Pass, absent};

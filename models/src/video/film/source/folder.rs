@@ -4,7 +4,7 @@ use std::path::Path;
 
 use gradreel::Result;
 
-use super::super::pile::check_size;
+use super::super::limits::check_size;
 use super::super::{Wanted, lens};
 use super::area::{shrunk, within};
 use super::pictures::{Decoded, Undated};

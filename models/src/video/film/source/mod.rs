@@ -18,8 +18,8 @@ use std::path::{Path, PathBuf};
 
 use gradreel::{Error, ErrorKind, Result};
 
-pub(in crate::video::film) use self::area::shrunk;
-pub(in crate::video::film) use self::pictures::{Picture, Pictures};
+pub(in crate::video::film) use self::area::{shrunk, within};
+pub(in crate::video::film) use self::pictures::Pictures;
 use super::pictures::Series;
 use super::{RATES, ending};
 use crate::runtime::progress::{Progress, Stage};

@@ -8,7 +8,7 @@ use std::process::{Command, Stdio};
 use gradreel::{Error, ErrorKind, Result};
 use serde_json::Value;
 
-use super::super::pile::check_size;
+use super::super::limits::check_size;
 use super::Info;
 use super::brightness::Transfer;
 use super::capture;
@@ -38,6 +38,8 @@ pub(super) struct Probed {
     pub real: f64,
     /// Width over height of a pixel as stored.
     pub pixel: f64,
+    /// Filter that turns the shrunk pictures; `None` leaves it to ffmpeg, which turns them before.
+    pub turn: Option<&'static str>,
     pub has_alpha: bool,
     pub is_interlaced: bool,
     /// The curve of a film of high dynamic range, and whether its colours are those of BT.2020.
@@ -45,18 +47,23 @@ pub(super) struct Probed {
 }
 
 /// One of ffmpeg's programs on a local file, restricted to the file protocol: a playlist must not open a
-/// connection.
-pub(super) fn command(program: &str, path: &Path) -> Command {
+/// connection. The options are for reading it.
+pub(super) fn command(program: &str, options: &[&str], path: &Path) -> Command {
     let mut command = Command::new(program);
     let mut file = OsString::from("file:");
     file.push(path);
-    command.args(["-v", "error", "-protocol_whitelist", "file,pipe", "-i"]).arg(file).stdin(Stdio::null());
+    command
+        .args(["-v", "error", "-protocol_whitelist", "file,pipe"])
+        .args(options)
+        .arg("-i")
+        .arg(file)
+        .stdin(Stdio::null());
     command
 }
 
 /// Reads what the file says of its first video stream. Cover pictures of music are no video.
 pub(super) fn read(path: &Path) -> Result<Probed> {
-    let mut child = command("ffprobe", path)
+    let mut child = command("ffprobe", &[], path)
         .args(["-show_streams", "-show_format", "-of", "json"])
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -147,6 +154,7 @@ fn described(path: &Path, told: &Value) -> Result<Probed> {
         rate,
         real: speed.real,
         pixel,
+        turn: turn(stream, rotation),
         has_alpha: ["rgba", "bgra", "argb", "abgr", "yuva", "gbrap", "ya8", "ya16", "pal8"]
             .iter()
             .any(|name| format.starts_with(name))
@@ -154,6 +162,32 @@ fn described(path: &Path, told: &Value) -> Result<Probed> {
         is_interlaced,
         transfer: transfer.map(|transfer| (transfer, text("color_primaries") == "bt2020")),
     })
+}
+
+/// The filter for a rotation by a quarter of a turn or several, counted against the clock; `None` if the display
+/// matrix mirrors pictures or turns them by another angle.
+fn turn(stream: &Value, rotation: f64) -> Option<&'static str> {
+    let data = stream["side_data_list"].as_array()?.iter().find_map(|data| data["displaymatrix"].as_str())?;
+    let rows = data.lines().filter_map(|line| line.split_once(':'));
+    let row = |(_, row): (&str, &str)| {
+        row.split_whitespace().map(|word| word.parse::<f64>().ok()).collect::<Option<Vec<_>>>()
+    };
+    let matrix: Vec<Vec<f64>> = rows.map(row).collect::<Option<_>>()?;
+    let [[a, b, _], [c, d, _], _] =
+        &matrix.iter().map(|row| <[f64; 3]>::try_from(row.as_slice()).ok()).collect::<Option<Vec<_>>>()?[..]
+    else {
+        return None;
+    };
+    if a * d - b * c <= 0.0 {
+        return None;
+    }
+    match rotation.rem_euclid(360.0) {
+        0.0 => Some("null"),
+        90.0 => Some("transpose=cclock"),
+        180.0 => Some("hflip,vflip"),
+        270.0 => Some("transpose=clock"),
+        _ => None,
+    }
 }
 
 /// The positive ratio in `30000/1001` or `4:3`.
@@ -234,6 +268,22 @@ mod tests {
                 && (found.info.focal.unwrap() - 26.0 / 43.27).abs() < 1e-12
         );
         assert_eq!(found.info.said.len(), 3, "{:?}", found.info.said);
+    }
+
+    #[test]
+    fn quarter_turns_are_told_from_mirrors() {
+        let data = |rotation: i32, matrix: [i32; 4]| {
+            let [a, b, c, d] = matrix.map(|x| x << 16);
+            let text = format!("\n00000000: {a} {b} 0\n00000001: {c} {d} 0\n00000002: 0 56623104 1073741824\n");
+            let stream = serde_json::json!({ "side_data_list": [{ "displaymatrix": text, "rotation": rotation }] });
+            turn(&stream, f64::from(rotation))
+        };
+        assert_eq!(data(90, [0, -1, 1, 0]), Some("transpose=cclock"));
+        assert_eq!(data(-90, [0, 1, -1, 0]), Some("transpose=clock"));
+        assert_eq!(data(-180, [-1, 0, 0, -1]), Some("hflip,vflip"));
+        assert_eq!(data(0, [-1, 0, 0, 1]), None, "a mirror");
+        assert_eq!(data(45, [1, -1, 1, 1]), None);
+        assert_eq!(turn(&serde_json::json!({}), 0.0), None);
     }
 
     #[test]

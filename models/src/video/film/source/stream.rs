@@ -8,7 +8,7 @@ use std::thread::JoinHandle;
 
 use gradreel::{Error, ErrorKind, Result};
 
-use super::super::pile::check_size;
+use super::super::limits::check_size;
 use super::brightness::Standard;
 use super::pictures::{Decoded, Undated};
 use super::probe::{self, Probed, command, missing, undecodable};
@@ -48,19 +48,21 @@ fn filters(probed: &Probed, pass: Pass) -> String {
     let last = pass.last.map_or(String::new(), |last| format!("*lte(n\\,{last})"));
     let select = format!("select=gte(n\\,{0}){last}*not(mod(n-{0}\\,{every}))", pass.first);
     let fields = if probed.is_interlaced { "yadif=0:-1:0," } else { "" };
-    // the shown size at most; the rotation has exchanged the sides of a pixel with those of the picture
+    // the shown size at most
     let pixel = if probed.pixel == 1.0 { "1" } else { "sar" };
     let (across, down) = (format!("iw*min(1\\,{pixel})"), format!("ih*min(1\\,1/{pixel})"));
     let share = format!("min(1\\,{}/max({across}\\,{down}))", pass.longer.max(1));
     let side = |side: &str| format!("max(1\\,round({side}*{share}))");
     let scale = format!("scale=w={}:h={}:flags=area", side(&across), side(&down));
-    format!("settb=1/{TICKS},{print},{fields}{select},{scale},setsar=1,settb=1/{RATE},setpts=N,fps={RATE}")
+    let turn = probed.turn.map_or(String::new(), |turn| format!("{turn},"));
+    format!("settb=1/{TICKS},{print},{fields}{select},{scale},{turn}setsar=1,settb=1/{RATE},setpts=N,fps={RATE}")
 }
 
 /// Starts ffmpeg.
 pub(super) fn pass(path: &Path, decoding: &Decoding, pass: Pass) -> Result<Decoded> {
     let probed = &decoding.0;
-    let mut command = command("ffmpeg", path);
+    let before: &[&str] = if probed.turn.is_some() { &["-noautorotate"] } else { &[] };
+    let mut command = command("ffmpeg", before, path);
     let format = if probed.has_alpha { "rgba" } else { "rgb24" };
     command.args(["-nostdin", "-map", "0:V:0", "-vf", &filters(probed, pass)]);
     command.args(["-f", "image2pipe", "-c:v", "pam", "-pix_fmt", format]);

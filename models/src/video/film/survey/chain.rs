@@ -24,8 +24,8 @@ const NEARER: f64 = 0.07;
 /// Largest logarithm of the ratio of the accelerations, or of the widths, of two flights of one object.
 const OTHERWISE: f64 = 0.4;
 
-/// Largest share of the speed downwards that is left after a hit.
-const STOPS: f64 = 0.25;
+/// Least share of the speed downwards with which an object leaves a hit upwards.
+const LEAVES: f64 = 0.05;
 
 /// Largest number of flights.
 const MOST: usize = 40;
@@ -176,7 +176,7 @@ fn follows(scene: &Scene<'_>, known: &Flight, found: &Flight, forward: bool) -> 
     let width = a.across.max(b.across);
     // it falls in and leaves upwards, more slowly
     let (speed_in, speed_out) = (a.path.velocity_at(time)[1], b.path.velocity_at(time)[1]);
-    let bounced = speed_in > 0.0 && speed_out < STOPS * speed_in && speed_out > -1.1 * speed_in;
+    let bounced = speed_in > 0.0 && speed_out < -LEAVES * speed_in && speed_out > -1.1 * speed_in;
     between && bounced && distance < MEETING * width
 }
 

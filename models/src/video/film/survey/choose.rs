@@ -12,6 +12,9 @@ const ENOUGH_FREE: usize = 5;
 /// A component around the object whose area is larger by this factor is a hand that still touches it.
 const HELD: f64 = 2.0;
 
+/// Least contrast of a hand as a share of the object's: a change of the light around it is fainter.
+const CLEAR: f64 = 0.4;
+
 /// The chosen part, as indices of the surveyed pictures.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::video::film) struct Run {
@@ -47,7 +50,8 @@ pub(super) fn free(scene: &Scene<'_>, track: &Track, flight: usize) -> Vec<usize
         let around = |other: &&super::components::Component| {
             let [left, top, right, bottom] = other.rect;
             let inside = left <= own.rect[0] && top <= own.rect[1] && right >= own.rect[2] && bottom >= own.rect[3];
-            inside && other.area > HELD * own.area && other.covers(own.middle)
+            let alike = other.contrast > CLEAR * own.contrast;
+            inside && alike && other.area > HELD * own.area && other.covers(own.middle)
         };
         !own.cut && !scene.pieces[k].iter().any(|other| around(&other))
     };

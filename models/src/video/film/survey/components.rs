@@ -26,8 +26,6 @@ const MOST: usize = 16;
 /// A connected region that differs from the background.
 #[derive(Debug, Clone)]
 pub(in crate::video::film) struct Component {
-    /// Index of its picture in the sequence.
-    pub picture: usize,
     /// Centroid, weighted by the change \[pixels\].
     pub middle: [f64; 2],
     /// Covariance of the position \[pixels²\]: xx, xy, yy.
@@ -93,12 +91,7 @@ pub(in crate::video::film) fn all(sequence: &Sequence, background: &Background) 
         for k in start..(start + AT_ONCE).min(count) {
             let after = (k + 1 < count).then(|| difference(k + 1));
             let seen = now.take().expect("computed one ahead");
-            let view = View {
-                picture: k,
-                colours: &sequence.pictures[k],
-                background: &background.colour,
-                width: sequence.width,
-            };
+            let view = View { colours: &sequence.pictures[k], background: &background.colour, width: sequence.width };
             let mut found = view.components(&seen, &changes(&background.noise, |i| seen[i]));
             if let (Some(before), Some(after)) = (&before, &after) {
                 let from = |other: &[[f32; 3]]| {
@@ -191,7 +184,6 @@ fn smoothed(raw: &[[f32; 3]], width: usize) -> Vec<[f32; 3]> {
 
 /// A picture whose components are sought.
 struct View<'a> {
-    picture: usize,
     colours: &'a [Rgb],
     background: &'a [Rgb],
     width: usize,
@@ -291,7 +283,6 @@ impl View<'_> {
             second[2] / mass - middle[1] * middle[1],
         ];
         Component {
-            picture: self.picture,
             middle,
             spread,
             area: pixels.len() as f64,

@@ -103,10 +103,6 @@ pub(in crate::video::film) struct Flight {
     pub across: f64,
     /// Usual likeness with a shadow.
     pub shadow: f64,
-    /// Usual change against the background.
-    pub contrast: f64,
-    /// Usual colour.
-    pub colour: [f64; 3],
     /// Evidence for it.
     pub score: f64,
 }
@@ -131,8 +127,6 @@ impl Flight {
             path,
             across: of(&|piece, t| piece.across_direction(path.velocity_at(t))),
             shadow: of(&|piece, _| piece.shadow),
-            contrast: of(&|piece, _| piece.contrast),
-            colour: [0, 1, 2].map(|c| of(&|piece, _| piece.colour[c])),
             score: 0.0,
             members,
         })

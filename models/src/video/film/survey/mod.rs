@@ -15,20 +15,23 @@ mod metres;
 pub(in crate::video::film) mod pass;
 mod phases;
 mod place;
-mod tell;
+pub(in crate::video::film) mod register;
 mod search;
 mod sequence;
+mod tell;
+#[cfg(test)]
+mod tests;
 mod track;
 
 use self::background::Background;
 use self::chain::chains;
 use self::components::Component;
 pub(in crate::video::film) use self::metres::{EDGES, Size};
-pub use self::phases::{Phase, Span};
+use self::register::Motion;
 use self::search::Scene;
 pub(in crate::video::film) use self::sequence::Sequence;
-pub(in crate::video::film) use self::tell::Fall;
 use self::track::Track;
+use crate::video::story::Phase;
 
 /// Sizes of objects that are looked for \[m\].
 const SIZES: std::ops::RangeInclusive<f64> = 0.005..=3.0;
@@ -51,16 +54,21 @@ pub(in crate::video::film) struct Survey {
     /// Pictures that show most of the background together.
     pub spread: Vec<usize>,
     pub track: Track,
-    pub phases: Vec<Span>,
+    pub phases: Vec<Phase>,
     /// The part to use, if there is a contact.
     pub run: Option<choose::Run>,
     pub diameter: Size,
+    /// How the camera moves, if it does.
+    pub motion: Option<Motion>,
 }
 
-/// Surveys pictures; `None` if nothing falls freely.
-pub(in crate::video::film) fn survey(sequence: &Sequence) -> Option<Survey> {
+/// Surveys pictures, which become those of a camera at rest; `None` if nothing falls freely.
+pub(in crate::video::film) fn survey(sequence: &mut Sequence, motion: Option<Motion>) -> Option<Survey> {
     if sequence.pictures.len() < choose::LEAST_FREE + 1 {
         return None;
+    }
+    if let Some(motion) = &motion {
+        motion.undo(sequence);
     }
     let background = Background::of(sequence);
     let pieces = components::all(sequence, &background);
@@ -81,6 +89,7 @@ pub(in crate::video::film) fn survey(sequence: &Sequence) -> Option<Survey> {
         run,
         diameter,
         pieces,
+        motion,
     })
 }
 

@@ -2,6 +2,7 @@
 
 use gradreel::Result;
 
+use super::register::Motion;
 use super::{PIXELS, Sequence, Survey, survey};
 use crate::runtime::progress::Progress;
 use crate::video::film::source::{Pass, Source};
@@ -21,13 +22,20 @@ pub(in crate::video::film) struct Found {
     pub survey: Option<Survey>,
     /// Number of pictures that were seen.
     pub count: usize,
+    /// Largest displacement of the camera \[share of the longer side\], and number of pictures that could not be aligned.
+    pub camera: (f64, usize),
 }
 
 /// Surveys a film from a picture on.
 ///
 /// # Errors
 /// Those of the source.
-pub(in crate::video::film) fn of(source: &Source, first: usize, last: Option<usize>, progress: &Progress) -> Result<Found> {
+pub(in crate::video::film) fn of(
+    source: &Source,
+    first: usize,
+    last: Option<usize>,
+    progress: &Progress,
+) -> Result<Found> {
     let info = source.info();
     let pixels = (info.size.0 * info.size.1) as f64;
     let shrink = (PIXELS / pixels).sqrt().min(1.0);
@@ -35,31 +43,39 @@ pub(in crate::video::film) fn of(source: &Source, first: usize, last: Option<usi
     let every = info.rate.map_or(1, |rate| (rate / RATE).ceil().max(1.0) as usize);
     let pass = Pass { longer, first, last, every };
     let mut part = Sequence::default();
-    let mut best: Option<Survey> = None;
-    let mut count = 0;
+    let mut found = Found { survey: None, count: 0, camera: (0.0, 0) };
     for picture in source.pictures(pass)?.shown_on(source.stage(progress, "looking for a fall", pass)) {
         let picture = picture?;
-        count = picture.number + 1;
+        found.count = picture.number + 1;
         part.push(picture.number, picture.seconds, &picture.image);
         if part.pictures.len() == PART.0 {
-            if better(&mut best, surveyed(&mut part)) {
-                return Ok(Found { survey: best, count });
+            let shared = part.last(PART.1);
+            if found.add(part) {
+                return Ok(found);
             }
-            part.keep_last(PART.1);
+            part = shared;
         }
     }
-    better(&mut best, surveyed(&mut part));
-    Ok(Found { survey: best, count })
+    found.add(part);
+    Ok(found)
 }
 
-fn surveyed(part: &mut Sequence) -> Option<Survey> {
-    part.begin_with_motion(HELD);
-    survey(part)
+impl Found {
+    /// Surveys a part, and keeps what it shows if that is better than what is known; whether there is a contact.
+    fn add(&mut self, mut part: Sequence) -> bool {
+        part.begin_with_motion(HELD);
+        let motion = Motion::of(&part);
+        if let Some(motion) = &motion {
+            self.camera = (self.camera.0.max(motion.most), self.camera.1 + motion.lost.len());
+        }
+        better(&mut self.survey, survey(&mut part, motion))
+    }
 }
 
 /// Keeps the better of two; whether it has a contact.
 fn better(best: &mut Option<Survey>, new: Option<Survey>) -> bool {
-    let worth = |survey: &Option<Survey>| survey.as_ref().map_or((false, 0.0), |s| (s.run.is_some(), s.track.chain.score));
+    let worth =
+        |survey: &Option<Survey>| survey.as_ref().map_or((false, 0.0), |s| (s.run.is_some(), s.track.chain.score));
     if worth(&new) > worth(best) {
         *best = new;
     }

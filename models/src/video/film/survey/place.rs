@@ -2,6 +2,7 @@
 
 use super::Survey;
 use super::components::Component;
+use super::register::Homography;
 
 /// Margin around the object, in its widths and in pixels of the survey.
 const MARGIN: (f64, f64) = (0.5, 3.0);
@@ -17,6 +18,17 @@ impl Survey {
             Some(before) if number.abs_diff(self.numbers[before]) < self.numbers[after].abs_diff(number) => before,
             _ => after,
         }
+    }
+
+    /// Where a picture of the film shows the places of the camera at rest; `None` if the camera is at rest.
+    pub fn map(&self, number: usize) -> Option<Homography> {
+        let maps = &self.motion.as_ref()?.maps;
+        let after = self.numbers.partition_point(|n| *n < number).min(maps.len() - 1);
+        let before = after.saturating_sub(usize::from(self.numbers[after] > number));
+        let gap = (self.numbers[after] - self.numbers[before]) as f64;
+        let share =
+            if gap > 0.0 { (number.max(self.numbers[before]) - self.numbers[before]) as f64 / gap } else { 0.0 };
+        Some(std::array::from_fn(|i| (1.0 - share) * maps[before][i] + share * maps[after][i]))
     }
 
     /// The object's component in a surveyed picture.
@@ -41,9 +53,9 @@ impl Survey {
     /// can be; `None` beyond them.
     pub fn window(&self, number: usize) -> Option<Rect> {
         let k = self.index(number);
-        let known = |range: &mut dyn Iterator<Item = usize>| range.find(|k| self.track.spots[*k].is_some());
-        let before = known(&mut (0..=k).rev());
-        let after = known(&mut (k..self.numbers.len()));
+        let known = |k: &usize| self.track.spots[*k].is_some();
+        let before = (0..=k).rev().find(known);
+        let after = (k..self.numbers.len()).find(known);
         let exact = self.numbers[k] == number && self.track.spots[k].is_some();
         let around: Vec<usize> = if exact { vec![k] } else { vec![before?, after?] };
         let width = self.width();

@@ -54,6 +54,9 @@ const LEAST_CURVE: f64 = 1.0;
 /// Least sag of a flight below its chord: a share of the width, with a minimum in pixels.
 const LEAST_SAG: (f64, f64) = (0.15, 1.5);
 
+/// Largest scatter about the parabola as a share of that about a straight line.
+const BENDS: f64 = 0.5;
+
 /// Number of flights that are kept.
 const MOST: usize = 24;
 
@@ -257,6 +260,12 @@ impl Scene<'_> {
         self.sag(flight) >= (LEAST_SAG.0 * flight.across).max(LEAST_SAG.1).max(3.0 * flight.path.scatter)
     }
 
+    /// Whether its parabola explains its positions better than a straight line does: that of a body at rest, too.
+    fn bends(&self, flight: &Flight) -> bool {
+        let points: Vec<_> = flight.members.iter().map(|spot| (self.times[spot.0], self.piece(*spot).middle)).collect();
+        Parabola::fit(&points, Some([0.0; 2])).is_some_and(|line| flight.path.scatter < BENDS * line.scatter)
+    }
+
     /// Largest distance of a flight from its chord \[pixels\].
     fn sag(&self, flight: &Flight) -> f64 {
         let time = self.times[flight.last()] - self.times[flight.first()];
@@ -275,7 +284,7 @@ impl Scene<'_> {
         if down <= 0.0 || covered < COVERED || !(known || (sure > SURE && steep)) {
             return None;
         }
-        if !self.sags(&flight) {
+        if !self.sags(&flight) || !self.bends(&flight) {
             return None;
         }
         let whole = flight.members.iter().filter(|spot| !self.piece(**spot).cut).count() as f64;

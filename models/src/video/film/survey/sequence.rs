@@ -44,12 +44,16 @@ impl Sequence {
         Image { width: self.width, height: self.height, pixels, has_alpha: false }
     }
 
-    /// Leaves out all but the last pictures.
-    pub fn keep_last(&mut self, count: usize) {
-        let old = self.pictures.len().saturating_sub(count);
-        self.numbers.drain(..old);
-        self.times.drain(..old);
-        self.pictures.drain(..old);
+    /// Its last pictures.
+    pub fn last(&self, count: usize) -> Self {
+        let from = self.pictures.len().saturating_sub(count);
+        Self {
+            width: self.width,
+            height: self.height,
+            numbers: self.numbers[from..].to_vec(),
+            times: self.times[from..].to_vec(),
+            pictures: self.pictures[from..].to_vec(),
+        }
     }
 
     /// Shortens the time for which the first picture is held, if it is longer than `held` usual intervals: nobody

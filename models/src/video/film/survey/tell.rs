@@ -1,41 +1,48 @@
 //! What is told of a survey.
 
+use super::Survey;
 use super::chain::Link;
 use super::search::GRAVITY;
-use super::{Size, Span, Survey};
+use crate::video::story::{Curve, Sight, Story};
 
-/// A fall as surveyed: its phases, and what gravity tells of the object.
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
-pub struct Fall {
-    /// Held, in flight, in contact, at rest.
-    pub phases: Vec<Span>,
-    /// Times of the hits \[s\].
-    pub hits: Vec<f64>,
-    /// Coefficient of restitution by the first hit that a flight follows, with its standard deviation.
-    pub restitution: Option<[f64; 2]>,
-    /// Diameter across the motion by all flights \[m\].
-    pub diameter_m: f64,
-    /// Relative standard deviation of the diameter.
-    pub deviation: f64,
-    /// Bounds of the diameter that hold with 90 % \[m\].
-    pub interval_90: [f64; 2],
-}
+/// Standard deviation of an even distribution over one interval.
+const WITHIN: f64 = 0.288_675_134_594_812_9;
 
 /// Relative error of a speed at a hit for an error of one interval in its time is bounded by this share of it.
 const SPEED: f64 = 0.03;
 
 impl Survey {
-    /// What is told of it.
-    pub fn fall(&self) -> Fall {
-        let Size { metres, deviation } = self.diameter;
-        Fall {
-            phases: self.phases.clone(),
-            hits: self.track.hits.iter().flatten().map(|hit| hit.time).collect(),
-            restitution: self.restitution(),
-            diameter_m: metres,
-            deviation,
-            interval_90: self.diameter.interval_90(),
+    /// Adds phases, track and curves to a story whose positions are in pixels of `scale` to one of the survey.
+    pub fn told_in(&self, story: &mut Story, scale: f64) {
+        let within = WITHIN * self.interval();
+        let scaled = |place: [f64; 2]| place.map(|v| v * scale);
+        story.phases.clone_from(&self.phases);
+        for (k, spot) in self.track.spots.iter().enumerate() {
+            let Some(piece) = spot.map(|j| &self.pieces[k][j]) else { continue };
+            let across = scale * piece.across();
+            story.track.push(Sight {
+                number: self.numbers[k],
+                seconds: self.times[k],
+                middle: scaled(piece.middle),
+                across,
+            });
         }
+        for (link, hit) in self.track.chain.links.iter().zip(&self.track.hits) {
+            let (path, flight) = (&link.flight.path, &link.flight);
+            let end = hit.map_or(self.times[flight.last()] + within, |hit| hit.time);
+            story.curves.push(Curve {
+                seconds: [self.times[flight.first()], end],
+                at: path.time,
+                place: scaled(path.place),
+                velocity: scaled(path.velocity),
+                acceleration: scaled(path.acceleration),
+            });
+        }
+    }
+
+    /// Mean time between surveyed pictures \[s\].
+    fn interval(&self) -> f64 {
+        (self.times[self.times.len() - 1] - self.times[0]) / (self.times.len() - 1).max(1) as f64
     }
 
     /// Speed after the chosen contact as a share of that before, and its standard deviation.
@@ -62,11 +69,8 @@ impl Survey {
                 0 => "free from",
                 _ => "free again from",
             };
-            let mut again: Vec<String> = self.track.hits[run.flight + 1..]
-                .iter()
-                .flatten()
-                .map(|hit| format!("{:.2} s", hit.time))
-                .collect();
+            let mut again: Vec<String> =
+                self.track.hits[run.flight + 1..].iter().flatten().map(|hit| format!("{:.2} s", hit.time)).collect();
             if again.len() > 4 {
                 again.truncate(4);
                 again.push("…".to_owned());

@@ -69,7 +69,8 @@ impl Track {
                 _ => 0.0,
             };
             let reach = REACH * flight.across + speed * since;
-            match nearest(&look, scene, k, at, reach) {
+            // what leaves the picture does not land in it
+            match nearest(&look, scene, k, at, reach).filter(|j| !scene.pieces[k][*j].cut) {
                 Some(j) => {
                     self.spots[k] = Some(j);
                     (at, last) = (scene.pieces[k][j].middle, k);
