@@ -24,7 +24,7 @@ mod tests;
 
 pub use film::clip_of_film;
 pub(crate) use free_fall::Down;
-pub(crate) use locate::locate;
+pub(crate) use locate::{locate, locate_known};
 pub(crate) use surround::surround;
 
 use gradreel::Result;

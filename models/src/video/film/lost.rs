@@ -5,7 +5,6 @@ use std::path::Path;
 use gradreel::{Error, ErrorKind, Result};
 use ndarray::{Array2, Array3};
 
-use super::Wanted;
 use crate::video::clip::{Flight, Frame};
 use crate::video::foreground::Foreground;
 use crate::video::matte::Matte;
@@ -20,7 +19,7 @@ const ONE_IN: usize = 8;
 ///
 /// # Errors
 /// [`ErrorKind::Input`] if there are too many, or if one of the first frames is among them.
-pub(super) fn frames(path: &Path, mattes: &[Matte], foreground: Foreground, wanted: Wanted) -> Result<Vec<usize>> {
+pub(super) fn frames(path: &Path, mattes: &[Matte], foreground: Foreground, numbers: &[usize]) -> Result<Vec<usize>> {
     let areas: Vec<usize> = mattes.iter().map(|(_, alpha)| alpha.iter().filter(|a| **a > 0.5).count()).collect();
     let mut sorted = areas.clone();
     let middle = sorted.len() / 2;
@@ -33,7 +32,7 @@ pub(super) fn frames(path: &Path, mattes: &[Matte], foreground: Foreground, want
     };
     let still = foreground == Foreground::Still;
     Err(Error::new(ErrorKind::Input, "the object cannot be told from the background")
-        .at(format!("{}, frame {}", path.display(), wanted.first + k))
+        .at(format!("{}, frame {}", path.display(), numbers[k]))
         .found(format!(
             "{} pixels of an object, {usual} in other frames; it is told by {foreground}; {} of {} frames are like that",
             areas[k],

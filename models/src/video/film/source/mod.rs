@@ -21,8 +21,8 @@ use std::path::{Path, PathBuf};
 use gradreel::{Error, ErrorKind, Result};
 
 pub(in crate::video::film) use self::area::{shrunk, within};
-pub(in crate::video::film) use self::limits::check_size;
-pub(in crate::video::film) use self::pictures::{Picture, Pictures};
+
+pub(in crate::video::film) use self::pictures::Pictures;
 use super::pictures::Series;
 use super::{RATES, ending};
 use crate::runtime::progress::{Progress, Stage};
@@ -65,6 +65,7 @@ pub(in crate::video::film) struct Pass {
 
 impl Pass {
     /// All pictures at this size.
+    #[cfg(test)]
     pub fn whole(longer: usize) -> Self {
         Self { longer, first: 0, last: None, every: 1 }
     }

@@ -7,6 +7,7 @@ use gif::{Encoder, Frame, Repeat};
 use gradreel::ErrorKind;
 use tempfile::TempDir;
 
+use super::pictures::Picture;
 use super::*;
 use crate::video::image::Image;
 
