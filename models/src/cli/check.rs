@@ -31,6 +31,9 @@ pub(super) struct Arguments {
     /// Folder for the page of a film [default: runs/check-<film>, runs/check-<film>-2, …]
     #[arg(long, value_name = "FOLDER")]
     out: Option<PathBuf>,
+    /// No progress on stderr
+    #[arg(long, short)]
+    quiet: bool,
     #[command(flatten)]
     choice: ChoiceArguments,
     #[command(flatten)]
@@ -132,7 +135,7 @@ fn start(clip: &mut Clip, config: &Config) -> Result<()> {
 /// Reports on a film, which is converted to a clip with all checks of a reconstruction, and writes its page.
 fn film(arguments: &Arguments, config: &Config) -> Result<Result<()>> {
     interrupt::install()?;
-    let clip = ready(&arguments.clip, config)?;
+    let clip = ready(&arguments.clip, config, arguments.quiet)?;
     let folder = match &arguments.out {
         Some(folder) => RunFolder::create(folder)?,
         None => RunFolder::create_free(Path::new("runs"), &format!("check-{}", clip.name))?,

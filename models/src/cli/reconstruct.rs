@@ -191,7 +191,7 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     config.material.held =
         (!config.chooses_family()).then_some(config.held(&law)?.into_iter().map(str::to_owned).collect());
     // open the clip first, so that an unusable one leaves no folder
-    let clip = ready(&arguments.clip, &config)?;
+    let clip = ready(&arguments.clip, &config, arguments.quiet)?;
     let folder = match &arguments.out {
         Some(folder) => RunFolder::create(folder)?,
         None => RunFolder::create_free(Path::new("runs"), &clip.name)?,
@@ -223,15 +223,15 @@ fn resume(arguments: &Arguments) -> Result<(Run, Clip)> {
     }
     let folder = arguments.out.as_deref().unwrap_or(Path::new("."));
     let mut run = Run::open(RunFolder::resume(folder)?)?;
-    let mut clip = open(&arguments.clip, &run.config)?;
+    let mut clip = open(&arguments.clip, &run.config, arguments.quiet)?;
     imagine::given(&mut clip, &run.config)?;
     run.go_on(&clip)?;
     Ok((run, clip))
 }
 
 /// Opens a clip and performs all checks required for a reconstruction.
-pub(super) fn ready(path: &Path, config: &Config) -> Result<Clip> {
-    let mut clip = open(path, config)?;
+pub(super) fn ready(path: &Path, config: &Config, quiet: bool) -> Result<Clip> {
+    let mut clip = open(path, config, quiet)?;
     check_start(&mut clip, config)?;
     check_ground(&clip, config)?;
     Ok(clip)
@@ -295,11 +295,12 @@ pub(super) fn options(config: &Config) -> OpenOptions {
         cameras: Some(config.clip.cameras.clone()).filter(|cameras| !cameras.is_empty()),
         first_frame: config.clip.first_frame,
         max_frames: Some(config.clip.frames).filter(|&frames| frames > 0),
+        progress: false,
     }
 }
 
-pub(super) fn open(path: &Path, config: &Config) -> Result<Clip> {
-    let options = options(config);
+pub(super) fn open(path: &Path, config: &Config, quiet: bool) -> Result<Clip> {
+    let options = OpenOptions { progress: !quiet, ..options(config) };
     let gravity = config.world.gravity;
     check_is_clip(path)?;
     if let (true, Some(camera)) = (Film::is_at(path), config.clip.cameras.iter().find(|camera| **camera != 0)) {

@@ -116,6 +116,8 @@ pub struct OpenOptions {
     pub first_frame: Option<i64>,
     /// Largest number of frames to use; `None` for all.
     pub max_frames: Option<usize>,
+    /// Whether the progress of reading a film is shown on stderr.
+    pub progress: bool,
 }
 
 impl Flight {

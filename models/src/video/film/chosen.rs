@@ -1,7 +1,6 @@
 //! The pictures of a film that are used, and those that show the background beside them.
 
 use std::collections::BTreeSet;
-use std::io::IsTerminal;
 use std::path::Path;
 
 use gradreel::{Error, ErrorKind, Result};
@@ -90,7 +89,7 @@ impl Chosen {
 /// Those of the source, and [`ErrorKind::Input`] for a film without a fall or a contact, unless the options or the
 /// settings say what to use.
 pub(super) fn read(path: &Path, source: &Source, settings: &FilmSettings, options: &OpenOptions) -> Result<Chosen> {
-    let progress = Progress::new(!std::io::stderr().is_terminal());
+    let progress = Progress::new(!options.progress);
     let first = options.first_frame.unwrap_or(0);
     let Ok(first) = usize::try_from(first) else {
         return Err(Error::new(ErrorKind::Input, "no frame is selected")
