@@ -9,7 +9,7 @@ use ndarray::azip;
 use super::free_fall::{Down, FreeFall, Prior};
 use super::{ground, half_extent, locate, locate_known, story};
 use crate::vector::times;
-use crate::video::{Camera, Clip, Film, FilmSettings, Flight, Frame, OpenOptions};
+use crate::video::{Camera, Clip, Film, FilmSettings, Flight, Frame, OpenOptions, WARNING};
 
 /// Default angle of view along the longer side of the image \[degrees\].
 const FIELD_OF_VIEW: f64 = 50.0;
@@ -103,6 +103,15 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
         }
         None => (2.0 * metres * half_extent(&clip), fall.deviation),
     };
+    let warning = implausible(diameter, film.frames_per_s);
+    if let Some(warning) = warning.as_ref().filter(|_| settings.frames_per_s == 0.0) {
+        let said = warning.trim_start_matches(WARNING);
+        return Err(Error::new(ErrorKind::Input, "the fall does not fit the frame rate of the file")
+            .at(path.display())
+            .found(said)
+            .wanted(format!("an object of {} to {}", length(SIZES[0]), length(SIZES[1])))
+            .fix("give the rate at which it was filmed (--fps, as above), for slow motion above all; a given rate is believed"));
+    }
     let lowest = ground::below(&clip.cameras[0], &clip.frames[0], &clip.times, &fall);
     // camera axes in the world: a rotation about x that makes y vertical
     let [_, cosine, sine] = fall.down.map(|x| -x);
@@ -138,7 +147,7 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
         fall.frames
     ));
     say(format!("size: the object is {} across", length(diameter)));
-    if let Some(warning) = implausible(diameter, film.frames_per_s) {
+    if let Some(warning) = warning {
         say(warning);
     }
     say(match lowest {
@@ -182,7 +191,7 @@ fn implausible(diameter: f64, frames_per_s: f64) -> Option<String> {
         None => format!("no usual frame rate makes it {} to {}", length(SIZES[0]), length(SIZES[1])),
     };
     Some(format!(
-        "warning: an object of {} is hardly what falls there: is {frames_per_s:.4} 1/s the rate at which it was filmed? {fit}",
+        "{WARNING}an object of {} is hardly what falls there: is {frames_per_s:.4} 1/s the rate at which it was filmed? {fit}",
         length(diameter)
     ))
 }

@@ -36,6 +36,12 @@ use crate::video::story::Phase;
 /// Sizes of objects that are looked for \[m\].
 const SIZES: std::ops::RangeInclusive<f64> = 0.005..=3.0;
 
+/// Sizes that a wrong frame rate makes of objects \[m\]: lengths go with the square of the interval.
+const MISJUDGED: [std::ops::RangeInclusive<f64>; 2] = [3.0..=300.0, 5e-5..=0.005];
+
+/// Evidence at which a chain of flights of such a size counts.
+const MISJUDGED_SCORE: f64 = 25.0;
+
 /// Number of pixels of a surveyed picture.
 pub(in crate::video::film) const PIXELS: f64 = 65_000.0;
 
@@ -73,8 +79,12 @@ pub(in crate::video::film) fn survey(sequence: &mut Sequence, motion: Option<Mot
     let background = Background::of(sequence);
     let pieces = components::all(sequence, &background);
     let scene = Scene { pieces: &pieces, times: &sequence.times };
-    let flights = scene.flights(&SIZES);
-    let chain = chains(&scene, &flights).into_iter().next().filter(|chain| chain.score >= LEAST_SCORE)?;
+    let best = |sizes: &std::ops::RangeInclusive<f64>, least: f64| {
+        let flights = scene.flights(sizes);
+        chains(&scene, &flights).into_iter().next().filter(|chain| chain.score >= least)
+    };
+    let misjudged = || MISJUDGED.iter().find_map(|sizes| best(sizes, MISJUDGED_SCORE).filter(|c| c.links.len() > 1));
+    let chain = best(&SIZES, LEAST_SCORE).or_else(misjudged)?;
     let diameter = Size::of(&scene, &chain);
     let track = Track::of(&scene, chain);
     let run = choose::run(&scene, &track);
