@@ -66,6 +66,8 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
     let scale = film.scale;
     let located = |clip: &Clip| -> Result<Option<FreeFall>> {
         let Some(scale) = scale else { return locate(clip, down) };
+        // what the frames show is of their real times, even where the clip's are even
+        let clip = &Clip { times: film.times.iter().map(|time| time - film.times[0]).collect(), ..clip.clone() };
         let [pixels, relative] = scale.acceleration;
         let deviation = pixels * relative.hypot(DEPARTS);
         let known = locate_known(clip, scale.free, Prior { down, acceleration: Some([pixels, deviation]) })?;
@@ -93,15 +95,22 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
                  calibrated cameras needs no fall",
             ));
     };
-    let metres = strength / fall.gravity;
-    let (diameter, deviation) = match scale {
-        // blur along the motion lengthens what a single frame shows
+    let own = strength / fall.gravity;
+    let (metres, diameter, deviation) = match scale {
         Some(scale) => {
-            let [across, error] = scale.across;
-            let deviation = fall.deviation.hypot(error / across).hypot(UNMODELLED);
-            (metres * across / clip.cameras[0].fx, deviation)
+            let [size, sure] = scale.diameter;
+            let (first, all) = (own, size * clip.cameras[0].fx / scale.across);
+            // the mean of what the first flight tells in three dimensions and what all flights tell in the picture
+            let weights = [fall.deviation.hypot(UNMODELLED), sure].map(|deviation| deviation.powi(-2));
+            let both = weights[0] + weights[1];
+            let metres = ((weights[0] * first.ln() + weights[1] * all.ln()) / both).exp();
+            let apart = (first / all).ln();
+            // they err in part together
+            let deviation =
+                both.powf(-0.5).hypot(0.5 * apart * (weights[0] * weights[1]).sqrt() / both).max(UNMODELLED);
+            (metres, metres * scale.across / clip.cameras[0].fx, deviation)
         }
-        None => (2.0 * metres * half_extent(&clip), fall.deviation),
+        None => (own, 2.0 * own * half_extent(&clip), fall.deviation),
     };
     let warning = implausible(diameter, film.frames_per_s);
     if let Some(warning) = warning.as_ref().filter(|_| settings.frames_per_s == 0.0) {
@@ -161,7 +170,7 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
 
 /// Relative deviation between the acceleration of a point in the picture of all flights and that of the first frame's
 /// depth.
-const DEPARTS: f64 = 0.05;
+const DEPARTS: f64 = 0.15;
 
 /// Relative deviation of the metres that no fit shows: rows that are read one after the other, distortion, a camera
 /// that leans.

@@ -17,17 +17,23 @@ use crate::video::story::{Snapshot, Story};
 /// Longer side of the pictures \[pixels\], and the largest that small objects are given.
 const SIDE: (usize, usize) = (640, 1920);
 
+/// Number of their pixels, unless small objects need more.
+const AREA: f64 = 640.0 * 400.0;
+
 /// Least diameter of the object in them \[pixels\].
 const LEAST_ACROSS: f64 = 24.0;
 
 /// Number of pictures that a fit needs at most; films with more are thinned in time.
-const MOST: usize = 48;
+const MOST: usize = 40;
 
 /// Number of pictures that can be asked for.
 const MOST_ASKED: usize = 240;
 
 /// Pictures in memory with what the survey says of them.
 pub(super) struct Chosen {
+    /// Width of the pictures.
+    pub width: usize,
+    /// The pictures, until their mattes are known.
     pub images: Vec<Image>,
     /// Number of each in the film.
     pub numbers: Vec<usize>,
@@ -79,7 +85,7 @@ impl Chosen {
 
     /// Pixels of the pictures in a pixel of the survey.
     pub fn scale(&self) -> Option<f64> {
-        self.survey.as_ref().map(|survey| self.images[0].width as f64 / survey.size[0] as f64)
+        self.survey.as_ref().map(|survey| self.width as f64 / survey.size[0] as f64)
     }
 }
 
@@ -138,6 +144,7 @@ pub(super) fn read(path: &Path, source: &Source, settings: &FilmSettings, option
     let end = to.max(beside.last().copied().unwrap_or(to));
     let pass = Pass { longer, first: begin, last: Some(end), every: 1 };
     let mut chosen = Chosen {
+        width: 0,
         images: vec![],
         numbers: vec![],
         times: vec![],
@@ -170,6 +177,7 @@ pub(super) fn read(path: &Path, source: &Source, settings: &FilmSettings, option
             .fix("choose an earlier first frame"));
     };
     let (width, height) = (image.width, image.height);
+    chosen.width = width;
     chosen.few_colours = source.info().few_colours && (width, height) == chosen.size;
     if (width, height) != chosen.size {
         let (across, down) = chosen.size;
@@ -195,9 +203,11 @@ pub(super) fn read(path: &Path, source: &Source, settings: &FilmSettings, option
 
 /// Longer side of the pictures in which the object is large enough.
 fn longer(source: &Source, survey: Option<&Survey>) -> usize {
-    let enough = survey.map_or(0.0, |survey| LEAST_ACROSS / survey.width() * survey.size[0].max(survey.size[1]) as f64);
     let (width, height) = source.info().size;
-    SIDE.0.max(enough.ceil() as usize).min(SIDE.1).min(width.max(height))
+    let enough = survey.map_or(0.0, |survey| LEAST_ACROSS / survey.width() * survey.size[0].max(survey.size[1]) as f64);
+    let area = (width * height) as f64;
+    let usual = (SIDE.0 as f64).min((AREA / area).sqrt() * width.max(height) as f64).round() as usize;
+    usual.max(enough.ceil() as usize).min(SIDE.1).min(width.max(height))
 }
 
 /// Least number of frames of free fall.

@@ -51,9 +51,10 @@ struct Told {
 
 /// Segments the object by the first available source: given masks, a given network, the pictures' alpha channel, a
 /// given background, a plain background (white or another colour), or a background estimated from the frames.
-pub(super) fn frames(path: &Path, chosen: &Chosen, settings: &FilmSettings) -> Result<Found> {
+pub(super) fn frames(path: &Path, chosen: &mut Chosen, settings: &FilmSettings) -> Result<Found> {
     let (width, height) = (chosen.images[0].width, chosen.images[0].height);
     let Told { foreground, mut mattes, mut hueless, mut said } = mattes(chosen, settings)?;
+    (chosen.images, chosen.beside) = (vec![], vec![]);
     let all: Vec<Vec<bool>> =
         mattes.iter().map(|(_, alpha)| alpha.iter().map(|alpha| *alpha > 0.5).collect()).collect();
     let numbers = &chosen.numbers;
@@ -65,7 +66,8 @@ pub(super) fn frames(path: &Path, chosen: &Chosen, settings: &FilmSettings) -> R
         hueless.iter_mut().for_each(|hueless| hueless.truncate(alone.frames));
         said.push(alone.said);
     }
-    let lost = lost::frames(path, &mattes, foreground, numbers)?;
+    let lost =
+        lost::frames(path, &mattes, foreground, numbers, chosen.survey.as_ref().is_some_and(|s| s.run.is_some()))?;
     let frame = |(k, (rgb, alpha)): (usize, Matte)| match lost.contains(&k) {
         true => lost::nothing(width, height),
         false => Frame {

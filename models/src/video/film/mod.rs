@@ -111,6 +111,8 @@ pub struct Film {
     pub hueless: Option<Vec<Frame>>,
     /// Number of each of `frames` in the film.
     pub numbers: Vec<usize>,
+    /// Real time of each \[s\].
+    pub times: Vec<f64>,
     /// The chosen free fall.
     pub(crate) scale: Option<Scale>,
     /// Frame rate \[1/s\].
@@ -161,18 +163,31 @@ impl Film {
         let (interval, pace, mut assumptions) = time(path, settings, every, &clock)?;
         assumptions.append(&mut chosen.said);
         let story = chosen.story();
-        if let Some(smooth) = grain::removed(&chosen.images) {
+        // a palette of few colours is one of a GIF, or of pictures made from one
+        let palette = source.info().few_colours || path.is_dir();
+        if let Some(smooth) = Some(()).filter(|()| palette).and_then(|()| grain::removed(&chosen.images)) {
             assumptions.push("the grain of the pictures is that of a palette of few colours: it was smoothed".into());
             let (numbers, beside): (Vec<_>, Vec<_>) = chosen.beside.drain(..).unzip();
             let beside = grain::removed(&beside).unwrap_or(beside);
             chosen.beside = numbers.into_iter().zip(beside).collect();
             (chosen.images, chosen.few_colours) = (smooth, false);
         }
-        let Found { foreground, mut frames, mut hueless, lost, said } = matting::frames(path, &chosen, settings)?;
+        let Found { foreground, mut frames, mut hueless, mut lost, said } =
+            matting::frames(path, &mut chosen, settings)?;
         assumptions.push(format!("the object is told from the background by {foreground}"));
         assumptions.extend(said);
+        // a run begins with a picture that shows the object
+        let begin = (0..frames.len()).find(|k| !lost.contains(k)).unwrap_or(0);
+        if begin > 0 {
+            frames.drain(..begin);
+            hueless.iter_mut().for_each(|hueless| drop(hueless.drain(..begin)));
+            chosen.numbers.drain(..begin);
+            chosen.times.drain(..begin);
+            lost = lost.into_iter().filter(|k| *k >= begin).map(|k| k - begin).collect();
+        }
         let mut numbers = chosen.numbers.clone();
         numbers.truncate(frames.len());
+        let mut times = chosen.times[..frames.len()].to_vec();
         if !lost.is_empty() {
             let lost: Vec<String> = lost.iter().map(|k| numbers[*k].to_string()).collect();
             assumptions.push(format!("nothing in frame {} counts: the object was not found there", lost.join(", ")));
@@ -185,6 +200,7 @@ impl Film {
                 frames = even.frames(&frames);
                 assumptions.append(&mut even.said);
                 numbers = (0..frames.len()).map(|k| numbers[0] + k).collect();
+                times = (0..frames.len()).map(|k| times[0] + k as f64 * interval).collect();
             }
         }
         let name = path.canonicalize().unwrap_or_else(|_| path.to_path_buf());
@@ -194,6 +210,7 @@ impl Film {
             frames,
             hueless,
             numbers,
+            times,
             scale,
             frames_per_s: 1.0 / interval,
             focal: source.info().focal,
@@ -211,8 +228,10 @@ pub(crate) struct Scale {
     pub free: usize,
     /// Downward acceleration in the picture \[pixels/s²\], with its relative standard deviation.
     pub acceleration: [f64; 2],
-    /// Extent across the motion \[pixels\], with its standard deviation.
-    pub across: [f64; 2],
+    /// Extent across the motion \[pixels\].
+    pub across: f64,
+    /// Diameter by all free flights \[m\], with its relative standard deviation.
+    pub diameter: [f64; 2],
 }
 
 impl Scale {
@@ -227,7 +246,8 @@ impl Scale {
         (times[0] >= begin && free >= chosen::LEAST).then_some(Self {
             free,
             acceleration: [scale * link.acceleration, link.deviation],
-            across: [scale * link.flight.across, scale * survey::EDGES],
+            across: scale * link.flight.across,
+            diameter: [survey.diameter.metres, survey.diameter.deviation],
         })
     }
 }

@@ -66,13 +66,18 @@ pub(super) fn alone(mattes: &mut [Matte], numbers: &[usize], survey: &Survey, sc
         };
         let place = |pixel: usize| [(pixel % width) as f64 / scale, (pixel / width) as f64 / scale];
         let own = survey.component(*number);
-        if own.is_some() {
+        if let Some(own) = own {
             for other in survey.others(*number) {
                 for [row, first, last] in &other.runs {
                     let scaled = |v: u16, most: usize| ((f64::from(v) * scale).round() as usize).min(most);
                     for y in scaled(*row, height)..scaled(row + 1, height) {
                         for x in scaled(*first, width)..scaled(*last, width) {
-                            clear(y * width + x, rgb, alpha);
+                            let pixel = y * width + x;
+                            let [u, v] = place(pixel);
+                            let off = (u - own.middle[0]).hypot(v - own.middle[1]);
+                            if off > 0.5 * survey.width() && !own.covers([u, v]) {
+                                clear(pixel, rgb, alpha);
+                            }
                         }
                     }
                 }

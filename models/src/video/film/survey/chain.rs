@@ -27,6 +27,9 @@ const OTHERWISE: f64 = 0.4;
 /// Least share of the speed downwards with which an object leaves a hit upwards.
 const LEAVES: f64 = 0.05;
 
+/// Largest departure of the rest of a flight from its continuation, in widths and in shares of the speed.
+const ON: f64 = 0.3;
+
 /// Largest number of flights.
 const MOST: usize = 40;
 
@@ -114,6 +117,8 @@ fn next(scene: &Scene<'_>, link: &Link, all: &[Flight], forward: bool) -> Option
     };
     let like = |k: usize| model.like(&scene.pieces[k]);
     let mut best: Option<Link> = None;
+    // the rest of the same flight, where pictures are missing from the film
+    let mut rest: Option<Link> = None;
     let mut tried: Vec<Flight> = Vec::new();
     for &k in &window {
         for step in 1..=2 {
@@ -131,6 +136,10 @@ fn next(scene: &Scene<'_>, link: &Link, all: &[Flight], forward: bool) -> Option
                     let Some(found) = scene.grown(seed, Some(acceleration)) else { continue };
                     tried.push(found.clone());
                     if !follows(scene, flight, &found, forward) {
+                        let more = rest.as_ref().is_none_or(|rest: &Link| rest.flight.score < found.score);
+                        if more && continues(scene, flight, &found, forward) {
+                            rest = Some(linked(scene, found, Some(link)));
+                        }
                         continue;
                     }
                     if best.as_ref().is_none_or(|best| best.flight.score < found.score) {
@@ -161,11 +170,29 @@ fn next(scene: &Scene<'_>, link: &Link, all: &[Flight], forward: bool) -> Option
             break;
         }
     }
-    best
+    best.or(rest)
+}
+
+/// Whether a flight goes on with another, but for an interval that the film's times lack or have too much.
+fn continues(scene: &Scene<'_>, known: &Flight, found: &Flight, forward: bool) -> bool {
+    let (a, b) = if forward { (known, found) } else { (found, known) };
+    if found.members.len() < 4 || b.last() <= a.last() || b.first() <= a.first() || b.first() < a.last() {
+        return false;
+    }
+    let time = scene.times[b.first()];
+    let (place, velocity) = (b.path.at(time), b.path.velocity_at(time));
+    let width = a.across.max(b.across);
+    [0.0, 1.0, -1.0].into_iter().any(|shift| {
+        let then = time + shift * scene.interval();
+        let (at, was) = (a.path.at(then), a.path.velocity_at(then));
+        let off = (at[0] - place[0]).hypot(at[1] - place[1]);
+        let turned = (was[0] - velocity[0]).hypot(was[1] - velocity[1]);
+        off < ON * width && turned < ON * velocity[0].hypot(velocity[1]).max(width / scene.interval() * 0.2)
+    })
 }
 
 /// Whether a flight is one that follows another, or precedes it.
-fn follows(scene: &Scene<'_>, known: &Flight, found: &Flight, forward: bool) -> bool {
+pub(super) fn follows(scene: &Scene<'_>, known: &Flight, found: &Flight, forward: bool) -> bool {
     let (a, b) = if forward { (known, found) } else { (found, known) };
     if found.members.len() < 3 || b.last() <= a.last() || b.first() <= a.first() {
         return false;

@@ -12,7 +12,7 @@ const CAMERA: f64 = 0.1;
 const LEAST_OWN: f64 = 0.03;
 
 /// Error of the edges of a component \[pixels\]: half a pixel on either side.
-pub(in crate::video::film) const EDGES: f64 = 0.7;
+const EDGES: f64 = 0.7;
 
 /// A diameter with its relative standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]

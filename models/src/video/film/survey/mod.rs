@@ -26,7 +26,7 @@ mod track;
 use self::background::Background;
 use self::chain::chains;
 use self::components::Component;
-pub(in crate::video::film) use self::metres::{EDGES, Size};
+pub(in crate::video::film) use self::metres::Size;
 use self::register::Motion;
 use self::search::Scene;
 pub(in crate::video::film) use self::sequence::Sequence;

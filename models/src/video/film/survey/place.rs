@@ -7,6 +7,11 @@ use super::register::Homography;
 /// Margin around the object, in its widths and in pixels of the survey.
 const MARGIN: (f64, f64) = (0.5, 3.0);
 
+/// Distance from the object's edge within which a component is a fragment of it \[pixels of the survey\], and least area
+/// of another thing as a share of the object's.
+const REACH: f64 = 4.0;
+const LEAST_OTHER: f64 = 0.3;
+
 /// A rectangle: left, top, right and bottom \[pixels\].
 pub(in crate::video::film) type Rect = [f64; 4];
 
@@ -45,7 +50,12 @@ impl Survey {
             return vec![];
         }
         let Some(own) = self.component(number) else { return vec![] };
-        let apart = |piece: &&Component| !piece.covers(own.middle) && !own.covers(piece.middle);
+        // fragments of the object itself are near it
+        let reach = 0.5 * (own.across().max(self.width()) + REACH);
+        let apart = |piece: &&Component| {
+            let off = (piece.middle[0] - own.middle[0]).hypot(piece.middle[1] - own.middle[1]);
+            !piece.covers(own.middle) && off > reach && piece.area > LEAST_OTHER * own.area
+        };
         self.pieces[k].iter().filter(apart).collect()
     }
 

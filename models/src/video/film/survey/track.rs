@@ -40,7 +40,8 @@ impl Track {
         }
         let meeting = |k: usize| {
             let (a, b) = (&chain.links[k].flight.path, &chain.links[k + 1].flight.path);
-            a.meets(b).map(|(time, _)| Hit {
+            let hits = |time: f64| a.velocity_at(time)[1] > 0.0 && b.velocity_at(time)[1] < 0.0;
+            a.meets(b).filter(|(time, _)| hits(*time)).map(|(time, _)| Hit {
                 time,
                 place: a.at(time),
                 before: a.velocity_at(time),
