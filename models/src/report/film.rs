@@ -25,7 +25,10 @@ const TINT: ([f64; 3], f64) = ([47.0, 111.0, 208.0], 0.5);
 
 /// Colours of the phases in drawings.
 const COLOURS: [(Doing, &str); 4] =
-    [(Doing::Held, "#8a8f98"), (Doing::Flight, "#3b7dd8"), (Doing::Contact, "#d9733a"), (Doing::Rest, "#2f9e77")];
+    [(Doing::Contact, "#d9733a"), (Doing::Held, "#8a8f98"), (Doing::Flight, "#3b7dd8"), (Doing::Rest, "#2f9e77")];
+
+/// Number of phases in the table.
+const MOST_PHASES: usize = 9;
 
 /// Number of points of a drawn curve.
 const POINTS: usize = 48;
@@ -200,8 +203,9 @@ fn drawing(clip: &Clip, story: &Story) -> Result<Option<Drawing>> {
         ));
     }
     for sight in &story.track {
-        let phase = story.phases.iter().find(|phase| phase.frames.contains(&sight.number));
-        let colour = COLOURS.iter().find(|(doing, _)| phase.is_some_and(|phase| phase.doing == *doing));
+        // a contact lies within the last frame of one flight and the first of the next
+        let doing = |doing: Doing| story.phases.iter().any(|p| p.doing == doing && p.frames.contains(&sight.number));
+        let colour = COLOURS.iter().find(|(what, _)| doing(*what));
         put(format!(
             "<circle class=\"seen\" cx=\"{:.1}\" cy=\"{:.1}\" r=\"{:.2}\" fill=\"{}\" stroke=\"#ffffff\" stroke-width=\"{:.2}\">\
              <title>frame {}, {:.3} s</title></circle>",
@@ -221,13 +225,20 @@ fn drawing(clip: &Clip, story: &Story) -> Result<Option<Drawing>> {
     Ok(Some(Drawing { heading: "Track".into(), svg, caption: escape(caption) }))
 }
 
-/// The ground at the object's distance as a line across the picture \[pixels\].
+/// Depth of the object at the end of its first flight, in units of that at its beginning.
+fn depth_at_hit(flight: &Flight, clip: &Clip) -> f64 {
+    let seconds = flight.frames as f64 * clip.frame_dt();
+    (1.0 - flight.velocity[2] * seconds / flight.distance).clamp(0.2, 5.0)
+}
+
+/// The ground at the object's distance when it hits, as a line across the picture \[pixels\].
 fn ground(clip: &Clip, story: &Story) -> Option<[[f64; 2]; 2]> {
     let (flight, camera) = (clip.flight.as_ref()?, clip.cameras.first()?);
     let scale = [story.size.0 as f64 / camera.width as f64, story.size.1 as f64 / camera.height as f64];
     let reach = flight.distance * camera.width as f64 / camera.fx;
+    let depth = flight.centre[2] * depth_at_hit(flight, clip);
     let end = |side: f64| {
-        let place = camera.project([flight.centre[0] + side * reach, 0.0, flight.centre[2]])?;
+        let place = camera.project([flight.centre[0] + side * reach, 0.0, depth])?;
         Some([place[0] * scale[0], place[1] * scale[1]])
     };
     Some([end(-1.0)?, end(1.0)?])
@@ -238,7 +249,8 @@ fn height(clip: &Clip, story: &Story) -> Option<Plot> {
     let flight = clip.flight.as_ref()?;
     let camera = clip.cameras.first()?;
     let [from, to] = ground(clip, story)?;
-    let metres = flight.distance / camera.fy * camera.height as f64 / story.size.1.max(1) as f64;
+    let metres =
+        depth_at_hit(flight, clip) * flight.distance / camera.fy * camera.height as f64 / story.size.1.max(1) as f64;
     let above = |[x, y]: [f64; 2]| {
         let share = (x - from[0]) / (to[0] - from[0]);
         (from[1] + share * (to[1] - from[1]) - y) * metres
@@ -247,14 +259,13 @@ fn height(clip: &Clip, story: &Story) -> Option<Plot> {
         label: "seen".into(),
         points: story.track.iter().map(|sight| (sight.seconds, above(sight.middle))).collect(),
     };
-    let curve = |(k, curve): (usize, &crate::video::Curve)| {
-        let at = |i: usize| curve.seconds[0] + (curve.seconds[1] - curve.seconds[0]) * i as f64 / POINTS as f64;
-        Series {
-            label: format!("flight {}", k + 1),
-            points: (0..=POINTS).map(at).map(|t| (t, above(curve.at(t)))).collect(),
-        }
+    let points = |curve: &crate::video::Curve| {
+        let [from, to] = curve.seconds;
+        let curve = curve.clone();
+        (0..=POINTS).map(move |i| from + (to - from) * i as f64 / POINTS as f64).map(move |t| (t, curve.at(t)))
     };
-    let series = std::iter::once(seen).chain(story.curves.iter().enumerate().map(curve)).collect();
+    let flights = story.curves.iter().flat_map(points).map(|(t, place)| (t, above(place))).collect();
+    let series = vec![seen, Series { label: "parabolas".into(), points: flights }];
     Some(Plot {
         title: "Height of the object's centre above the ground".into(),
         x_label: "time in the film [s]".into(),
@@ -266,7 +277,9 @@ fn height(clip: &Clip, story: &Story) -> Option<Plot> {
 }
 
 fn notes(clip: &Clip, story: &Story) -> Vec<(String, String)> {
-    let phases = story.phases.iter().map(|phase| {
+    let more = story.phases.len().saturating_sub(MOST_PHASES);
+    let more = (more > 0).then(|| ("Further phases".to_owned(), format!("{more}, in `gradreel check --json`")));
+    let phases = story.phases.iter().take(MOST_PHASES).map(|phase| {
         let (first, last) = (phase.frames.start(), phase.frames.end());
         let end = |(seconds, deviation): (f64, f64)| format!("{seconds:.3} s ± {deviation:.3} s");
         (
@@ -282,5 +295,5 @@ fn notes(clip: &Clip, story: &Story) -> Vec<(String, String)> {
             line.clone(),
         ),
     });
-    phases.chain([("Axes".to_owned(), axes.to_owned())]).chain(assumed).collect()
+    phases.chain(more).chain([("Axes".to_owned(), axes.to_owned())]).chain(assumed).collect()
 }

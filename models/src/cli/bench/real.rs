@@ -63,7 +63,10 @@ const KNOWN: &str = "films.json";
 const PAUSE: Duration = Duration::from_millis(20);
 
 /// Maximum length of a reason in the table, in characters.
-const LONGEST: usize = 160;
+const LONGEST: usize = 200;
+
+/// Number of phases in the table.
+const MOST_PHASES: usize = 5;
 
 /// What is known of a film.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -244,8 +247,10 @@ impl Row {
         let phase = |phase: &Value| {
             Some(format!("{} {}–{}", phase["kind"].as_str()?, phase["first_frame"], phase["last_frame"]))
         };
-        let phases: Vec<String> = self.seen["phases"].as_array()?.iter().filter_map(phase).collect();
-        (!phases.is_empty()).then(|| phases.join(", "))
+        let all: Vec<String> = self.seen["phases"].as_array()?.iter().filter_map(phase).collect();
+        let more = all.len().saturating_sub(MOST_PHASES);
+        let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+        (!all.is_empty()).then(|| format!("{}{more}", all[..all.len().min(MOST_PHASES)].join(", ")))
     }
 
     fn truth(&self) -> Option<String> {
@@ -259,9 +264,12 @@ impl Row {
     }
 }
 
-/// The first lines of a reason, in one.
+/// A reason in one line: what failed, and what was found.
 fn brief(reason: &str) -> String {
-    let line = reason.split_whitespace().collect::<Vec<_>>().join(" ");
+    let mut lines = reason.lines();
+    let what = lines.next().unwrap_or_default().trim();
+    let found = lines.find_map(|line| line.trim().strip_prefix("found: "));
+    let line = found.map_or_else(|| what.to_owned(), |found| format!("{what} ({found})"));
     match line.char_indices().nth(LONGEST) {
         Some((end, _)) => format!("{}…", &line[..end]),
         None => line,

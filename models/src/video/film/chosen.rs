@@ -20,6 +20,9 @@ const SIDE: (usize, usize) = (640, 1920);
 /// Number of their pixels, unless small objects need more.
 const AREA: f64 = 640.0 * 400.0;
 
+/// Maximum number of pixels of all pictures; mattes and frames made of them take some 24 bytes a pixel.
+const MOST_PIXELS: f64 = (1 << 24) as f64;
+
 /// Least diameter of the object in them \[pixels\].
 const LEAST_ACROSS: f64 = 24.0;
 
@@ -139,7 +142,7 @@ pub(super) fn read(path: &Path, source: &Source, settings: &FilmSettings, option
         .flat_map(|survey| survey.spread.iter().map(|k| survey.numbers[*k]))
         .filter(|number| !wanted.contains(number) && !given)
         .collect();
-    let longer = longer(source, survey.as_ref());
+    let longer = longer(source, survey.as_ref(), wanted.len() + beside.len() / 4);
     let begin = wanted.first().copied().unwrap_or(from).min(beside.first().copied().unwrap_or(from));
     let end = to.max(beside.last().copied().unwrap_or(to));
     let pass = Pass { longer, first: begin, last: Some(end), every: 1 };
@@ -201,13 +204,14 @@ pub(super) fn read(path: &Path, source: &Source, settings: &FilmSettings, option
     Ok(chosen)
 }
 
-/// Longer side of the pictures in which the object is large enough.
-fn longer(source: &Source, survey: Option<&Survey>) -> usize {
+/// Longer side of `count` pictures in which the object is large enough, as far as memory allows.
+fn longer(source: &Source, survey: Option<&Survey>, count: usize) -> usize {
     let (width, height) = source.info().size;
     let enough = survey.map_or(0.0, |survey| LEAST_ACROSS / survey.width() * survey.size[0].max(survey.size[1]) as f64);
     let area = (width * height) as f64;
     let usual = (SIDE.0 as f64).min((AREA / area).sqrt() * width.max(height) as f64).round() as usize;
-    usual.max(enough.ceil() as usize).min(SIDE.1).min(width.max(height))
+    let bound = (MOST_PIXELS / (count.max(1) as f64 * area)).sqrt() * width.max(height) as f64;
+    usual.max(enough.ceil() as usize).min(SIDE.1).min(width.max(height)).min((bound as usize).max(1))
 }
 
 /// Least number of frames of free fall.
