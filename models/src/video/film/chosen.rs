@@ -117,7 +117,10 @@ pub(super) fn read(path: &Path, source: &Source, settings: &FilmSettings, option
             (survey.numbers[run.first], survey.numbers[run.last])
         }
         (Some(survey), Some(run)) => (first, survey.numbers[run.last].max(first)),
-        (Some(survey), None) if !lenient => return Err(refuse::no_contact(path, survey)),
+        // of a short film the fit itself tells whether it begins with a fall
+        (Some(survey), None) if !lenient && found.count > first + MOST => {
+            return Err(refuse::no_contact(path, survey));
+        }
         (None, None) if !lenient && found.count > first + MOST => return Err(refuse::no_fall(path, &found)),
         _ => (first, found.count.saturating_sub(1).max(first)),
     };
@@ -136,7 +139,8 @@ pub(super) fn read(path: &Path, source: &Source, settings: &FilmSettings, option
         return Err(moves);
     }
     let wanted: BTreeSet<usize> = (from..=to).step_by(every).collect();
-    let survey = found.survey;
+    // without a contact the survey may have taken something else for the object
+    let survey = found.survey.filter(|survey| survey.run.is_some());
     let beside: BTreeSet<usize> = survey
         .iter()
         .flat_map(|survey| survey.spread.iter().map(|k| survey.numbers[*k]))
