@@ -196,7 +196,7 @@ fn apart(scene: &Scene<'_>, link: &Link, all: &[Flight], forward: bool) -> Optio
     let (_, found) = near.min_by(|a, b| a.0.total_cmp(&b.0))?;
     // only where a hit confirms that it is one
     let found = linked(scene, found.clone(), None);
-    next(scene, &found, all, forward).is_some().then_some(found)
+    next(scene, &found, all, forward).is_some_and(|next| next.flight.score >= CLEAR).then_some(found)
 }
 
 /// Whether a flight goes on with another, but for an interval that the film's times lack or have too much.
