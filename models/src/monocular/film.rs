@@ -100,15 +100,15 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
         Some(scale) => {
             let [size, sure] = scale.diameter;
             let (first, all) = (own, size * clip.cameras[0].fx / scale.across);
-            // the mean of what the first flight tells in three dimensions and what all flights tell in the picture
-            let weights = [fall.deviation.hypot(UNMODELLED), sure].map(|deviation| deviation.powi(-2));
+            let (single, apart) = (fall.deviation.hypot(UNMODELLED), (first / all).ln());
+            // one flight that is short, or says something else, does not count beside all of them
+            let believed = single < BELIEVED && apart.abs() < 2.0 * single.hypot(sure);
+            let weights = [if believed { single.powi(-2) } else { 0.0 }, sure.powi(-2)];
             let both = weights[0] + weights[1];
-            let metres = ((weights[0] * first.ln() + weights[1] * all.ln()) / both).exp();
-            let apart = (first / all).ln();
+            let metres = (all.ln() + weights[0] * apart / both).exp();
             // they err in part together
-            let deviation =
-                both.powf(-0.5).hypot(0.5 * apart * (weights[0] * weights[1]).sqrt() / both).max(UNMODELLED);
-            (metres, metres * scale.across / clip.cameras[0].fx, deviation)
+            let deviation = both.powf(-0.5).hypot(0.5 * apart * (weights[0] * weights[1]).sqrt() / both);
+            (metres, metres * scale.across / clip.cameras[0].fx, deviation.max(UNMODELLED))
         }
         None => (own, 2.0 * own * half_extent(&clip), fall.deviation),
     };
@@ -170,11 +170,14 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
 
 /// Relative deviation between the acceleration of a point in the picture of all flights and that of the first frame's
 /// depth.
-const DEPARTS: f64 = 0.15;
+const DEPARTS: f64 = 0.05;
 
 /// Relative deviation of the metres that no fit shows: rows that are read one after the other, distortion, a camera
 /// that leans.
 const UNMODELLED: f64 = 0.08;
+
+/// Relative deviation of the scale by a single flight up to which it counts beside that of all flights.
+const BELIEVED: f64 = 0.2;
 
 /// Plausible object sizes \[m\], and a typical one.
 const SIZES: [f64; 2] = [0.01, 2.0];

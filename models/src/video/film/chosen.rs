@@ -29,6 +29,9 @@ const LEAST_ACROSS: f64 = 24.0;
 /// Number of pictures that a fit needs at most; films with more are thinned in time.
 const MOST: usize = 40;
 
+/// Films of at most this many pictures are used from the first picture on.
+const SHORT: usize = 24;
+
 /// Number of pictures that can be asked for.
 const MOST_ASKED: usize = 240;
 
@@ -109,7 +112,11 @@ pub(super) fn read(path: &Path, source: &Source, settings: &FilmSettings, option
     };
     let given = options.first_frame.is_some() || options.max_frames.is_some();
     let last = options.max_frames.filter(|_| options.first_frame.is_some()).map(|count| first + count.max(1) - 1);
-    let found = survey::pass::of(source, first, last, &progress)?;
+    let mut found = survey::pass::of(source, first, last, &progress)?;
+    // a film that was cut to the fall is used as it is
+    if found.count <= SHORT {
+        found.survey = None;
+    }
     let lenient = given || settings.masks.is_some() || settings.matting.is_some();
     let run = found.survey.as_ref().and_then(|survey| survey.run);
     let (from, to) = match (&found.survey, run) {

@@ -16,7 +16,7 @@ const HIDDEN: f64 = 0.4;
 const BETTER: f64 = 3.0;
 
 /// Largest distance of two flights where they meet, in widths of the object.
-const MEETING: f64 = 0.7;
+pub(super) const MEETING: f64 = 0.7;
 
 /// Relative change of the acceleration from flight to flight that the depth of an object can cause.
 const NEARER: f64 = 0.07;
@@ -26,6 +26,10 @@ const OTHERWISE: f64 = 0.4;
 
 /// Least share of the speed downwards with which an object leaves a hit upwards.
 const LEAVES: f64 = 0.05;
+
+/// Longest time between two flights of one object \[s\], and least evidence for either.
+const LOST: f64 = 1.0;
+const CLEAR: f64 = 8.0;
 
 /// Largest departure of the rest of a flight from its continuation, in widths and in shares of the speed.
 const ON: f64 = 0.3;
@@ -77,7 +81,8 @@ fn of(scene: &Scene<'_>, leader: &Flight, all: &[Flight]) -> Chain {
     for forward in [true, false] {
         while links.len() < MOST {
             let end = if forward { links.len() - 1 } else { 0 };
-            let Some(link) = next(scene, &links[end], all, forward) else { break };
+            let found = next(scene, &links[end], all, forward).or_else(|| apart(scene, &links[end], all, forward));
+            let Some(link) = found else { break };
             links.insert(if forward { links.len() } else { 0 }, link);
         }
     }
@@ -171,6 +176,27 @@ fn next(scene: &Scene<'_>, link: &Link, all: &[Flight], forward: bool) -> Option
         }
     }
     best.or(rest)
+}
+
+/// The nearest clear flight of the same object before or after one, with what happens between them unknown.
+fn apart(scene: &Scene<'_>, link: &Link, all: &[Flight], forward: bool) -> Option<Link> {
+    let flight = &link.flight;
+    let look = model(scene, flight);
+    let gap = |other: &Flight| match forward {
+        true => (other.first() > flight.last()).then(|| scene.times[other.first()] - scene.times[flight.last()]),
+        false => (other.last() < flight.first()).then(|| scene.times[flight.first()] - scene.times[other.last()]),
+    };
+    let same = |other: &&Flight| {
+        let ratio = (other.path.acceleration[1] / link.acceleration).ln().abs();
+        let width = (other.across / flight.across).ln().abs();
+        let alike = other.members.iter().filter(|spot| look.unlike(scene.piece(**spot)).is_finite()).count();
+        ratio < OTHERWISE && width < OTHERWISE && 2 * alike > other.members.len() && other.score >= CLEAR
+    };
+    let near = all.iter().filter(same).filter_map(|other| Some((gap(other)?, other))).filter(|(gap, _)| *gap <= LOST);
+    let (_, found) = near.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    // only where a hit confirms that it is one
+    let found = linked(scene, found.clone(), None);
+    next(scene, &found, all, forward).is_some_and(|next| next.flight.score >= CLEAR).then_some(found)
 }
 
 /// Whether a flight goes on with another, but for an interval that the film's times lack or have too much.

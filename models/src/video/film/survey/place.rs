@@ -59,6 +59,29 @@ impl Survey {
         self.pieces[k].iter().filter(apart).collect()
     }
 
+    /// Centre of the object at a time between its flights' positions, on the flight before or after the hit.
+    fn predicted(&self, time: f64) -> Option<[f64; 2]> {
+        let links = &self.track.chain.links;
+        let begins = |k: usize| self.times[links[k].flight.first()];
+        let k = (0..links.len()).rfind(|k| begins(*k) <= time)?;
+        let path = |k: usize| links[k].flight.path.at(time);
+        match self.track.hits[k] {
+            Some(hit) if time < hit.time => Some(path(k)),
+            Some(hit) if hit.after.is_some() && k + 1 < links.len() => Some(path(k + 1)),
+            None if time <= self.times[links[k].flight.last()] => Some(path(k)),
+            _ => None,
+        }
+    }
+
+    /// Time of a picture of the film.
+    fn time(&self, number: usize) -> f64 {
+        let after = self.numbers.partition_point(|n| *n < number).min(self.numbers.len() - 1);
+        let before = after.saturating_sub(usize::from(self.numbers[after] > number));
+        let gap = (self.numbers[after] - self.numbers[before]).max(1) as f64;
+        let share = (number.max(self.numbers[before]) - self.numbers[before]) as f64 / gap;
+        self.times[before] + share * (self.times[after] - self.times[before])
+    }
+
     /// Where the object is in a picture of the film, with a margin; between pictures in which it is known, where it
     /// can be; `None` beyond them.
     pub fn window(&self, number: usize) -> Option<Rect> {
@@ -70,6 +93,10 @@ impl Survey {
         let around: Vec<usize> = if exact { vec![k] } else { vec![before?, after?] };
         let width = self.width();
         let margin = MARGIN.0 * width + MARGIN.1;
+        if let Some([x, y]) = self.predicted(self.time(number)).filter(|_| !exact) {
+            let reach = width + margin;
+            return Some([x - reach, y - reach, x + reach, y + reach]);
+        }
         let rects = around.iter().map(|k| {
             let piece = &self.pieces[*k][self.track.spots[*k].expect("known")];
             let [left, top, right, bottom] = piece.rect.map(|v| v as f64);

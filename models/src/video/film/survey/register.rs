@@ -41,6 +41,9 @@ const UNLIKE: (f64, f64) = (8.0, 3.0);
 const USUAL: [f64; 8] = [0.02, 0.02, 0.05, 0.02, 0.02, 0.05, 0.01, 0.01];
 const ALIKE: f64 = 30.0;
 
+/// Least share of the pictures that move if the camera does.
+const MOST_MOVE: f64 = 0.5;
+
 /// A homography about the middle of the picture, in units of half its longer side.
 pub(in crate::video::film) type Homography = [f64; 9];
 
@@ -113,6 +116,11 @@ impl Motion {
         let size = [sequence.width, sequence.height];
         let longer = sequence.width.max(sequence.height) as f64;
         let most = maps.iter().map(|map| displacement(map, size)).fold(0.0, f64::max);
+        // a hand moves the camera all the time: a few pictures that seem to move are mistaken
+        let moving = maps.iter().filter(|map| displacement(map, size) > STILL).count();
+        if (moving as f64) < MOST_MOVE * count as f64 {
+            return None;
+        }
         let limit = UNLIKE.0.max(UNLIKE.1 * super::flight::middle(off.clone()));
         let lost: Vec<usize> = (0..count).filter(|k| off[*k] > limit).collect();
         (most > STILL || !lost.is_empty()).then(|| Self { maps, most: most / longer, lost })

@@ -1,6 +1,6 @@
 //! Where the object is in each picture: on its flights, and after them.
 
-use super::chain::{Chain, model};
+use super::chain::{Chain, MEETING, model};
 use super::flight::middle;
 use super::search::{Model, Scene, gate};
 
@@ -41,7 +41,14 @@ impl Track {
         let meeting = |k: usize| {
             let (a, b) = (&chain.links[k].flight.path, &chain.links[k + 1].flight.path);
             let hits = |time: f64| a.velocity_at(time)[1] > 0.0 && b.velocity_at(time)[1] < 0.0;
-            a.meets(b).filter(|(time, _)| hits(*time)).map(|(time, _)| Hit {
+            let width = chain.links[k].flight.across.max(chain.links[k + 1].flight.across);
+            let times = [chain.links[k].flight.last(), chain.links[k + 1].flight.first()].map(|k| scene.times[k]);
+            let slack = scene.interval();
+            let meet = |&(time, apart): &(f64, f64)| {
+                let between = (times[0] - slack..=times[1] + slack).contains(&time);
+                hits(time) && between && apart < MEETING * width
+            };
+            a.meets(b).filter(meet).map(|(time, _)| Hit {
                 time,
                 place: a.at(time),
                 before: a.velocity_at(time),
