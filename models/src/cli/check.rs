@@ -1,14 +1,19 @@
 //! `gradreel check`: inspects a clip without reconstructing it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use gradreel::{Error, ErrorKind, Result};
 
 use crate::cli::film::{ChoiceArguments, FilmArguments};
+use crate::cli::ground::GroundArguments;
+use crate::cli::imagine::ImagineArguments;
 use crate::cli::output::say;
 use crate::cli::reconstruct::{check_is_clip, check_motion, check_start, far_ground, options, read_config, ready};
 use crate::cli::seen::Seen;
 use crate::identify::Config;
+use crate::report::film::{AXES, PAGE, publish};
+use crate::runtime::interrupt;
+use crate::runtime::run_folder::RunFolder;
 use crate::video::{Clip, Film, WARNING, inspect_and_open};
 
 /// Arguments of `gradreel check`.
@@ -23,10 +28,20 @@ pub(super) struct Arguments {
     /// Print what is found as JSON
     #[arg(long)]
     json: bool,
+    /// Folder for the page of a film [default: runs/check-<film>, runs/check-<film>-2, …]
+    #[arg(long, value_name = "FOLDER")]
+    out: Option<PathBuf>,
+    /// No progress on stderr
+    #[arg(long, short)]
+    quiet: bool,
     #[command(flatten)]
     choice: ChoiceArguments,
     #[command(flatten)]
     film: FilmArguments,
+    #[command(flatten)]
+    ground: GroundArguments,
+    #[command(flatten)]
+    imagine: ImagineArguments,
 }
 
 /// The layouts of clips, for the help of commands that open one.
@@ -61,6 +76,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
 
 /// The settings that a reconstruction would use to open the clip.
 fn settings(arguments: &Arguments) -> Result<Config> {
+    if let Some(folder) = &arguments.out {
+        super::place::check(folder, Some(&arguments.clip))?;
+    }
     let mut config = match &arguments.config {
         None => Config::default(),
         Some(path) => read_config(path)?,
@@ -69,6 +87,15 @@ fn settings(arguments: &Arguments) -> Result<Config> {
     arguments.film.check_is_of(&arguments.clip)?;
     arguments.choice.apply(&mut config.clip)?;
     arguments.film.apply(&mut config.clip.film)?;
+    arguments.imagine.apply(&mut config);
+    arguments.ground.apply(&mut config);
+    config.check()?;
+    if let (Some(folder), false) = (&arguments.out, Film::is_at(&arguments.clip) || !arguments.clip.exists()) {
+        return Err(Error::new(ErrorKind::Input, "only of a film there is a page to be written")
+            .at("--out")
+            .found(format!("{} for a clip of calibrated cameras", folder.display()))
+            .fix("leave it out"));
+    }
     Ok(config)
 }
 
@@ -105,11 +132,18 @@ fn start(clip: &mut Clip, config: &Config) -> Result<()> {
     Ok(())
 }
 
-/// Reports on a film, which is converted to a clip with all checks of a reconstruction.
+/// Reports on a film, which is converted to a clip with all checks of a reconstruction, and writes its page.
 fn film(arguments: &Arguments, config: &Config) -> Result<Result<()>> {
-    let clip = ready(&arguments.clip, config)?;
+    interrupt::install()?;
+    let clip = ready(&arguments.clip, config, arguments.quiet)?;
+    let folder = match &arguments.out {
+        Some(folder) => RunFolder::create(folder)?,
+        None => RunFolder::create_free(Path::new("runs"), &format!("check-{}", clip.name))?,
+    };
+    publish(&folder, &clip, &arguments.clip.display().to_string(), &config.to_toml()?)?;
+    let page = folder.path(PAGE);
     if arguments.json {
-        return Seen::of(&clip, &arguments.clip).print().map(Ok);
+        return Seen { page: Some(page.display().to_string()), ..Seen::of(&clip, &arguments.clip) }.print().map(Ok);
     }
     let camera = &clip.cameras[0];
     say!("film {} ({})", clip.name, arguments.clip.display());
@@ -120,14 +154,21 @@ fn film(arguments: &Arguments, config: &Config) -> Result<Result<()>> {
         camera.height,
         clip.frame_dt()
     );
+    for phase in clip.story.iter().flat_map(|story| &story.phases) {
+        let (first, last) = (phase.frames.start(), phase.frames.end());
+        say!("  {:<8} frames {first} to {last}, {:.3} s to {:.3} s", phase.doing.name(), phase.begin.0, phase.end.0);
+    }
     clip.said().for_each(|line| say!("  {line}"));
-    if let Some(flight) = clip.flight {
-        say!("  the object starts with {:.3?} m/s at {:.3?} m", flight.velocity, flight.centre);
+    if let Some(flight) = &clip.flight {
+        let deviations = flight.velocity_deviation();
+        say!("  the object starts with {:.3?} m/s (± {deviations:.3?}) at {:.3?} m", flight.velocity, flight.centre);
+        say!("  axes: x {}, y {}, z {}", AXES[0], AXES[1], AXES[2]);
     }
     let warnings = clip.assumptions.iter().filter(|line| line.starts_with(WARNING)).count();
     match warnings {
         0 => say!("  ready to open"),
         _ => say!("  ready to open, but for what the warning says"),
     }
+    say!("  page: {}", page.display());
     Ok(Ok(()))
 }

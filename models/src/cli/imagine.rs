@@ -22,12 +22,12 @@ use crate::views::FileWeights;
 pub(super) struct ImagineArguments {
     /// Imagine the sides of the object that nobody saw, by a multi-view model: the one that comes with gradreel, or --imagine=FILE (see
     /// `gradreel synthesize --help`)
-    #[arg(long, value_name = "WEIGHTS", help_heading = HEADING, conflicts_with_all = ["resume", "views"])]
+    #[arg(long, value_name = "WEIGHTS", help_heading = HEADING, conflicts_with = "views")]
     #[arg(num_args = 0..=1, require_equals = true, default_missing_value = FileWeights::BUILT_IN)]
     imagine: Option<PathBuf>,
     /// Views of the first frame as a clip of one frame, the first from the azimuth of the real camera, such as `gradreel synthesize`
     /// leaves
-    #[arg(long, value_name = "FOLDER", help_heading = HEADING, conflicts_with = "resume")]
+    #[arg(long, value_name = "FOLDER", help_heading = HEADING)]
     views: Option<PathBuf>,
     /// Other seeds guess other backs
     #[arg(long, value_name = "NUMBER", help_heading = HEADING, requires = "imagine")]
@@ -42,6 +42,11 @@ const HEADING: &str = "What a single camera did not see";
 const PICTURE: &str = "first_frame.png";
 
 impl ImagineArguments {
+    /// Whether any option was given.
+    pub fn are_given(&self) -> bool {
+        self.imagine.is_some() || self.views.is_some()
+    }
+
     /// Overrides the settings with the given options.
     pub fn apply(&self, config: &mut Config) {
         if self.imagine.is_some() || self.views.is_some() {

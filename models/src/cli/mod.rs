@@ -5,6 +5,7 @@ mod check;
 mod check_law;
 mod film;
 mod gradcheck;
+mod ground;
 mod imagine;
 mod network;
 mod output;

@@ -7,6 +7,7 @@ use gradreel::backend::cpu::pool;
 use gradreel::{Error, ErrorKind, Result};
 
 use crate::cli::film::{ChoiceArguments, FilmArguments};
+use crate::cli::ground::GroundArguments;
 use crate::cli::imagine::{self, ImagineArguments};
 use crate::cli::output::{say, tell};
 use crate::cli::unit::{self, Named, number_in};
@@ -64,13 +65,6 @@ pub(super) struct Arguments {
     /// The object spins as it flies: find its initial angular velocity as well
     #[arg(long, conflicts_with = "resume")]
     spin: bool,
-    /// Height of the ground [m]; auto takes it to be where the object lands [default: 0; of a film, where the fall ends]
-    #[arg(long, value_name = "M|auto", value_parser = height, allow_negative_numbers = true, conflicts_with = "resume")]
-    ground: Option<Height>,
-    /// Grid spacing of the simulation [m] [default: 0.02, or one that gives about ten thousand particles]
-    #[arg(long, value_name = "M", value_parser = |text: &str| number_in(text, "m"))]
-    #[arg(allow_negative_numbers = true, conflicts_with = "resume")]
-    dx: Option<f64>,
     /// No progress on stderr
     #[arg(long, short)]
     quiet: bool,
@@ -78,6 +72,8 @@ pub(super) struct Arguments {
     choice: ChoiceArguments,
     #[command(flatten)]
     film: FilmArguments,
+    #[command(flatten)]
+    ground: GroundArguments,
     #[command(flatten)]
     imagine: ImagineArguments,
 }
@@ -189,18 +185,13 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     arguments.film.apply(&mut config.clip.film)?;
     arguments.imagine.apply(&mut config);
     config.world.density = arguments.density.unwrap_or(config.world.density);
-    match arguments.ground {
-        Some(Height::Given(height)) => (config.world.ground, config.world.find_ground) = (height, false),
-        Some(Height::Found) => config.world.find_ground = true,
-        None => {}
-    }
+    arguments.ground.apply(&mut config);
     config.estimate.spin |= arguments.spin;
-    config.geometry.dx = arguments.dx.unwrap_or(config.geometry.dx);
     config.check()?;
     config.material.held =
         (!config.chooses_family()).then_some(config.held(&law)?.into_iter().map(str::to_owned).collect());
     // open the clip first, so that an unusable one leaves no folder
-    let clip = ready(&arguments.clip, &config)?;
+    let clip = ready(&arguments.clip, &config, arguments.quiet)?;
     let folder = match &arguments.out {
         Some(folder) => RunFolder::create(folder)?,
         None => RunFolder::create_free(Path::new("runs"), &clip.name)?,
@@ -218,7 +209,13 @@ pub(super) fn read_config(path: &Path) -> Result<Config> {
 }
 
 fn resume(arguments: &Arguments) -> Result<(Run, Clip)> {
-    if arguments.film.are_given() || arguments.choice.are_given() {
+    let given = [
+        arguments.film.are_given(),
+        arguments.choice.are_given(),
+        arguments.ground.are_given(),
+        arguments.imagine.are_given(),
+    ];
+    if given.contains(&true) {
         return Err(Error::new(ErrorKind::Input, "what is used of the clip, and known of it, belongs to the run")
             .at("--resume")
             .found("options about the clip, too")
@@ -226,15 +223,15 @@ fn resume(arguments: &Arguments) -> Result<(Run, Clip)> {
     }
     let folder = arguments.out.as_deref().unwrap_or(Path::new("."));
     let mut run = Run::open(RunFolder::resume(folder)?)?;
-    let mut clip = open(&arguments.clip, &run.config)?;
+    let mut clip = open(&arguments.clip, &run.config, arguments.quiet)?;
     imagine::given(&mut clip, &run.config)?;
     run.go_on(&clip)?;
     Ok((run, clip))
 }
 
 /// Opens a clip and performs all checks required for a reconstruction.
-pub(super) fn ready(path: &Path, config: &Config) -> Result<Clip> {
-    let mut clip = open(path, config)?;
+pub(super) fn ready(path: &Path, config: &Config, quiet: bool) -> Result<Clip> {
+    let mut clip = open(path, config, quiet)?;
     check_start(&mut clip, config)?;
     check_ground(&clip, config)?;
     Ok(clip)
@@ -298,11 +295,12 @@ pub(super) fn options(config: &Config) -> OpenOptions {
         cameras: Some(config.clip.cameras.clone()).filter(|cameras| !cameras.is_empty()),
         first_frame: config.clip.first_frame,
         max_frames: Some(config.clip.frames).filter(|&frames| frames > 0),
+        progress: false,
     }
 }
 
-pub(super) fn open(path: &Path, config: &Config) -> Result<Clip> {
-    let options = options(config);
+pub(super) fn open(path: &Path, config: &Config, quiet: bool) -> Result<Clip> {
+    let options = OpenOptions { progress: !quiet, ..options(config) };
     let gravity = config.world.gravity;
     check_is_clip(path)?;
     if let (true, Some(camera)) = (Film::is_at(path), config.clip.cameras.iter().find(|camera| **camera != 0)) {
@@ -378,20 +376,4 @@ fn summarise(found: &Reconstruction, run: &Run) {
         say!("  {:<22} {:>12}   {known}", quantity.label, quantity.shown());
     }
     say!("\n  open {}", run.folder.path("index.html").display());
-}
-
-/// Source of the ground height \[m\].
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Height {
-    Given(f64),
-    Found,
-}
-
-fn height(text: &str) -> std::result::Result<Height, String> {
-    match text {
-        "auto" => Ok(Height::Found),
-        number => {
-            number_in(number, "m").map(Height::Given).map_err(|e| format!("neither `auto` nor a height in metres: {e}"))
-        }
-    }
 }

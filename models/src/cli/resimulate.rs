@@ -55,7 +55,7 @@ pub(super) fn run(arguments: &Arguments, from: &Path, out: Option<&Path>, quiet:
             .at(from.display())
             .fix("give its folder with --clip")
     })?;
-    let clip = super::reconstruct::open(&path, &before.config)
+    let clip = super::reconstruct::open(&path, &before.config, quiet)
         .map_err(|e| e.fix(format!("if the clip of {} was moved, give its folder with --clip", from.display())))?;
     before.belongs_to(&clip)?;
     let mut found = Reconstruction::of(&before, &clip)?;

@@ -1,12 +1,16 @@
 //! Output of `gradreel check --json`.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use gradreel::{Error, ErrorKind, Result};
 use serde::Serialize;
+use serde_json::{Value, json};
 
 use crate::cli::output::say;
-use crate::video::{Clip, Inventory, WARNING};
+use crate::report::film::{NINETY, lengths, option_of};
+use crate::runtime::memory;
+use crate::video::{Clip, Inventory, Phase, WARNING};
 
 /// A clip in machine-readable form. Unknown values are `null`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -47,6 +51,44 @@ pub(super) struct Seen {
     pub warnings: Vec<String>,
     /// Problems that prevent a reconstruction.
     pub problems: Vec<String>,
+    /// 90 % intervals of the fields of these names; of a velocity, one per axis.
+    pub interval_90: BTreeMap<&'static str, Value>,
+    /// What the object does in a film.
+    pub phases: Vec<SeenPhase>,
+    /// Number of pictures in a film.
+    pub frames_of_film: Option<usize>,
+    /// The assumptions, each with the options that replace it.
+    pub assumed: Vec<Assumed>,
+    /// Path of the page.
+    pub page: Option<String>,
+    /// Memory of the process at its peak \[MiB\].
+    pub memory_mib: Option<f64>,
+}
+
+/// A phase of a film.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(super) struct SeenPhase {
+    /// `held`, `flight`, `contact` or `rest`.
+    pub kind: &'static str,
+    /// Number of its first frame.
+    pub first_frame: usize,
+    /// Number of its last frame.
+    pub last_frame: usize,
+    /// Time of its beginning in the film \[s\].
+    pub begin_s: f64,
+    /// Time of its end in the film \[s\].
+    pub end_s: f64,
+    /// 90 % intervals of these times.
+    pub interval_90: BTreeMap<&'static str, Value>,
+}
+
+/// An assumption.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(super) struct Assumed {
+    /// What is assumed.
+    pub what: String,
+    /// The options that replace it, if there are any.
+    pub option: Option<&'static str>,
 }
 
 impl Seen {
@@ -70,9 +112,15 @@ impl Seen {
             start_m: flight.map(|flight| flight.centre),
             velocity_m_per_s: flight.map(|flight| flight.velocity),
             foreground: clip.foreground.iter().map(ToString::to_string).collect(),
+            interval_90: intervals(clip),
+            phases: clip.story.iter().flat_map(|story| story.phases.iter().map(SeenPhase::of)).collect(),
+            frames_of_film: clip.story.as_ref().map(|story| story.count),
+            assumed: assumptions.iter().map(|line| Assumed { what: line.clone(), option: option_of(line) }).collect(),
             assumptions,
             warnings,
             problems: vec![],
+            page: None,
+            memory_mib: None,
         }
     }
 
@@ -111,11 +159,42 @@ impl Seen {
 
     /// Prints it.
     pub fn print(&self) -> Result<()> {
-        let text = serde_json::to_string_pretty(self)
+        let seen = Self { memory_mib: memory::peak_mib(), ..self.clone() };
+        let text = serde_json::to_string_pretty(&seen)
             .map_err(|e| Error::new(ErrorKind::Io, "cannot write what was seen as JSON").found(e))?;
         say!("{text}");
         Ok(())
     }
+}
+
+impl SeenPhase {
+    fn of(phase: &Phase) -> Self {
+        let within =
+            |(seconds, deviation): (f64, f64)| json!([seconds - NINETY * deviation, seconds + NINETY * deviation]);
+        Self {
+            kind: phase.doing.name(),
+            first_frame: *phase.frames.start(),
+            last_frame: *phase.frames.end(),
+            begin_s: phase.begin.0,
+            end_s: phase.end.0,
+            interval_90: BTreeMap::from([("begin_s", within(phase.begin)), ("end_s", within(phase.end))]),
+        }
+    }
+}
+
+/// 90 % intervals of what is known of a film. The rate and the number of frames are taken as exact.
+fn intervals(clip: &Clip) -> BTreeMap<&'static str, Value> {
+    let mut known = BTreeMap::new();
+    let Some(flight) = clip.flight.as_ref() else { return known };
+    let rate = 1.0 / clip.frame_dt();
+    known.insert("fps", json!([rate, rate]));
+    known.insert("frames", json!([clip.frame_count(), clip.frame_count()]));
+    known.insert("distance_m", json!(lengths(flight.distance, flight.deviation)));
+    known.insert("diameter_m", json!(lengths(flight.diameter, flight.deviation)));
+    let deviations = flight.velocity_deviation();
+    let axis = |k: usize| [-1.0, 1.0].map(|sign| flight.velocity[k] + sign * NINETY * deviations[k]);
+    known.insert("velocity_m_per_s", json!([axis(0), axis(1), axis(2)]));
+    known
 }
 
 /// Splits into warnings, without their prefix, and assumptions.

@@ -124,6 +124,7 @@ mod tests {
             assumptions: vec![],
             flight: None,
             around: None,
+            story: None,
         }
     }
 

@@ -1,14 +1,15 @@
 //! A clip from a film of an uncalibrated camera.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use gradreel::{Error, ErrorKind, Result};
 use ndarray::azip;
 
-use super::free_fall::Down;
-use super::{ground, half_extent, locate};
+use super::free_fall::{Down, FreeFall, Prior};
+use super::{ground, half_extent, locate, locate_known, story};
 use crate::vector::times;
-use crate::video::{Camera, Clip, Film, FilmSettings, Flight, Frame, OpenOptions};
+use crate::video::{Camera, Clip, Film, FilmSettings, Flight, Frame, OpenOptions, WARNING};
 
 /// Default angle of view along the longer side of the image \[degrees\].
 const FIELD_OF_VIEW: f64 = 50.0;
@@ -50,19 +51,30 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
         root: path.to_path_buf(),
         cameras: vec![camera],
         times: (0..count).map(|k| k as f64 / film.frames_per_s).collect(),
-        frame_numbers: (film.first..film.first + count).map(|k| k as i64).collect(),
+        frame_numbers: film.numbers.iter().map(|number| *number as i64).collect(),
         frames: vec![film.frames],
         foreground: vec![film.foreground],
         imagined: vec![false],
         assumptions: film.assumptions,
         flight: None,
         around: None,
+        story: None,
     };
     let down = match settings.elevation.map(f64::to_radians) {
         Some(angle) => Down::Known([0.0, -angle.cos(), -angle.sin()]),
         None => Down::Tilted { angle: ELEVATION[0].to_radians(), deviation: ELEVATION[1].to_radians() },
     };
-    let mut fall = locate(&clip, down)?;
+    let scale = film.scale;
+    let located = |clip: &Clip| -> Result<Option<FreeFall>> {
+        let Some(scale) = scale else { return locate(clip, down) };
+        // what the frames show is of their real times, even where the clip's are even
+        let clip = &Clip { times: film.times.iter().map(|time| time - film.times[0]).collect(), ..clip.clone() };
+        let [pixels, relative] = scale.acceleration;
+        let deviation = pixels * relative.hypot(DEPARTS);
+        let known = locate_known(clip, scale.free, Prior { down, acceleration: Some([pixels, deviation]) })?;
+        if known.is_some() { Ok(known) } else { locate(clip, down) }
+    };
+    let mut fall = located(&clip)?;
     if let Some(hueless) = film.hueless {
         let flight = fall.as_ref().map_or(Flight::LEAST_FRAMES, |fall| fall.frames);
         if complete(&mut clip.frames[0], hueless, flight) {
@@ -70,7 +82,7 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
                 "parts in the background's hue: of the object while it is in the air, of nothing afterwards (the film has few colours)"
                     .to_owned(),
             );
-            fall = locate(&clip, down)?.or(fall);
+            fall = located(&clip)?.or(fall);
         }
     }
     let Some(fall) = fall else {
@@ -84,8 +96,32 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
                  calibrated cameras needs no fall",
             ));
     };
-    let metres = strength / fall.gravity;
-    let diameter = 2.0 * metres * half_extent(&clip);
+    let own = strength / fall.gravity;
+    let (metres, diameter, deviation) = match scale {
+        Some(scale) => {
+            let [size, sure] = scale.diameter;
+            let (first, all) = (own, size * clip.cameras[0].fx / scale.across);
+            let (single, apart) = (fall.deviation.hypot(UNMODELLED), (first / all).ln());
+            // one flight that is short, or says something else, does not count beside all of them
+            let believed = single < BELIEVED && apart.abs() < 2.0 * single.hypot(sure);
+            let weights = [if believed { single.powi(-2) } else { 0.0 }, sure.powi(-2)];
+            let both = weights[0] + weights[1];
+            let metres = (all.ln() + weights[0] * apart / both).exp();
+            // they err in part together
+            let deviation = both.powf(-0.5).hypot(0.5 * apart * (weights[0] * weights[1]).sqrt() / both);
+            (metres, metres * scale.across / clip.cameras[0].fx, deviation.max(UNMODELLED))
+        }
+        None => (own, 2.0 * own * half_extent(&clip), fall.deviation),
+    };
+    let warning = implausible(diameter, film.frames_per_s);
+    if let Some(warning) = warning.as_ref().filter(|_| settings.frames_per_s == 0.0) {
+        let said = warning.trim_start_matches(WARNING);
+        return Err(Error::new(ErrorKind::Input, "the fall does not fit the frame rate of the file")
+            .at(path.display())
+            .found(said)
+            .wanted(format!("an object of {} to {}", length(SIZES[0]), length(SIZES[1])))
+            .fix("give the rate at which it was filmed (--fps, as above), for slow motion above all; a given rate is believed"));
+    }
     let lowest = ground::below(&clip.cameras[0], &clip.frames[0], &clip.times, &fall);
     // camera axes in the world: a rotation about x that makes y vertical
     let [_, cosine, sine] = fall.down.map(|x| -x);
@@ -106,7 +142,7 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
         frames: fall.frames,
         distance: metres,
         diameter,
-        deviation: fall.deviation,
+        deviation,
         scales_world: true,
         pitch: fall.pitch_spread(&rotation, metres),
     });
@@ -118,11 +154,11 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
     ));
     say(format!(
         "scale: the object is {metres:.3} m away (± {:.0} %), as it falls freely in the first {} frames with {strength} m/s²",
-        100.0 * fall.deviation,
+        100.0 * deviation,
         fall.frames
     ));
     say(format!("size: the object is {} across", length(diameter)));
-    if let Some(warning) = implausible(diameter, film.frames_per_s) {
+    if let Some(warning) = warning {
         say(warning);
     }
     say(match lowest {
@@ -130,8 +166,20 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
         None => "ground: none is seen; the object falls to the end of the film".to_owned(),
     });
     say("shape: as deep as it is wide, part by part".to_owned());
+    clip.story = Some(Arc::new(story::completed(film.story, &clip, fall.frames)));
     Ok(clip)
 }
+
+/// Relative deviation between the acceleration of a point in the picture of all flights and that of the first frame's
+/// depth.
+const DEPARTS: f64 = 0.05;
+
+/// Relative deviation of the metres that no fit shows: rows that are read one after the other, distortion, a camera
+/// that leans.
+const UNMODELLED: f64 = 0.08;
+
+/// Relative deviation of the scale by a single flight up to which it counts beside that of all flights.
+const BELIEVED: f64 = 0.2;
 
 /// Plausible object sizes \[m\], and a typical one.
 const SIZES: [f64; 2] = [0.01, 2.0];
@@ -157,7 +205,7 @@ fn implausible(diameter: f64, frames_per_s: f64) -> Option<String> {
         None => format!("no usual frame rate makes it {} to {}", length(SIZES[0]), length(SIZES[1])),
     };
     Some(format!(
-        "warning: an object of {} is hardly what falls there: is {frames_per_s:.4} 1/s the rate at which it was filmed? {fit}",
+        "{WARNING}an object of {} is hardly what falls there: is {frames_per_s:.4} 1/s the rate at which it was filmed? {fit}",
         length(diameter)
     ))
 }

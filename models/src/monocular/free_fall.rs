@@ -72,6 +72,21 @@ pub struct FreeFall {
     pub cost: f64,
 }
 
+/// What is known of a fall besides its sightings.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Prior {
+    /// Direction of gravity.
+    pub down: Down,
+    /// Downward acceleration in the image in the first frame \[pixels/s²\], and its standard deviation.
+    pub acceleration: Option<[f64; 2]>,
+}
+
+impl From<Down> for Prior {
+    fn from(down: Down) -> Self {
+        Self { down, acceleration: None }
+    }
+}
+
 impl FreeFall {
     /// Position at a time \[s\].
     pub fn at(&self, t: f64) -> [f64; 3] {
@@ -124,7 +139,8 @@ impl FreeFall {
     ///
     /// # Panics
     /// If `sightings` is empty.
-    pub fn fit(camera: &Camera, sightings: &[Sighting], bias: &[[f64; 3]], down: Down) -> Result<Self> {
+    pub fn fit(camera: &Camera, sightings: &[Sighting], bias: &[[f64; 3]], prior: Prior) -> Result<Self> {
+        let Prior { down, acceleration } = prior;
         let first = sightings.first().expect("at least one sighting");
         let offset = |k: usize| bias.get(k).copied().unwrap_or_default();
         let middle = (MIDDLE[0] * first.size.exp()).max(MIDDLE[1]);
@@ -175,6 +191,15 @@ impl FreeFall {
                     .enumerate()
                     .for_each(|(j, c)| c.push(if j == 7 { 1.0 / deviation } else { 0.0 }));
             }
+            if let Some([pixels, deviation]) = acceleration {
+                // of y/depth, without the motion along the line of sight
+                let along = direction[1] + p[1] * direction[2];
+                let scale = -camera.fy / deviation;
+                all.values.push(scale * p[5] * along - pixels / deviation);
+                let by_angle = scale * p[5] * (turned[1] + p[1] * turned[2]);
+                let derivatives = [0.0, scale * p[5] * direction[2], 0.0, 0.0, 0.0, scale * along, 0.0, by_angle];
+                all.columns.iter_mut().zip(derivatives).for_each(|(column, d)| column.push(d));
+            }
             Ok(all)
         };
         let [u, v] = first.middle;
@@ -220,10 +245,10 @@ impl FreeFall {
     ///
     /// # Errors
     /// Those of [`FreeFall::fit`].
-    pub fn longest(camera: &Camera, sightings: &[Sighting], bias: &[[f64; 3]], down: Down) -> Result<Option<Self>> {
+    pub fn longest(camera: &Camera, sightings: &[Sighting], bias: &[[f64; 3]], prior: Prior) -> Result<Option<Self>> {
         let mut found: Option<Self> = None;
         for frames in Flight::LEAST_FRAMES..=sightings.len() {
-            let longer = Self::fit(camera, &sightings[..frames], bias, down)?;
+            let longer = Self::fit(camera, &sightings[..frames], bias, prior)?;
             // the larger of expected and observed noise
             let noise = |shorter: &Self| (2.0 * shorter.cost / (3 * shorter.frames - 7) as f64).max(1.0);
             if found.as_ref().is_some_and(|shorter| longer.cost - shorter.cost > SURPRISE * noise(shorter)) {
@@ -231,7 +256,12 @@ impl FreeFall {
             }
             found = Some(longer);
         }
-        Ok(found.filter(|fall| fall.gravity > 0.0 && fall.deviation < UNSURE))
+        Ok(found.filter(Self::is_sure))
+    }
+
+    /// Whether its gravity, and hence the scale, is resolved.
+    pub fn is_sure(&self) -> bool {
+        self.gravity > 0.0 && self.deviation < UNSURE
     }
 }
 

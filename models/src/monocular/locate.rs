@@ -3,7 +3,7 @@
 use gradreel::Result;
 use ndarray::Array2;
 
-use super::free_fall::{Down, FreeFall};
+use super::free_fall::{FreeFall, Prior};
 use super::sighting::Sighting;
 use crate::field::Inflated;
 use crate::vector::{minus, plus};
@@ -24,21 +24,43 @@ const ROUNDS: usize = 3;
 ///
 /// # Errors
 /// Those of [`FreeFall::fit`].
-pub fn locate(clip: &Clip, down: Down) -> Result<Option<FreeFall>> {
+pub fn locate(clip: &Clip, prior: impl Into<Prior>) -> Result<Option<FreeFall>> {
+    let prior = prior.into();
+    fitted(clip, usize::MAX, |sightings, bias| FreeFall::longest(&clip.cameras[0], sightings, bias, prior))
+}
+
+/// The same for a fall that lasts for the first `frames` frames.
+///
+/// # Errors
+/// Those of [`FreeFall::fit`].
+pub fn locate_known(clip: &Clip, frames: usize, prior: Prior) -> Result<Option<FreeFall>> {
+    let fit = |sightings: &[Sighting], bias: &[[f64; 3]]| {
+        Ok(Some(FreeFall::fit(&clip.cameras[0], sightings, bias, prior)?).filter(FreeFall::is_sure))
+    };
+    Ok(fitted(clip, frames, fit)?.map(|fall| FreeFall { frames, ..fall }))
+}
+
+/// A fit to the sightings of the first `most` frames, corrected for their bias.
+fn fitted(
+    clip: &Clip,
+    most: usize,
+    fit: impl Fn(&[Sighting], &[[f64; 3]]) -> Result<Option<FreeFall>>,
+) -> Result<Option<FreeFall>> {
     let (camera, frames) = (&clip.cameras[0], &clip.frames[0]);
     // frames of weight 0 are skipped
     let counting = frames.iter().enumerate().filter(|(_, frame)| frame.weight.iter().any(|weight| *weight > 0.0));
     let sighted = |(k, frame): (usize, &Frame)| Some((k, Sighting::of(camera, frame, clip.times[k] - clip.times[0])?));
-    let (numbers, sightings): (Vec<usize>, Vec<Sighting>) = counting.map_while(sighted).unzip();
+    let (numbers, sightings): (Vec<usize>, Vec<Sighting>) =
+        counting.take_while(|(k, _)| *k < most).map_while(sighted).unzip();
     if sightings.len() < Flight::LEAST_FRAMES {
         return Ok(None);
     }
     let Some(body) = Body::of(camera, &frames[0]) else { return Ok(None) };
-    let mut fall = FreeFall::longest(camera, &sightings, &[], down)?;
+    let mut fall = fit(&sightings, &[])?;
     for _ in 0..ROUNDS {
         let Some(path) = &fall else { break };
         let bias: Vec<[f64; 3]> = sightings.iter().map(|s| body.bias(camera, path, s.time)).collect();
-        fall = FreeFall::longest(camera, &sightings, &bias, down)?;
+        fall = fit(&sightings, &bias)?;
     }
     Ok(fall.map(|fall| FreeFall { frames: numbers[fall.frames - 1] + 1, ..fall }))
 }

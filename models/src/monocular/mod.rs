@@ -5,7 +5,8 @@
 //! `locate` corrects the bias between silhouette and object centre with a body as deep as it is wide
 //! (`half_thickness`). `sight` does so for a calibrated camera.
 //!
-//! [`clip_of_film`] makes a clip of an uncalibrated film. The camera is assumed to be upright; its pitch is fitted
+//! [`clip_of_film`] makes a clip of an uncalibrated film. The film's survey says how many frames are in free flight and
+//! how fast all flights accelerate; without it frames are added until one does not fit. The camera is assumed to be upright; its pitch is fitted
 //! jointly with the fall. Its angle of view is assumed, which hardly affects the metric scale: an image
 //! acceleration in pixels fixes the distance in focal lengths. The ground is at the lowest position of the object
 //! after its fall.
@@ -17,13 +18,14 @@ mod free_fall;
 mod ground;
 mod locate;
 mod sighting;
+mod story;
 mod surround;
 #[cfg(test)]
 mod tests;
 
 pub use film::clip_of_film;
 pub(crate) use free_fall::Down;
-pub(crate) use locate::locate;
+pub(crate) use locate::{locate, locate_known};
 pub(crate) use surround::surround;
 
 use gradreel::Result;

@@ -2,6 +2,7 @@
 
 pub mod animation;
 pub(crate) mod base64;
+pub(crate) mod film;
 mod markup;
 pub(crate) mod page;
 mod palette;

@@ -30,6 +30,17 @@ pub struct Headline {
     pub note: String,
 }
 
+/// A drawing with its own heading.
+#[derive(Debug, Clone)]
+pub struct Drawing {
+    /// Heading.
+    pub heading: String,
+    /// One SVG element, embedded as it is.
+    pub svg: String,
+    /// Caption, embedded as it is.
+    pub caption: String,
+}
+
 /// Contents of the page. Empty parts are omitted.
 #[derive(Debug, Clone)]
 pub struct Page<'a> {
@@ -43,6 +54,8 @@ pub struct Page<'a> {
     pub animation: Option<&'a [u8]>,
     /// Caption of the animation.
     pub animation_caption: String,
+    /// Drawings.
+    pub drawings: Vec<Drawing>,
     /// The particles, for the player.
     pub scene: Option<Scene>,
     /// Curves, such as convergence.
@@ -72,6 +85,7 @@ impl Page<'_> {
         if let Some(gif) = self.animation {
             parts.push(animation(gif, &self.animation_caption));
         }
+        parts.extend(self.drawings.iter().map(drawing));
         if let Some(scene) = self.scene.as_ref() {
             parts.push(player(scene));
         }
@@ -142,6 +156,11 @@ fn animation(gif: &[u8], caption: &str) -> String {
         if caption.is_empty() { String::new() } else { format!("<figcaption>{}</figcaption>", escape(caption)) }
     );
     section("card animation", "In motion", &content)
+}
+
+fn drawing(Drawing { heading, svg, caption }: &Drawing) -> String {
+    let content = format!("<figure>{svg}<figcaption>{caption}</figcaption></figure>\n");
+    section("card animation", &escape(heading), &content)
 }
 
 /// The particle player. Its data are in an inert script element, with `<` escaped so that nothing can end the

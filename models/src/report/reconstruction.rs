@@ -88,6 +88,7 @@ pub fn publish(found: &Reconstruction, run: &Run, clip: &Clip, progress: &Progre
                 changes.join(", ")
             ),
         },
+        drawings: vec![],
         scene: Some(Scene {
             frames: positions,
             colours,

@@ -358,6 +358,7 @@ impl<'a> Record<'a> {
             headlines,
             animation,
             animation_caption: String::new(),
+            drawings: vec![],
             scene: Some(scene),
             plots,
             notes,

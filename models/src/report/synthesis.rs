@@ -111,6 +111,7 @@ fn page(found: &Synthesis<'_>, animation: &[u8]) -> String {
         headlines: vec![],
         animation: Some(animation),
         animation_caption: "Left: the picture. Right: once around the object.".into(),
+        drawings: vec![],
         scene: None,
         plots: vec![],
         notes,

@@ -8,8 +8,9 @@ use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressFinish, 
 
 use super::terminal::tell;
 
-/// Minimum time between two log lines of a stage.
+/// Minimum time between two log lines of a stage, and before its first.
 const BETWEEN_LINES: Duration = Duration::from_secs(5);
+const FIRST_LINE: Duration = Duration::from_secs(1);
 
 /// Refresh interval of a bar's clock.
 const TICK: Duration = Duration::from_millis(500);
@@ -17,7 +18,7 @@ const TICK: Duration = Duration::from_millis(500);
 /// Progress display of a run's stages.
 ///
 /// On a terminal each stage is a bar with its remaining time. If stderr is a file or a pipe, each stage is a plain
-/// line at most every five seconds and one at its end.
+/// line after a second, one at most every five seconds from then on, and one at its end.
 ///
 /// ```
 /// use gradreel_models::runtime::progress::Progress;
@@ -123,22 +124,27 @@ struct Lines {
     title: String,
     total: u64,
     begun: Instant,
-    last: Instant,
+    /// Time of the last line.
+    last: Option<Instant>,
 }
 
 impl Lines {
     fn new(title: &str, total: u64, now: Instant) -> Self {
-        Self { title: title.into(), total, begun: now, last: now }
+        Self { title: title.into(), total, begun: now, last: None }
     }
 
     /// The line for `done` steps, if one is due.
     fn set(&mut self, now: Instant, done: u64, message: &str) -> Option<String> {
-        if now.duration_since(self.last) < BETWEEN_LINES {
+        let elapsed = now.duration_since(self.begun);
+        let due = match self.last {
+            None => elapsed >= FIRST_LINE,
+            Some(last) => now.duration_since(last) >= BETWEEN_LINES,
+        };
+        if !due {
             return None;
         }
-        self.last = now;
-        let Self { title, total, begun, .. } = self;
-        let elapsed = now.duration_since(*begun);
+        self.last = Some(now);
+        let Self { title, total, .. } = self;
         let left = elapsed.as_secs_f64() * total.saturating_sub(done) as f64 / done as f64;
         // no estimate without progress, or if it exceeds the clock's range
         let left = Duration::try_from_secs_f64(left).map(|left| format!(", about {} left", clock(left)));
@@ -172,12 +178,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_log_file_gets_a_line_every_five_seconds() {
+    fn a_log_file_gets_a_line_after_a_second_and_every_five_from_then_on() {
         let begun = Instant::now();
         let at = |seconds: f64| begun + Duration::from_secs_f64(seconds);
         let mut lines = Lines::new("fit", 400, begun);
         assert_eq!(lines.set(at(0.0), 0, ""), None);
-        assert_eq!(lines.set(at(4.9), 90, "loss 2"), None);
+        assert_eq!(lines.set(at(0.9), 8, "loss 3"), None);
+        assert_eq!(lines.set(at(1.0), 10, "loss 2").unwrap(), "fit: 2 %, 1 s, about 39 s left: loss 2");
+        assert_eq!(lines.set(at(5.9), 90, "loss 2"), None);
         let line = lines.set(at(10.0), 100, "loss 1").unwrap();
         assert_eq!(line, "fit: 25 %, 10 s, about 30 s left: loss 1");
         assert_eq!(lines.set(at(14.9), 150, ""), None, "five seconds count from the last line");

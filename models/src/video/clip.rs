@@ -1,6 +1,7 @@
 //! A clip in memory: opening it, and access to its times and frames.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use gradreel::{Error, ErrorKind, Result};
 use ndarray::{Array2, Array3};
@@ -12,6 +13,7 @@ use super::image::Image;
 use super::layout::{Kind, Layout};
 use super::plausible;
 use super::select::{Selection, select};
+use super::story::Story;
 
 /// Maximum memory of a clip, and memory per pixel: the decoded image, colour, coverage and weight \[bytes\].
 const MOST_BYTES: u64 = 8 << 30;
@@ -62,6 +64,8 @@ pub struct Clip {
     pub flight: Option<Flight>,
     /// Synthesized views of the first frame, for single-camera drops.
     pub around: Option<Around>,
+    /// What happens in the film, for clips of one.
+    pub story: Option<Arc<Story>>,
 }
 
 /// Synthesized views of the first frame from other viewpoints.
@@ -125,6 +129,8 @@ pub struct OpenOptions {
     pub first_frame: Option<i64>,
     /// Largest number of frames to use; `None` for all.
     pub max_frames: Option<usize>,
+    /// Whether the progress of reading a film is shown on stderr.
+    pub progress: bool,
 }
 
 impl Flight {
@@ -224,6 +230,7 @@ impl Clip {
             foreground: self.foreground.iter().copied().chain(vec![Foreground::White; count]).collect(),
             imagined: self.imagined.iter().copied().chain(vec![true; count]).collect(),
             around: None,
+            story: None,
             ..self.clone()
         })
     }
@@ -292,6 +299,7 @@ impl Clip {
             assumptions,
             flight: None,
             around: None,
+            story: None,
         };
         let imagined: Vec<i64> = layout.imagined.iter().filter(|id| ids.contains(id)).copied().collect();
         clip.imagine(&imagined)?;
@@ -358,6 +366,7 @@ impl Clip {
             assumptions: self.assumptions.clone(),
             flight: self.flight,
             around: self.around.clone(),
+            story: self.story.clone(),
         }
     }
 

@@ -36,10 +36,13 @@
 //! # Films
 //!
 //! A GIF, a video file or a folder of numbered pictures without a camera list is a [`Film`] of one uncalibrated
-//! camera; [`crate::monocular`] turns it into a clip. Each frame has its own time. Phone pictures are rotated by
-//! their Exif orientation. Of several objects, the largest is kept. The object is separated by given masks, a given
-//! matting network ([`MattingSettings`]), the pictures' alpha channel, a given background, a plain background, or a
-//! background estimated from the frames in which the object is elsewhere.
+//! camera; [`crate::monocular`] turns it into a clip. A first pass over small pictures surveys the whole film: the
+//! camera's motion is taken out, moving components are tracked, and those that fly on a downward parabola in time are
+//! the object; where two parabolas meet, it hits. The second pass reads the frames of one fall, its contact and what
+//! follows, at the size that the object needs. Each frame has its own time; phone pictures are rotated by their Exif
+//! orientation. In a window around its track the object is separated by given masks, a given matting network
+//! ([`MattingSettings`]), the pictures' alpha channel, a given background, a plain background, or the background that
+//! is seen while the object is elsewhere. [`Story`] has what was understood.
 //!
 //! # PAC-NeRF
 //!
@@ -75,6 +78,7 @@ mod plausible;
 mod samples;
 mod scale;
 mod select;
+mod story;
 
 pub use camera::Camera;
 pub(crate) use clip::WARNING;
@@ -85,3 +89,4 @@ pub(crate) use image::Image;
 pub use inspect::{CameraInventory, Inventory, inspect, inspect_and_open};
 pub use layout::Format;
 pub(crate) use matte::from_white;
+pub use story::{Curve, Doing, Phase, Sight, Snapshot, Story};

@@ -86,6 +86,131 @@ fn what_is_seen_is_json_too() {
     assert_eq!((&seen["cameras"], &seen["frames"], &seen["ready"]), (&2.into(), &3.into(), &true.into()));
 }
 
+/// The 90 % interval of a length is `exp(± 1.645 σ)` around it; of a velocity, `± 1.645 σ`.
+#[test]
+fn what_is_seen_has_intervals_and_phases() {
+    let scene = film();
+    let seen: serde_json::Value = serde_json::from_str(&scene.succeeds("check film --fps 24 --json")).unwrap();
+    for name in ["diameter_m", "distance_m"] {
+        let value = seen[name].as_f64().unwrap();
+        let [low, high] = [0, 1].map(|end| seen["interval_90"][name][end].as_f64().unwrap());
+        let deviation = seen["distance_deviation"].as_f64().unwrap();
+        assert!(
+            (value / low - (1.644_85 * deviation).exp()).abs() < 1e-5
+                && (low * high / value.powi(2) - 1.0).abs() < 1e-9
+        );
+    }
+    for axis in 0..3 {
+        let [low, high] = [0, 1].map(|end| seen["interval_90"]["velocity_m_per_s"][axis][end].as_f64().unwrap());
+        let value = seen["velocity_m_per_s"][axis].as_f64().unwrap();
+        assert!(low < value && value < high && (low + high - 2.0 * value).abs() < 1e-9);
+    }
+    assert_eq!(seen["interval_90"]["frames"], serde_json::json!([14, 14]));
+    // the bird hits the ground between frames 4 and 6
+    let flight = &seen["phases"][0];
+    assert_eq!((&flight["kind"], &flight["first_frame"]), (&"flight".into(), &0.into()));
+    assert!((3..=6).contains(&flight["last_frame"].as_i64().unwrap()), "{flight}");
+    let ends = [0, 1].map(|end| flight["interval_90"]["end_s"][end].as_f64().unwrap());
+    let end = flight["end_s"].as_f64().unwrap();
+    assert!(ends[0] < end && end < ends[1] && ends[1] - ends[0] < 0.2, "{flight}");
+    let assumed = seen["assumed"].as_array().unwrap();
+    let option = |start: &str| {
+        let all = assumed.iter().find(|assumed| assumed["what"].as_str().unwrap().starts_with(start)).unwrap();
+        all["option"].as_str().unwrap_or_default().to_owned()
+    };
+    assert_eq!(option("camera"), "--field-of-view, --elevation");
+    assert!(option("the object is told").contains("--background") && option("ground") == "--ground");
+}
+
+#[test]
+fn a_film_that_is_looked_at_leaves_a_page() {
+    let scene = film();
+    let printed = scene.succeeds("check film --fps 24");
+    assert!(printed.contains("runs/check-film/index.html") && printed.contains("x to the right"), "{printed}");
+    let page = fs::read_to_string(scene.path("runs/check-film/index.html")).unwrap();
+    let parts = [
+        "data:image/gif;base64",
+        "data:image/png;base64",
+        "class=\"ground\"",
+        "class=\"curve\"",
+        "class=\"seen\"",
+        "Phase: flight",
+        "Diameter",
+        "Velocity up",
+        "90 %",
+        "--field-of-view, --elevation replaces it",
+    ];
+    parts.iter().for_each(|part| assert!(page.contains(part), "no {part:?}"));
+    let numbers = page.split("base64,").map(|part| part.split_once('"').map_or(part, |(_, rest)| rest));
+    assert!(!numbers.collect::<String>().contains("NaN"));
+    // never written over
+    scene.succeeds("check film --fps 24");
+    assert!(scene.path("runs/check-film-2/index.html").is_file());
+    scene.succeeds("check film --fps 24 --out seen --json");
+    assert!(scene.path("seen/index.html").is_file());
+    scene.refuses("check film --fps 24 --out seen", &["seen", "not empty"]);
+    scene.refuses("check film --fps 24 --out film/seen", &["film/seen", "among"]);
+    scene.refuses("check film --out other", &["--fps"]);
+    assert!(!scene.path("other").exists());
+    scene.copy_clip("clip", &[0, 3], 3);
+    scene.refuses("check clip --out other", &["--out", "calibrated"]);
+}
+
+/// What a person says of the ground and of unseen sides, `check` judges as `reconstruct` does.
+#[test]
+fn options_of_the_world_are_looked_at_too() {
+    let scene = film();
+    for command in ["check", "reconstruct"] {
+        scene.refuses(&format!("{command} film --fps 24 --ground -900"), &["ground", "far"]);
+        scene.refuses(&format!("{command} film --fps 24 --dx -1"), &["dx"]);
+        scene.refuses(&format!("{command} film --fps 24 --views nowhere"), &["nowhere"]);
+        scene.refuses(&format!("{command} film --fps 24 --imagine=nothing.safetensors"), &["nothing.safetensors"]);
+    }
+    scene.succeeds("check film --fps 24 --ground auto");
+}
+
+#[test]
+fn without_ffmpeg_it_is_said_which_one_is_needed() {
+    let scene = film();
+    scene.write("ball.mp4", [0; 64]);
+    let output = scene.command("check ball.mp4").env("PATH", "").output().unwrap();
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{message}");
+    for part in ["ball.mp4", "ffmpeg", "5.1", "fix: "] {
+        assert!(message.contains(part), "no {part:?} in: {message}");
+    }
+    // pictures need none
+    let output = scene.command("check film --fps 24").env("PATH", "").output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+}
+
+#[test]
+fn a_folder_of_films_becomes_a_table() {
+    let scene = film();
+    fs::create_dir(scene.path("films")).unwrap();
+    scene.write("films/broken.gif", "GIF89a");
+    scene.write("films/notes.txt", "none of the films");
+    fs::copy(bundled().parent().unwrap().join("bird.gif"), scene.path("films/bird.gif")).unwrap();
+    scene.write("films/films.json", r#"{"bird.gif": {"diameter_m": 0.4, "first_hit": 5}}"#);
+    let printed = scene.succeeds("bench films --real films --markdown table.md --json table.json -q");
+    let lines: Vec<&str> = printed.lines().filter(|line| line.starts_with("| b")).collect();
+    assert_eq!(lines.len(), 2, "{printed}");
+    assert!(lines[0].contains("bird.gif | accepted | ") && lines[0].contains("hit 5") && lines[0].contains("flight 0"));
+    assert!(lines[1].contains("broken.gif | refused: ") && lines[1].contains("decode"), "{printed}");
+    assert!(printed.contains("1 of 2 films are accepted"), "{printed}");
+    assert!(scene.path("runs/films/bird.gif/index.html").is_file());
+    let table = fs::read_to_string(scene.path("table.md")).unwrap();
+    assert!(table.contains("<!-- begin: films -->") && table.contains(lines[0]), "{table}");
+    let rows: serde_json::Value = serde_json::from_slice(&fs::read(scene.path("table.json")).unwrap()).unwrap();
+    assert!(rows[0]["seconds"].as_f64().unwrap() > 0.0 && rows[1]["exit_code"] == 2, "{rows}");
+    #[cfg(target_os = "linux")]
+    assert!((1.0..512.0).contains(&rows[0]["seen"]["memory_mib"].as_f64().unwrap()), "{rows}");
+    scene.refuses("bench films --real nowhere", &["nowhere"]);
+    scene.refuses("bench films --real runs", &["no film"]);
+    scene.write("films/films.json", "{]");
+    scene.refuses("bench films --real films", &["films.json"]);
+}
+
 /// The bird has less green than red and blue, its surroundings as much; the weights undo the usual normalisation, too.
 #[test]
 fn a_network_tells_the_object() {

@@ -228,7 +228,7 @@ pub(super) fn quick() -> AblationSettings {
 }
 
 fn open(path: &Path, settings: &AblationSettings) -> Result<Clip> {
-    let clip = crate::cli::reconstruct::open(path, &settings.config)?;
+    let clip = crate::cli::reconstruct::open(path, &settings.config, true)?;
     let refused = |what: &str, found: String, fix: &str| {
         Err(Error::new(ErrorKind::Input, what).at(path.display()).found(found).fix(fix))
     };

@@ -44,6 +44,7 @@ pub(super) fn page(settings: &Settings, log: &Log) -> String {
         headlines: vec![],
         animation: None,
         animation_caption: String::new(),
+        drawings: vec![],
         scene: None,
         plots: vec![
             plot("Mean squared error of the noise", "loss [1]", true, vec![seen, unseen]),

@@ -85,6 +85,7 @@ fn clip_of(cameras: Vec<Camera>) -> Clip {
         assumptions: Vec::new(),
         flight: None,
         around: None,
+        story: None,
     }
 }
 

@@ -42,6 +42,7 @@ fn clip_of(observed: &Observed, imagined: bool) -> Clip {
         assumptions: Vec::new(),
         flight: None,
         around: None,
+        story: None,
     }
 }
 

@@ -45,6 +45,7 @@ fn views(azimuth: f64, seen: impl Fn(usize, [f64; 3]) -> [f64; 3]) -> Clip {
         assumptions: vec![],
         flight: None,
         around: None,
+        story: None,
     }
 }
 

@@ -73,6 +73,7 @@ pub fn clip() -> Clip {
         assumptions: vec![],
         flight: None,
         around: None,
+        story: None,
         cameras: vec![camera],
     }
 }

@@ -86,7 +86,7 @@ fn velocity_and_distance_scatter_as_is_said() {
     };
     let fit = |noise: &mut dyn FnMut() -> f64| {
         let sightings: Vec<Sighting> = (0..9).map(|frame| seen(frame, noise)).collect();
-        FreeFall::fit(&camera, &sightings, &[], Down::Known([0.0, -1.0, 0.0])).unwrap()
+        FreeFall::fit(&camera, &sightings, &[], Down::Known([0.0, -1.0, 0.0]).into()).unwrap()
     };
     // of the velocity in metres and the logarithm of the distance
     let found = |fall: &FreeFall| {

@@ -91,7 +91,7 @@ fn folders_and_a_part_of_a_film() {
     let folder = Folder::new();
     let all = pictures(floor);
     write_folder(&folder.path("frames"), &all);
-    let options = OpenOptions { first_frame: Some(1), max_frames: Some(8), cameras: None };
+    let options = OpenOptions { first_frame: Some(1), max_frames: Some(8), cameras: None, progress: false };
     let clip = clip_of_film(&folder.path("frames"), &fps(), &options, GRAVITY).unwrap();
     assert_eq!((clip.frame_numbers[0], clip.frame_count(), clip.name.as_str()), (1, 8, "frames"));
     assert!((clip.flight.unwrap().velocity[1] - (VELOCITY[1] - 9.8 / 24.0)).abs() < 0.1);
@@ -105,7 +105,7 @@ fn a_video_file() {
     assert_eq!(clip.frame_count(), FRAMES);
     approx::assert_relative_eq!(clip.frame_dt(), 1.0 / 24.0, max_relative = 1e-6);
     assert!(wrong(&clip) < 80, "{} pixels", wrong(&clip));
-    let options = OpenOptions { first_frame: Some(2), max_frames: Some(4), cameras: None };
+    let options = OpenOptions { first_frame: Some(2), max_frames: Some(4), cameras: None, progress: false };
     let part = Film::read(&film, &FilmSettings::default(), &options).unwrap();
     let same = |k: usize| {
         part.frames[k].alpha.iter().zip(&clip.frames[0][k + 2].alpha).filter(|(a, b)| (*a - *b).abs() > 0.5).count()

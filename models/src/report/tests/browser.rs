@@ -83,6 +83,7 @@ fn the_player_draws_and_plays_in_a_browser() {
         }],
         animation: None,
         animation_caption: String::new(),
+        drawings: vec![],
         scene: Some(Scene {
             colours: vec![[255, 0, 255]; cube.len()],
             frames: vec![cube, fallen],

@@ -71,17 +71,17 @@ pub(super) fn of(images: &[Image]) -> Image {
             }
         }
     }
-    let mean = |i: usize| {
+    let middle = |i: usize| {
         let set = free[i].unwrap_or(all);
-        let seen: Vec<_> =
-            frames.iter().enumerate().filter(|(k, _)| set >> k & 1 == 1).map(|(_, f)| f.pixels[i]).collect();
+        let seen = || frames.iter().enumerate().filter(|(k, _)| set >> k & 1 == 1).map(|(_, f)| f.pixels[i]);
         let [r, g, b] = [0, 1, 2].map(|c| {
-            let sum: u32 = seen.iter().map(|p| u32::from(p[c])).sum();
-            ((sum + seen.len() as u32 / 2) / seen.len().max(1) as u32) as u8
+            let mut values: Vec<u8> = seen().map(|p| p[c]).collect();
+            let middle = values.len() / 2;
+            *values.select_nth_unstable(middle).1
         });
         [r, g, b, 255]
     };
-    Image { pixels: (0..width * height).into_par_iter().map(mean).collect(), ..images[0].clone() }
+    Image { pixels: (0..width * height).into_par_iter().map(middle).collect(), ..images[0].clone() }
 }
 
 fn is_alike(a: [u8; 4], b: [u8; 4]) -> bool {

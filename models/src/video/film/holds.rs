@@ -22,8 +22,8 @@ pub(super) struct Even {
 }
 
 impl Even {
-    /// Assigns frames to intervals; `first` is the number of the first frame in the film.
-    pub fn of(frames: &[Frame], pace: &Pace, first: usize) -> Self {
+    /// Assigns frames to intervals; `numbers` are those of the frames in the film.
+    pub fn of(frames: &[Frame], pace: &Pace, numbers: &[usize]) -> Self {
         let pixels = frames[0].alpha.len();
         let longest = LONGEST.0.max((LONGEST.1 / pace.interval) as usize);
         let (mut shown, mut said) = (Vec::new(), Vec::new());
@@ -37,7 +37,7 @@ impl Even {
             if *steps > longest || (shown.len() + more).saturating_mul(pixels) > MOST {
                 said.push(format!(
                     "time: the film ends with frame {}, which is held for {:.2} s",
-                    first + k,
+                    numbers[k],
                     *steps as f64 * pace.interval
                 ));
                 break;
@@ -97,7 +97,7 @@ mod tests {
     fn what_rests_is_repeated_and_what_moves_is_not_known() {
         let frames = [0, 8, 16, 16, 24].map(frame);
         let pace = Pace { interval: 0.04, steps: vec![1, 2, 3, 1, 1], off: 0.0 };
-        let even = Even::of(&frames, &pace, 0);
+        let even = Even::of(&frames, &pace, &[0, 1, 2, 3, 4]);
         assert_eq!(even.shown, [Some(0), Some(1), None, Some(2), Some(2), Some(2), Some(3), Some(4)]);
         let made = even.frames(&frames);
         assert!(made.len() == 8 && even.is_change(5));
@@ -105,9 +105,11 @@ mod tests {
         assert_eq!(even.said.len(), 2);
         // held for five seconds
         let pace = Pace { interval: 0.04, steps: vec![1, 1, 125, 1, 1], off: 0.0 };
-        let even = Even::of(&frames, &pace, 7);
+        let even = Even::of(&frames, &pace, &[7, 8, 9, 10, 11]);
         assert_eq!(even.shown, [Some(0), Some(1), Some(2)]);
         assert!(even.said[0].contains("frame 9") && even.said[0].contains("5.00 s"), "{:?}", even.said);
-        assert!(!Even::of(&frames, &Pace { interval: 0.04, steps: vec![1; 5], off: 0.0 }, 0).is_change(5));
+        assert!(
+            !Even::of(&frames, &Pace { interval: 0.04, steps: vec![1; 5], off: 0.0 }, &[0, 1, 2, 3, 4]).is_change(5)
+        );
     }
 }

@@ -6,9 +6,11 @@ use gradreel::{Error, ErrorKind, Result};
 use ndarray::{Array2, Array3};
 use rayon::prelude::*;
 
+use super::chosen::Chosen;
 use super::pictures::Series;
-use super::pile::{check_size, halved_with, shrunk};
-use super::{Decoded, FilmSettings, Wanted, backdrop, corrected, lost, network, objects};
+use super::source::shrunk;
+use super::window::{self, Window};
+use super::{FilmSettings, Wanted, backdrop, corrected, lost, network, objects, plate};
 use crate::video::clip::Frame;
 use crate::video::foreground::{Foreground, masked, on_white};
 use crate::video::image::Image;
@@ -49,12 +51,13 @@ struct Told {
 
 /// Segments the object by the first available source: given masks, a given network, the pictures' alpha channel, a
 /// given background, a plain background (white or another colour), or a background estimated from the frames.
-pub(super) fn frames(path: &Path, pictures: Decoded, settings: &FilmSettings, wanted: Wanted) -> Result<Found> {
-    let (width, height) = (pictures.images[0].width, pictures.images[0].height);
-    let Told { foreground, mut mattes, mut hueless, mut said } = mattes(&pictures, settings, wanted)?;
-    drop(pictures);
+pub(super) fn frames(path: &Path, chosen: &mut Chosen, settings: &FilmSettings) -> Result<Found> {
+    let (width, height) = (chosen.images[0].width, chosen.images[0].height);
+    let Told { foreground, mut mattes, mut hueless, mut said } = mattes(chosen, settings)?;
+    (chosen.images, chosen.beside) = (vec![], vec![]);
     let all: Vec<Vec<bool>> =
         mattes.iter().map(|(_, alpha)| alpha.iter().map(|alpha| *alpha > 0.5).collect()).collect();
+    let numbers = &chosen.numbers;
     if let Some(alone) = objects::alone(&mut mattes, width, height, &path.display().to_string())? {
         for ((matte, (_, left)), all) in hueless.iter_mut().flatten().zip(&mattes).zip(&all) {
             objects::leave_out_of(matte, left, all, [width, height]);
@@ -63,7 +66,8 @@ pub(super) fn frames(path: &Path, pictures: Decoded, settings: &FilmSettings, wa
         hueless.iter_mut().for_each(|hueless| hueless.truncate(alone.frames));
         said.push(alone.said);
     }
-    let lost = lost::frames(path, &mattes, foreground, wanted)?;
+    let lost =
+        lost::frames(path, &mattes, foreground, numbers, chosen.survey.as_ref().is_some_and(|s| s.run.is_some()))?;
     let frame = |(k, (rgb, alpha)): (usize, Matte)| match lost.contains(&k) {
         true => lost::nothing(width, height),
         false => Frame {
@@ -78,22 +82,13 @@ pub(super) fn frames(path: &Path, pictures: Decoded, settings: &FilmSettings, wa
 }
 
 /// Chooses the foreground source and computes the mattes.
-fn mattes(pictures: &Decoded, settings: &FilmSettings, wanted: Wanted) -> Result<Told> {
-    let images = &pictures.images;
-    let against = |plate: &Image| {
-        if pictures.few_colours {
-            let (without, with): (Vec<_>, Vec<_>) =
-                images.par_iter().map(|image| matte::of_few_colours(image, plate)).unzip();
-            return (without, Some(with));
-        }
-        let weight = vec![1.0; plate.pixels.len()];
-        let light = Light::of(images, plate, &weight);
-        (images.par_iter().map(|image| matte::against_plate(image, plate, &weight, &light)).collect(), None)
-    };
+fn mattes(chosen: &Chosen, settings: &FilmSettings) -> Result<Told> {
+    let images = &chosen.images;
+    let (width, height) = (images[0].width, images[0].height);
     let only = |foreground, mattes| Ok(Told { foreground, mattes, hueless: None, said: vec![] });
     let under = |masks: &[Mask]| images.iter().zip(masks).map(|(image, mask)| masked(image, mask)).collect();
     if let Some(folder) = &settings.masks {
-        let (masks, said) = masks(folder, pictures, wanted)?;
+        let (masks, said) = masks(folder, chosen)?;
         return Ok(Told { foreground: Foreground::Mask, mattes: under(&masks), hueless: None, said });
     }
     if let Some(settings) = &settings.matting {
@@ -103,31 +98,73 @@ fn mattes(pictures: &Decoded, settings: &FilmSettings, wanted: Wanted) -> Result
     if images.iter().any(Image::is_transparent_somewhere) {
         return only(Foreground::ImageAlpha, images.iter().map(on_white).collect());
     }
-    let (foreground, (mattes, hueless)) = if let Some(file) = &settings.background {
+    let scale = chosen.scale();
+    let surveyed = chosen.survey.as_ref().zip(scale);
+    let windows = surveyed.map(|(survey, scale)| window::all(chosen, survey, scale));
+    // the object alone where the survey knows which it is
+    let tidy = |told: Result<Told>| -> Result<Told> {
+        let mut told = told?;
+        if let Some((survey, scale)) = surveyed {
+            for mattes in std::iter::once(&mut told.mattes).chain(&mut told.hueless) {
+                window::alone(mattes, &chosen.numbers, survey, scale, [width, height]);
+            }
+        }
+        Ok(told)
+    };
+    let told = |foreground, (mattes, hueless)| Ok(Told { foreground, mattes, hueless, said: vec![] });
+    if let Some(file) = &settings.background {
         let plate = Image::read_any(file)?;
-        same_size(file, (plate.width, plate.height), pictures.size)?;
-        (Foreground::Plate, against(&shrunk(plate, pictures.halvings)))
-    } else {
-        match plain(images) {
-            Some(colour) if colour.iter().all(|v| *v >= WHITE) => {
-                return only(Foreground::White, images.par_iter().map(matte::from_white).collect());
-            }
-            Some([r, g, b]) => {
-                let plate = Image { pixels: vec![[r, g, b, 255]; images[0].pixels.len()], ..images[0].clone() };
-                (Foreground::Plain, against(&plate))
-            }
-            None => {
+        same_size(file, (plate.width, plate.height), chosen.size)?;
+        let plate = shrunk(plate, (width, height));
+        return tidy(told(Foreground::Plate, against(chosen, &plate, windows.as_deref())));
+    }
+    match plain(images) {
+        Some(colour) if colour.iter().all(|v| *v >= WHITE) => {
+            tidy(only(Foreground::White, images.par_iter().map(matte::from_white).collect()))
+        }
+        Some([r, g, b]) => {
+            let plate = Image { pixels: vec![[r, g, b, 255]; images[0].pixels.len()], ..images[0].clone() };
+            tidy(told(Foreground::Plain, against(chosen, &plate, windows.as_deref())))
+        }
+        None => {
+            let Some((survey, scale)) = surveyed else {
                 let mut empty = backdrop::of(images);
                 for _ in 0..ROUNDS {
                     // prefer an object region that is too large to one that is too small
-                    let (without, with) = against(&empty);
+                    let (without, with) = against(chosen, &empty, None);
                     empty = corrected::of(images, with.as_ref().unwrap_or(&without), &empty);
                 }
-                (Foreground::Still, against(&empty))
-            }
+                return told(Foreground::Still, against(chosen, &empty, None));
+            };
+            let empty = plate::of(chosen, survey, scale);
+            tidy(told(Foreground::Still, against(chosen, &empty, windows.as_deref())))
         }
+    }
+}
+
+/// Mattes by difference against a plate, in windows where they are known; for pictures of few colours those with
+/// parts in the background's hue, too.
+fn against(chosen: &Chosen, plate: &Image, windows: Option<&[Window]>) -> (Vec<Matte>, Option<Vec<Matte>>) {
+    let images = &chosen.images;
+    let (width, height) = (plate.width, plate.height);
+    let whole = vec![Window { left: 0, top: 0, width, height }; images.len()];
+    let windows = windows.unwrap_or(&whole);
+    let parts: Vec<(Image, Image)> =
+        images.iter().zip(windows).map(|(image, window)| (window.of(image), window.of(plate))).collect();
+    if chosen.few_colours {
+        let both = |((image, plate), window): (&(Image, Image), &Window)| {
+            let (without, with) = matte::of_few_colours(image, plate);
+            (window.into_whole(without, width, height), window.into_whole(with, width, height))
+        };
+        let (without, with): (Vec<_>, Vec<_>) = parts.par_iter().zip(windows).map(both).unzip();
+        return (without, Some(with));
+    }
+    let light = Light::of_pairs(&parts);
+    let one = |((image, plate), window): (&(Image, Image), &Window)| {
+        let weight = vec![1.0; plate.pixels.len()];
+        window.into_whole(matte::against_plate(image, plate, &weight, &light), width, height)
     };
-    Ok(Told { foreground, mattes, hueless, said: vec![] })
+    (parts.par_iter().zip(windows).map(one).collect(), None)
 }
 
 /// The border colour of all frames, if it is uniform.
@@ -149,31 +186,27 @@ fn median_of(mut values: Vec<u8>) -> u8 {
 }
 
 /// A mask for each picture, and messages about their names.
-fn masks(folder: &Path, pictures: &Decoded, wanted: Wanted) -> Result<(Vec<Mask>, Vec<String>)> {
-    let count = pictures.images.len();
+fn masks(folder: &Path, chosen: &Chosen) -> Result<(Vec<Mask>, Vec<String>)> {
+    let (first, last) = (chosen.numbers[0], chosen.numbers[chosen.numbers.len() - 1]);
     let series = Series::of(folder)?;
-    let chosen = series.chosen(folder, Wanted { count, ..wanted })?;
-    if chosen.len() < count {
+    let files = series.chosen(folder, Wanted { first, count: last + 1 - first })?;
+    if files.len() < last + 1 - first {
         return Err(Error::new(ErrorKind::Input, "the film has more frames than masks")
             .at(folder.display())
             .found(format!("{} PNG or JPEG files", series.files.len()))
-            .wanted(format!("one for each of the frames {} to {}", wanted.first, wanted.first + count - 1))
+            .wanted(format!("one for each of the frames {first} to {last}"))
             .fix("add the missing masks, numbered as the frames are, or take fewer frames (--frames)"));
     }
-    let read = |file: &std::path::PathBuf| {
-        check_size(file, Image::frame_size(file)?)?;
+    let (width, height) = (chosen.images[0].width, chosen.images[0].height);
+    let read = |number: &usize| {
+        let file = &files[number - first];
         let mask = Mask::read(file)?;
-        same_size(file, (mask.width, mask.height), pictures.size)?;
-        Ok((0..pictures.halvings).fold(mask, |mask, _| halved(&mask)))
+        same_size(file, (mask.width, mask.height), chosen.size)?;
+        let pixels = mask.coverage.iter().map(|&v| [v, v, v, 255]).collect();
+        let mask = shrunk(Image { width: mask.width, height: mask.height, pixels, has_alpha: false }, (width, height));
+        Ok(Mask { width, height, coverage: mask.pixels.iter().map(|p| p[0]).collect() })
     };
-    Ok((chosen.iter().map(read).collect::<Result<_>>()?, series.said))
-}
-
-/// A mask at half the width and height.
-fn halved(mask: &Mask) -> Mask {
-    let mean = |four: [u8; 4]| ((four.iter().map(|v| u32::from(*v)).sum::<u32>() + 2) / 4) as u8;
-    let coverage = halved_with(&mask.coverage, (mask.width, mask.height), mean);
-    Mask { width: (mask.width / 2).max(1), height: (mask.height / 2).max(1), coverage }
+    Ok((chosen.numbers.iter().map(read).collect::<Result<_>>()?, series.said))
 }
 
 fn same_size(file: &Path, found: (usize, usize), wanted: (usize, usize)) -> Result<()> {

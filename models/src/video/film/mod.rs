@@ -1,11 +1,10 @@
 //! Films: a GIF, a video file or a folder of pictures from one uncalibrated camera.
 
 mod backdrop;
+mod chosen;
 mod corrected;
-mod gif;
 mod grain;
 mod holds;
-mod lens;
 mod lost;
 mod matting;
 mod network;
@@ -13,10 +12,13 @@ mod objects;
 mod onnx;
 mod pace;
 mod pictures;
-mod pile;
+mod plate;
+mod refuse;
 mod resample;
 mod runtime;
-mod stream;
+mod source;
+mod survey;
+mod window;
 
 use std::path::{Path, PathBuf};
 
@@ -27,15 +29,17 @@ use self::holds::Even;
 use self::matting::Found;
 pub use self::network::MattingSettings;
 use self::pace::{Clock, Pace};
-use self::pile::Pile;
+use self::source::Source;
 use super::clip::{Frame, OpenOptions};
 use super::foreground::Foreground;
-use super::image::Image;
 use super::layout::Format;
+use super::story::Story;
 
 /// Extensions of the files that ffmpeg decodes.
-const VIDEOS: [&str; 13] =
-    ["mp4", "mov", "m4v", "mkv", "webm", "avi", "mpg", "mpeg", "ogv", "wmv", "3gp", "ts", "apng"];
+const VIDEOS: [&str; 19] = [
+    "mp4", "mov", "m4v", "qt", "mkv", "webm", "avi", "mpg", "mpeg", "ogv", "wmv", "asf", "flv", "3gp", "3g2", "ts",
+    "mts", "m2ts", "apng",
+];
 
 /// Accepted frame rates \[1/s\].
 const RATES: std::ops::RangeInclusive<f64> = 0.1..=1e6;
@@ -105,8 +109,12 @@ pub struct Film {
     /// For films of few colours segmented by difference: the frames with those parts included whose hue equals the
     /// background's. During free flight these parts belong to the object; after contact they may be its shadow.
     pub hueless: Option<Vec<Frame>>,
-    /// Number of the first of `frames` in the film.
-    pub first: usize,
+    /// Number of each of `frames` in the film.
+    pub numbers: Vec<usize>,
+    /// Real time of each \[s\].
+    pub times: Vec<f64>,
+    /// The chosen free fall.
+    pub(crate) scale: Option<Scale>,
     /// Frame rate \[1/s\].
     pub frames_per_s: f64,
     /// Focal length as a share of the picture's diagonal, if the file states it.
@@ -115,30 +123,8 @@ pub struct Film {
     pub foreground: Foreground,
     /// Assumptions made.
     pub assumptions: Vec<String>,
-}
-
-/// Decoded pictures.
-struct Decoded {
-    images: Vec<Image>,
-    /// Width and height in the file.
-    size: (usize, usize),
-    /// Number of times the sides were halved.
-    halvings: u32,
-    /// Display times, if the film has any.
-    clock: Option<Clock>,
-    /// Whether the pictures have few colours, as in a GIF.
-    few_colours: bool,
-    /// Messages about the file.
-    said: Vec<String>,
-}
-
-impl Decoded {
-    /// Pictures without further metadata.
-    fn of(pile: Pile) -> Self {
-        let said = pile.said().into_iter().collect();
-        let Pile { images, size, halvings, .. } = pile;
-        Self { images, size, halvings, clock: None, few_colours: false, said }
-    }
+    /// What happens in the film, as far as it is known before its metres; its snapshots at least.
+    pub story: Story,
 }
 
 /// Range of pictures to decode.
@@ -169,60 +155,108 @@ impl Film {
     /// than requested, or offers no way to segment the object; [`ErrorKind::Io`] for unreadable files.
     pub fn read(path: &Path, settings: &FilmSettings, options: &OpenOptions) -> Result<Self> {
         settings.check()?;
-        let first = options.first_frame.unwrap_or(0);
-        let Ok(first) = usize::try_from(first) else {
-            return Err(Error::new(ErrorKind::Input, "no frame is selected")
-                .at(path.display())
-                .found(format!("frame {first} as the first"))
-                .wanted("a number from 0 on: the frames of a film are counted from there")
-                .fix("choose another first frame (--first-frame)"));
-        };
-        let wanted = Wanted { first, count: options.max_frames.unwrap_or(usize::MAX) };
-        let mut decoded = match ending(path).as_str() {
-            _ if path.is_dir() => pictures::read(path, wanted)?,
-            "gif" => gif::read(path, wanted)?,
-            _ => stream::read(path, wanted)?,
-        };
-        if decoded.images.is_empty() {
-            return Err(Error::new(ErrorKind::Input, "no frame is selected")
-                .at(path.display())
-                .found(format!("no frame {} in the film", wanted.first))
-                .fix("choose an earlier first frame"));
-        }
-        let (interval, pace, mut assumptions) = time(path, settings, decoded.clock.as_ref())?;
-        assumptions.append(&mut decoded.said);
-        if let Some(smooth) = grain::removed(&decoded.images) {
+        let source = Source::open(path, Some(settings.frames_per_s).filter(|rate| *rate > 0.0))?;
+        let mut chosen = chosen::read(path, &source, settings, options)?;
+        let every = chosen.numbers.get(1).map_or(1, |second| second - chosen.numbers[0]);
+        let shown = chosen.times.clone();
+        let clock = Clock { shown, until: None, unit: source.info().unit };
+        let (interval, pace, mut assumptions) = time(path, settings, every, &clock)?;
+        assumptions.append(&mut chosen.said);
+        let story = chosen.story();
+        // a palette of few colours is one of a GIF, or of pictures made from one
+        let palette = source.info().few_colours || path.is_dir();
+        if let Some(smooth) = Some(()).filter(|()| palette).and_then(|()| grain::removed(&chosen.images)) {
             assumptions.push("the grain of the pictures is that of a palette of few colours: it was smoothed".into());
-            decoded = Decoded { images: smooth, few_colours: false, ..decoded };
+            let (numbers, beside): (Vec<_>, Vec<_>) = chosen.beside.drain(..).unzip();
+            let beside = grain::removed(&beside).unwrap_or(beside);
+            chosen.beside = numbers.into_iter().zip(beside).collect();
+            (chosen.images, chosen.few_colours) = (smooth, false);
         }
-        let Found { foreground, mut frames, mut hueless, lost, said } =
-            matting::frames(path, decoded, settings, wanted)?;
+        let Found { foreground, mut frames, mut hueless, mut lost, said } =
+            matting::frames(path, &mut chosen, settings)?;
         assumptions.push(format!("the object is told from the background by {foreground}"));
         assumptions.extend(said);
-        if !lost.is_empty() {
-            let numbers: Vec<String> = lost.iter().map(|k| (wanted.first + k).to_string()).collect();
-            assumptions.push(format!("nothing in frame {} counts: the object was not found there", numbers.join(", ")));
+        // a run begins with a picture that shows the object
+        let begin = (0..frames.len()).find(|k| !lost.contains(k)).unwrap_or(0);
+        if begin > 0 {
+            frames.drain(..begin);
+            hueless.iter_mut().for_each(|hueless| drop(hueless.drain(..begin)));
+            chosen.numbers.drain(..begin);
+            chosen.times.drain(..begin);
+            lost = lost.into_iter().filter(|k| *k >= begin).map(|k| k - begin).collect();
         }
+        let mut numbers = chosen.numbers.clone();
+        numbers.truncate(frames.len());
+        let mut times = chosen.times[..frames.len()].to_vec();
+        if !lost.is_empty() {
+            let lost: Vec<String> = lost.iter().map(|k| numbers[*k].to_string()).collect();
+            assumptions.push(format!("nothing in frame {} counts: the object was not found there", lost.join(", ")));
+        }
+        let scale = Scale::of(&chosen, frames.len());
         if let Some(pace) = pace {
-            let mut even = Even::of(&frames, &pace, wanted.first);
+            let mut even = Even::of(&frames, &pace, &numbers);
             if even.is_change(frames.len()) {
                 hueless = hueless.map(|hueless| even.frames(&hueless));
                 frames = even.frames(&frames);
                 assumptions.append(&mut even.said);
+                numbers = (0..frames.len()).map(|k| numbers[0] + k).collect();
+                times = (0..frames.len()).map(|k| times[0] + k as f64 * interval).collect();
             }
         }
         let name = path.canonicalize().unwrap_or_else(|_| path.to_path_buf());
         let name = name.file_stem().map_or_else(|| "film".into(), |name| name.to_string_lossy().into_owned());
-        let focal = if ending(path) == "gif" { None } else { lens::focal(path) };
-        let frames_per_s = 1.0 / interval;
-        Ok(Self { name, frames, hueless, first: wanted.first, frames_per_s, focal, foreground, assumptions })
+        Ok(Self {
+            name,
+            frames,
+            hueless,
+            numbers,
+            times,
+            scale,
+            frames_per_s: 1.0 / interval,
+            focal: source.info().focal,
+            foreground,
+            assumptions,
+            story,
+        })
     }
 }
 
-/// The frame interval \[s\], the number of intervals per frame if the film has display times, and messages.
-fn time(path: &Path, settings: &FilmSettings, clock: Option<&Clock>) -> Result<(f64, Option<Pace>, Vec<String>)> {
+/// What the survey says of the chosen frames, for the fit of the free fall.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Scale {
+    /// Number of frames before the contact.
+    pub free: usize,
+    /// Downward acceleration in the picture \[pixels/s²\], with its relative standard deviation.
+    pub acceleration: [f64; 2],
+    /// Extent across the motion \[pixels\].
+    pub across: f64,
+    /// Diameter by all free flights \[m\], with its relative standard deviation.
+    pub diameter: [f64; 2],
+}
+
+impl Scale {
+    /// That of a film of which `count` frames are left; `None` without a surveyed contact among them.
+    fn of(chosen: &chosen::Chosen, count: usize) -> Option<Self> {
+        let (survey, scale) = (chosen.survey.as_ref()?, chosen.scale()?);
+        let run = survey.run?;
+        let link = survey.link(run.flight);
+        let begin = survey.time_of_first(run.flight);
+        let times = &chosen.times[..count];
+        let free = times.iter().filter(|time| **time < run.hit.time).count();
+        (times[0] >= begin && free >= chosen::LEAST).then_some(Self {
+            free,
+            acceleration: [scale * link.acceleration, link.deviation],
+            across: scale * link.flight.across,
+            diameter: [survey.diameter.metres, survey.diameter.deviation],
+        })
+    }
+}
+
+/// The interval between used frames \[s\], the number of intervals per frame if the film has display times, and messages.
+/// Of the film's frames one in `every` is used.
+fn time(path: &Path, settings: &FilmSettings, every: usize, clock: &Clock) -> Result<(f64, Option<Pace>, Vec<String>)> {
     if settings.frames_per_s > 0.0 {
-        return Ok((1.0 / settings.frames_per_s, None, vec![]));
+        return Ok((every as f64 / settings.frames_per_s, None, vec![]));
     }
     let unknown = |found: &str| {
         Error::new(ErrorKind::Input, "the film does not say how fast it is")
@@ -231,15 +265,15 @@ fn time(path: &Path, settings: &FilmSettings, clock: Option<&Clock>) -> Result<(
             .wanted("a frame rate: the fall of the object gives its size only together with time")
             .fix("give it as --fps 24, for example")
     };
-    let clock = clock.ok_or_else(|| unknown("pictures without times"))?;
     let pace = match clock.pace() {
         Some(pace) if RATES.contains(&(1.0 / pace.interval)) => pace,
         Some(pace) => return Err(unknown(&format!("frames {:e} s apart", pace.interval))),
         None if clock.shown.len() < 2 => return Err(unknown("a single frame")),
         None => return Err(unknown("times that do not advance from frame to frame")),
     };
-    let rate = 1.0 / pace.interval;
-    let delay = pace.interval / clock.unit;
+    let interval = pace.interval / every as f64;
+    let rate = 1.0 / interval;
+    let delay = interval / clock.unit;
     let cut_off = match clock.unit > 0.005 && (delay - delay.round()).abs() < 1e-6 {
         true => format!(
             " (it counts whole hundredths of a second: more than {:.4} may be meant)",

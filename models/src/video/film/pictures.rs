@@ -5,15 +5,14 @@ use std::path::{Path, PathBuf};
 
 use gradreel::{Error, ErrorKind, Result};
 
-use super::pile::{Pile, check_size};
-use super::{Decoded, Wanted};
+use super::Wanted;
 use crate::folder::{Part, entries, name, parts};
-use crate::video::image::Image;
 
 /// Numbers are times if their steps are at least this large and differ by less than this factor.
 const TIMES: (u128, u128) = (5, 2);
 
 /// A series of consecutive pictures in a folder.
+#[derive(Debug, Clone)]
 pub(super) struct Series {
     /// In order.
     pub files: Vec<PathBuf>,
@@ -175,19 +174,6 @@ fn several(folder: &Path, one: &Path, other: &Path) -> Error {
         .found(format!("{} and {}", name(one), name(other)))
         .wanted("the frames of one camera, whose names differ in one number")
         .fix("put the pictures of each camera, and masks, into a folder of their own")
-}
-
-/// Reads the wanted pictures, which have no frame rate of their own.
-pub(super) fn read(folder: &Path, wanted: Wanted) -> Result<Decoded> {
-    let mut series = Series::of(folder)?;
-    let mut pile = Pile::default();
-    for path in series.chosen(folder, wanted)? {
-        check_size(path, Image::frame_size(path)?)?;
-        pile.add(path, wanted, Image::read_any(path)?)?;
-    }
-    let decoded = Decoded::of(pile);
-    series.said.extend_from_slice(&decoded.said);
-    Ok(Decoded { said: series.said, ..decoded })
 }
 
 #[cfg(test)]

@@ -55,8 +55,16 @@ impl Default for Light {
 impl Light {
     /// Estimates the illumination in the images of one camera; pixels of weight 0 are ignored.
     pub fn of(images: &[Image], plate: &Image, weight: &[f32]) -> Self {
-        let beside: Vec<(f32, Hue)> =
-            images.par_iter().flat_map_iter(|image| beside_the_object(image, plate, weight)).collect();
+        Self::of_samples(images.par_iter().flat_map_iter(|image| beside_the_object(image, plate, weight)).collect())
+    }
+
+    /// The same from images with a plate each.
+    pub fn of_pairs(pairs: &[(Image, Image)]) -> Self {
+        let beside = |(image, plate): &(Image, Image)| beside_the_object(image, plate, &vec![1.0; plate.pixels.len()]);
+        Self::of_samples(pairs.par_iter().flat_map_iter(beside).collect())
+    }
+
+    fn of_samples(beside: Vec<(f32, Hue)>) -> Self {
         let shadows: Vec<(f32, Hue)> = beside.iter().filter(|(b, _)| SHADOWS.contains(b)).copied().collect();
         if shadows.len() < LEAST {
             return Self::default();

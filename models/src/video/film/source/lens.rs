@@ -1,13 +1,11 @@
-//! Focal length from the metadata of a film's file.
+//! Focal length from the Exif data of pictures.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Seek};
-use std::path::Path;
 
 use exif::{In, Reader, Tag};
 
-use super::pictures::Series;
-use super::stream;
+use super::Series;
 
 /// Diagonal of a 35 mm film frame \[mm\].
 const DIAGONAL: f64 = 43.27;
@@ -15,14 +13,15 @@ const DIAGONAL: f64 = 43.27;
 /// Accepted 35 mm equivalent focal lengths \[mm\].
 const BELIEVED: std::ops::RangeInclusive<f64> = 5.0..=2000.0;
 
-/// The focal length as a share of the picture's diagonal, from the Exif data of a folder's first picture or from
-/// the tags of a video file. Both state the 35 mm equivalent focal length along the diagonal.
-pub(super) fn focal(path: &Path) -> Option<f64> {
-    let equivalent = match path.is_dir() {
-        true => of_picture(&mut BufReader::new(File::open(Series::of(path).ok()?.files.first()?).ok()?)),
-        false => stream::tag(path, "camera.focal_length.35mm_equivalent").and_then(|text| text.trim().parse().ok()),
-    };
-    equivalent.filter(|focal| BELIEVED.contains(focal)).map(|focal| focal / DIAGONAL)
+/// The focal length as a share of the picture's diagonal, from its 35 mm equivalent \[mm\], which is along the
+/// diagonal.
+pub(super) fn share(equivalent: f64) -> Option<f64> {
+    BELIEVED.contains(&equivalent).then_some(equivalent / DIAGONAL)
+}
+
+/// The focal length as a share of the picture's diagonal, from the Exif data of the first picture of a series.
+pub(super) fn focal(series: &Series) -> Option<f64> {
+    share(of_picture(&mut BufReader::new(File::open(series.files.first()?).ok()?))?)
 }
 
 fn of_picture(file: &mut (impl BufRead + Seek)) -> Option<f64> {
@@ -61,14 +60,12 @@ mod tests {
 
     #[test]
     fn a_folder_says_what_its_first_picture_says() {
-        let folder = std::env::temp_dir().join(format!("gradreel-lens-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).unwrap();
-        std::fs::write(folder.join("f_2.jpg"), picture(50)).unwrap();
-        std::fs::write(folder.join("f_1.jpg"), picture(28)).unwrap();
-        let found = focal(&folder).unwrap();
-        assert!((found - 28.0 / DIAGONAL).abs() < 1e-12, "{found}");
-        std::fs::write(folder.join("f_1.jpg"), picture(0)).unwrap();
-        assert_eq!(focal(&folder), None);
-        std::fs::remove_dir_all(&folder).unwrap();
+        let folder = tempfile::TempDir::new().unwrap();
+        std::fs::write(folder.path().join("f_2.jpg"), picture(50)).unwrap();
+        std::fs::write(folder.path().join("f_1.jpg"), picture(28)).unwrap();
+        let focal = || super::focal(&Series::of(folder.path()).unwrap());
+        assert!((focal().unwrap() - 28.0 / DIAGONAL).abs() < 1e-12);
+        std::fs::write(folder.path().join("f_1.jpg"), picture(0)).unwrap();
+        assert_eq!(focal(), None);
     }
 }

@@ -1,0 +1,308 @@
+//! `gradreel bench films --real`: what `check` makes of each film of a folder.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use gradreel::{Error, ErrorKind, Result};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::cli::output::{say, tell};
+use crate::folder::{entries, name};
+use crate::report::quantity::readable;
+use crate::report::results_file::{Measured, Section, replace};
+use crate::runtime::interrupt;
+use crate::runtime::run_folder::RunFolder;
+use crate::text;
+use crate::video::Film;
+
+/// Arguments of `gradreel bench films`.
+#[derive(clap::Args, Clone)]
+#[command(after_long_help = AFTER)]
+pub(super) struct Arguments {
+    /// Folder with films of falling things
+    #[arg(long, value_name = "FOLDER")]
+    real: PathBuf,
+    /// Folder for the pages of the accepted films [default: runs/films, runs/films-2, …]
+    #[arg(long, value_name = "FOLDER")]
+    out: Option<PathBuf>,
+    /// Write the table with the machine, the commit and the date into its section of this Markdown file
+    #[arg(long, value_name = "FILE")]
+    markdown: Option<PathBuf>,
+    /// Write everything as JSON into this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Give a film up after so many seconds
+    #[arg(long, value_name = "SECONDS", default_value_t = 300, value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    limit: u64,
+    /// No progress on stderr
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+const AFTER: &str = "\
+Each film is looked at by `gradreel check` in a process of its own. The table says whether it is accepted or refused and why, which
+frames are used, how large the object is and the interval of 90 %, the phases, the seconds, and the memory at its peak (of gradreel
+alone, without ffmpeg).
+
+What is known of the films may stand in films.json in the folder, by the names of their files:
+  {\"ball.mp4\": {\"diameter_m\": 0.04, \"first_hit\": 203}}
+
+Examples:
+  gradreel bench films --real my/films
+  gradreel bench films --real my/films --markdown results.md --json films.json";
+
+/// File with what is known.
+const KNOWN: &str = "films.json";
+
+/// Time between two looks at a process.
+const PAUSE: Duration = Duration::from_millis(20);
+
+/// Maximum length of a reason in the table, in characters.
+const LONGEST: usize = 200;
+
+/// Number of phases in the table.
+const MOST_PHASES: usize = 5;
+
+/// What is known of a film.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Known {
+    /// Diameter of the object \[m\].
+    diameter_m: Option<f64>,
+    /// Number of the first frame of the first contact.
+    first_hit: Option<i64>,
+}
+
+/// What `check` made of a film.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+struct Row {
+    film: String,
+    accepted: bool,
+    /// Exit status; none if it was given up.
+    exit_code: Option<i32>,
+    /// Why it was refused.
+    reason: Option<String>,
+    seconds: f64,
+    known: Known,
+    /// Whether the known diameter is in the interval.
+    holds: Option<bool>,
+    /// What `check --json` said.
+    seen: Value,
+}
+
+/// Looks at each film.
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    interrupt::install()?;
+    let films: Vec<PathBuf> =
+        entries(&arguments.real, "the films")?.into_iter().filter(|path| Film::is_at(path)).collect();
+    if films.is_empty() {
+        return Err(Error::new(ErrorKind::Input, "there is no film in the folder")
+            .at(arguments.real.display())
+            .wanted("GIFs, video files, or folders of numbered pictures")
+            .fix("name another folder with --real"));
+    }
+    let known = known(&arguments.real)?;
+    let folder = match &arguments.out {
+        Some(folder) => RunFolder::create(folder)?,
+        None => RunFolder::create_free(Path::new("runs"), "films")?,
+    };
+    let mut rows = Vec::new();
+    for film in &films {
+        interrupt::check().map_err(|error| error.fix("start again; films take seconds each"))?;
+        let row = look(film, &folder, known.get(&name(film)).cloned().unwrap_or_default(), arguments.limit)?;
+        if !arguments.quiet {
+            tell!("{}: {}, {:.1} s", row.film, row.verdict(), row.seconds);
+        }
+        rows.push(row);
+    }
+    let table = table(&rows);
+    folder.write("films.md", table.as_bytes())?;
+    let json = serde_json::to_vec_pretty(&rows)
+        .map_err(|e| Error::new(ErrorKind::Io, "cannot write what was seen as JSON").found(e))?;
+    folder.write("films.json", &json)?;
+    if let Some(file) = &arguments.json {
+        std::fs::write(file, &json)
+            .map_err(|e| Error::io(file, "write the results", &e).fix("name another file with --json"))?;
+    }
+    if let Some(file) = &arguments.markdown {
+        let section = Section {
+            name: "films".into(),
+            title: "Films of one camera".into(),
+            split: format!("report, {} films that people made", rows.len()),
+            body: table.clone(),
+        };
+        replace(file, &section, &Measured::here("gradreel"))?;
+    }
+    say!("{table}");
+    say!("  pages: {}", folder.root().display());
+    Ok(())
+}
+
+/// What is known of the films.
+fn known(folder: &Path) -> Result<BTreeMap<String, Known>> {
+    let file = folder.join(KNOWN);
+    if !file.exists() {
+        return Ok(BTreeMap::new());
+    }
+    let text = text::read(&file, "what is known of the films", "correct it or remove it", text::SETTINGS)?;
+    serde_json::from_str(&text).map_err(|e| {
+        Error::new(ErrorKind::Input, "cannot read what is known of the films")
+            .at(file.display())
+            .found(e)
+            .wanted("{\"ball.mp4\": {\"diameter_m\": 0.04, \"first_hit\": 203}}")
+            .fix("correct it or remove it")
+    })
+}
+
+/// Looks at one film in a process of its own.
+fn look(film: &Path, folder: &RunFolder, known: Known, limit: u64) -> Result<Row> {
+    let program = std::env::current_exe().map_err(|e| Error::io(film, "find the program itself", &e))?;
+    let started = Instant::now();
+    let mut child = Command::new(program)
+        .arg("check")
+        .arg(film)
+        .arg("--json")
+        .arg("--out")
+        .arg(folder.path(&name(film)))
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .map_err(|e| Error::io(film, "look at the film", &e))?;
+    let mut stdout = child.stdout.take().expect("piped");
+    let reader = std::thread::spawn(move || {
+        let mut text = Vec::new();
+        // what came before a read error is judged below
+        let _ = stdout.read_to_end(&mut text);
+        text
+    });
+    let status = loop {
+        match child.try_wait().map_err(|e| Error::io(film, "look at the film", &e))? {
+            Some(status) => break Some(status),
+            None if started.elapsed() > Duration::from_secs(limit) || interrupt::requested() => {
+                // it may have ended in the meantime
+                let _ = child.kill();
+                let _ = child.wait();
+                break None;
+            }
+            None => std::thread::sleep(PAUSE),
+        }
+    };
+    let seconds = started.elapsed().as_secs_f64();
+    let seen: Value = serde_json::from_slice(&reader.join().unwrap_or_default()).unwrap_or(Value::Null);
+    let accepted = status.is_some_and(|status| status.success());
+    let reason = match (&status, accepted) {
+        (_, true) => None,
+        (None, _) => Some(format!("no answer within {limit} s")),
+        (Some(status), _) => {
+            let said: Vec<&str> = seen["problems"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+            Some(if said.is_empty() { format!("no word why ({status})") } else { said.join("; ") })
+        }
+    };
+    let within = || {
+        let ends = &seen["interval_90"]["diameter_m"];
+        Some(ends[0].as_f64()? <= known.diameter_m? && known.diameter_m? <= ends[1].as_f64()?)
+    };
+    Ok(Row {
+        film: name(film),
+        accepted,
+        exit_code: status.and_then(|status| status.code()),
+        reason,
+        seconds,
+        holds: within(),
+        known,
+        seen,
+    })
+}
+
+impl Row {
+    fn verdict(&self) -> String {
+        match &self.reason {
+            None => "accepted".into(),
+            Some(reason) => format!("refused: {}", brief(reason)),
+        }
+    }
+
+    /// The frames that are used.
+    fn frames(&self) -> Option<String> {
+        let (first, count) = (self.seen["first_frame"].as_i64()?, self.seen["frames"].as_i64()?);
+        let all = self.seen["frames_of_film"].as_u64().map_or_else(String::new, |all| format!(" of {all}"));
+        Some(format!("{count} from {first}{all}"))
+    }
+
+    fn diameter(&self) -> Option<String> {
+        let value = self.seen["diameter_m"].as_f64()?;
+        let ends = &self.seen["interval_90"]["diameter_m"];
+        let interval = ends[0].as_f64().zip(ends[1].as_f64());
+        let interval = interval.map(|(low, high)| format!(" ({} to {})", readable(low, "m"), readable(high, "m")));
+        Some(format!("{}{}", readable(value, "m"), interval.unwrap_or_default()))
+    }
+
+    fn phases(&self) -> Option<String> {
+        let phase = |phase: &Value| {
+            Some(format!("{} {}–{}", phase["kind"].as_str()?, phase["first_frame"], phase["last_frame"]))
+        };
+        let all: Vec<String> = self.seen["phases"].as_array()?.iter().filter_map(phase).collect();
+        let more = all.len().saturating_sub(MOST_PHASES);
+        let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+        (!all.is_empty()).then(|| format!("{}{more}", all[..all.len().min(MOST_PHASES)].join(", ")))
+    }
+
+    fn truth(&self) -> Option<String> {
+        let diameter = self.known.diameter_m.map(|diameter| {
+            let holds = self.holds.map_or("", |holds| if holds { ", held" } else { ", not held" });
+            format!("{}{holds}", readable(diameter, "m"))
+        });
+        let hit = self.known.first_hit.map(|frame| format!("hit {frame}"));
+        let parts: Vec<String> = diameter.into_iter().chain(hit).collect();
+        (!parts.is_empty()).then(|| parts.join("; "))
+    }
+}
+
+/// A reason in one line: what failed, and what was found.
+fn brief(reason: &str) -> String {
+    let mut lines = reason.lines();
+    let what = lines.next().unwrap_or_default().trim();
+    let found = lines.find_map(|line| line.trim().strip_prefix("found: "));
+    let line = found.map_or_else(|| what.to_owned(), |found| format!("{what} ({found})"));
+    match line.char_indices().nth(LONGEST) {
+        Some((end, _)) => format!("{}…", &line[..end]),
+        None => line,
+    }
+}
+
+fn table(rows: &[Row]) -> String {
+    let mut text = String::from(
+        "| film | verdict | frames used | diameter (90 %) | known | phases | seconds | memory |\n\
+         | --- | --- | --- | --- | --- | --- | --- | --- |\n",
+    );
+    let or_none = |cell: Option<String>| cell.map_or_else(|| "–".to_owned(), |cell| cell.replace('|', "\\|"));
+    for row in rows {
+        let memory = row.seen["memory_mib"].as_f64().map(|mib| format!("{mib:.0} MiB"));
+        let cells = [row.frames(), row.diameter(), row.truth(), row.phases()].map(or_none).join(" | ");
+        let verdict = or_none(Some(row.verdict()));
+        writeln!(
+            text,
+            "| {} | {verdict} | {cells} | {:.1} | {} |",
+            or_none(Some(row.film.clone())),
+            row.seconds,
+            or_none(memory)
+        )
+        .expect("a string accepts every write");
+    }
+    let accepted = rows.iter().filter(|row| row.accepted).count();
+    write!(text, "\n{accepted} of {} films are accepted.", rows.len()).expect("a string accepts every write");
+    let judged: Vec<bool> = rows.iter().filter_map(|row| row.holds).collect();
+    if !judged.is_empty() {
+        let held = judged.iter().filter(|holds| **holds).count();
+        write!(text, " {held} of {} known diameters are within their intervals.", judged.len())
+            .expect("a string accepts every write");
+    }
+    text.push('\n');
+    text
+}
