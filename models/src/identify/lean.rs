@@ -175,6 +175,7 @@ mod tests {
             imagined: vec![false],
             assumptions: vec![],
             flight: None,
+            story: None,
             around: None,
         };
         let mut found = (clip, body, Unknowns { lean: [0.1, 0.0, 0.0, angle], ..Unknowns::default() });
