@@ -14,8 +14,8 @@ use crate::video::{Camera, Clip, Film, FilmSettings, Flight, Frame, OpenOptions,
 /// Default angle of view along the longer side of the image \[degrees\].
 const FIELD_OF_VIEW: f64 = 50.0;
 
-/// Default downward pitch of the camera and its standard deviation \[degrees\]: nine of ten hand-held cameras look between 10° up and
-/// 50° down at a thing that falls.
+/// Default downward pitch of the camera and its standard deviation \[degrees\]: from 10° up to 50° down, with a probability of
+/// 90 %.
 const ELEVATION: [f64; 2] = [20.0, 18.0];
 
 /// Reads the film at `path` as a metric single-camera clip. The ballistic fit yields the object's depth; the
@@ -175,7 +175,7 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
 const DEPARTS: f64 = 0.05;
 
 /// Relative deviation of the metres that no fit shows: rows that are read one after the other, distortion, a camera
-/// that leans.
+/// that is rolled.
 const UNMODELLED: f64 = 0.08;
 
 /// Relative deviation of the scale by a single flight up to which it counts beside that of all flights.

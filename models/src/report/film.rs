@@ -49,7 +49,6 @@ pub(crate) fn option_of(assumption: &str) -> Option<&'static str> {
         ("shape", "--imagine, --views"),
         ("the object is told", "--masks, --background, --matting"),
         ("frames", "--first-frame, --frames"),
-        ("object", "--object"),
     ];
     options.into_iter().find(|(start, _)| assumption.starts_with(start)).map(|(_, option)| option)
 }
