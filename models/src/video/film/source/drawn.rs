@@ -20,7 +20,7 @@ const SHORTEST: u16 = 2;
 const UNIT: f64 = 0.01;
 
 /// Maximum size of a frame \[bytes\].
-const MOST_BYTES: u64 = 1 << 29;
+const MOST_BYTES: u64 = 1 << 27;
 
 /// Start times of the frames of a GIF in hundredths of a second, and the end of the last.
 #[derive(Debug, Clone)]
