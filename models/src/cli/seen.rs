@@ -8,7 +8,8 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::cli::output::say;
-use crate::report::film::{NINETY, lengths, option_of};
+use crate::physics::NINETY;
+use crate::report::film::{lengths, option_of};
 use crate::runtime::memory;
 use crate::video::{Clip, Inventory, Phase, WARNING};
 

@@ -73,9 +73,9 @@ impl Sight {
         [right, up, 1.0].map(|share| ray.map(|x| x * share))
     }
 
-    /// How body and camera stand in the world.
-    pub(super) fn pitch(&self, ground: f64) -> Pitch {
-        Pitch::new(self.centre, self.axes[0], self.growth, ground)
+    /// How body and camera stand in the world with this lean, over a ground of this height.
+    pub(super) fn pitch(&self, lean: [f64; 4], ground: f64) -> Pitch {
+        Pitch::new(self.centre, self.axes[0], self.growth, ground, lean[3])
     }
 
     /// Where a point of the body is with this lean, before the camera's pitch is counted.
@@ -89,38 +89,35 @@ impl Sight {
         if lean == [0.0; 4] {
             return Cow::Borrowed(body);
         }
-        let pitch = self.pitch(ground);
+        let pitch = self.pitch(lean, ground);
         let moved = |x: &[f64; 3]| {
             let leant = self.leant(*x, lean);
-            if lean[3] == 0.0 { leant } else { pitch.placed(leant, lean[3]) }
+            if lean[3] == 0.0 { leant } else { pitch.placed(leant) }
         };
         Cow::Owned(Particles { positions: body.positions.iter().map(moved).collect(), ..body.clone() })
     }
-}
 
-impl Sight {
     /// Turns a clip and the body in it as the pitch that was found says, so that the vertical of both is that of the world, and lengths are
     /// those with which it moved. Every camera sees every point where it saw it before.
     pub(super) fn stand_upright(&self, (clip, body, unknowns): &mut (Clip, Particles, Unknowns), ground: f64) {
-        let angle = std::mem::take(&mut unknowns.lean[3]);
-        if angle == 0.0 {
+        if unknowns.lean[3] == 0.0 {
             return;
         }
-        let pitch = self.pitch(ground);
-        let (scale, turn) = (pitch.scale(angle), pitch.turn(angle));
+        let pitch = self.pitch(unknowns.lean, ground);
+        unknowns.lean[3] = 0.0;
         for camera in &mut clip.cameras {
-            let centre = pitch.placed(camera.centre(), angle);
+            let centre = pitch.placed(camera.centre());
             let axes = camera.c2w.map(|[x, y, z, _]| [x, y, z]);
-            let turned = product(turn, axes);
+            let turned = product(pitch.turn, axes);
             camera.c2w = std::array::from_fn(|i| [turned[i][0], turned[i][1], turned[i][2], centre[i]]);
         }
         if let Some(flight) = &mut clip.flight {
-            flight.centre = pitch.placed(flight.centre, angle);
-            flight.distance *= scale;
-            flight.diameter *= scale;
+            flight.centre = pitch.placed(flight.centre);
+            flight.distance *= pitch.scale;
+            flight.diameter *= pitch.scale;
         }
-        body.positions.iter_mut().for_each(|x| *x = pitch.placed(*x, angle));
-        body.spacing *= scale;
+        body.positions.iter_mut().for_each(|x| *x = pitch.placed(*x));
+        body.spacing *= pitch.scale;
     }
 }
 

@@ -276,12 +276,12 @@ impl Problem<'_> {
     /// As [`Rollout::jvp`].
     pub fn tangents(&self, unknowns: &Unknowns, free: Free, schedule: Schedule) -> Result<(Tensor, Vec<Tensor>)> {
         let (motion, tangents) = self.tangents_in_world(unknowns, free, schedule)?;
-        let (pitch, list) = (unknowns.lean[3], free.list(&self.law));
-        let Some(sight) = self.observed.sight.filter(|_| pitch != 0.0 || free.pitch()) else {
+        let list = free.list(&self.law);
+        let Some(sight) = self.observed.sight.filter(|_| unknowns.lean[3] != 0.0 || free.pitch()) else {
             return Ok((motion, tangents));
         };
-        let stand = sight.pitch(self.ground);
-        let (by, from) = stand.seen(pitch);
+        let stand = sight.pitch(unknowns.lean, self.ground);
+        let (by, from) = stand.seen();
         let mapped = |points: &Tensor, of: &dyn Fn(usize, [f64; 3]) -> [f64; 3]| {
             let values = points.to_vec()?;
             let each = values.as_chunks::<3>().0.iter().enumerate();
@@ -293,7 +293,7 @@ impl Problem<'_> {
         let points = points.as_chunks::<3>().0;
         let turned = |(tangent, unknown): (&Tensor, &Unknown)| {
             mapped(tangent, &|i, x| match *unknown {
-                Unknown::PITCH => plus(times(&by, x), stand.seen_rate(points[i], pitch)),
+                Unknown::PITCH => plus(times(&by, x), stand.seen_rate(points[i])),
                 _ => times(&by, x),
             })
         };
@@ -487,13 +487,11 @@ impl Problem<'_> {
     /// How the particles move in the world for each unit of the lean to the right (0), upwards (1), in distance (2), or of the camera's
     /// pitch (3), `[particles, 3]` \[m\].
     fn lean_field(&self, axis: usize, lean: [f64; 4]) -> Result<Tensor> {
-        let rate = |x: &[f64; 3]| {
-            let Some(sight) = self.observed.sight else { return [0.0; 3] };
-            let stand = sight.pitch(self.ground);
-            match axis {
-                3 => stand.rate(sight.leant(*x, lean), lean[3]),
-                _ => stand.along(sight.rates(*x)[axis], lean[3]),
-            }
+        let stands = self.observed.sight.map(|sight| (sight, sight.pitch(lean, self.ground)));
+        let rate = |x: &[f64; 3]| match stands {
+            None => [0.0; 3],
+            Some((sight, pitch)) if axis == 3 => pitch.rate(sight.leant(*x, lean)),
+            Some((sight, pitch)) => pitch.along(sight.rates(*x)[axis]),
         };
         let values = self.particles.positions.iter().flat_map(rate).collect();
         Tensor::from_vec(values, [self.particles.len(), 3]).cast(self.dtype)

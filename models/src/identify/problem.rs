@@ -173,7 +173,7 @@ impl<'a> Problem<'a> {
     /// Positions in the world as the camera that was taken to look in another direction sees them.
     fn seen(&self, motion: &Var, lean: [f64; 4]) -> Result<Var> {
         let Some(sight) = self.observed.sight.filter(|_| lean[3] != 0.0) else { return Ok(motion.clone()) };
-        let (by, from) = sight.pitch(self.ground).seen(lean[3]);
+        let (by, from) = sight.pitch(lean, self.ground).seen();
         // positions are rows
         let by = Tensor::from_vec(transposed(by).as_flattened().to_vec(), [3, 3]).cast(self.dtype)?;
         let shape: Vec<usize> = motion.dims().to_vec();

@@ -1,12 +1,10 @@
 //! The phases and the track of a film whose silhouettes are known.
 
-use crate::video::{Clip, Curve, Doing, Phase, Sight, Story};
+use crate::video::parabola::Parabola;
+use crate::video::{Clip, Curve, Doing, Phase, Sight, Story, WITHIN};
 
 /// Least coverage of a pixel of the object.
 const COVERED: f32 = 0.5;
-
-/// Standard deviation of an even distribution over one interval.
-const WITHIN: f64 = 0.288_675_134_594_812_9;
 
 /// Adds to a story what the silhouettes of a clip and its free flight tell: where the object is, the parabola of the
 /// flight, and its end. What the story knows already is left as it is.
@@ -59,47 +57,8 @@ pub(super) fn completed(story: Story, clip: &Clip, flying: usize) -> Story {
 
 /// The parabola of least squares through some positions; `None` for fewer than three.
 fn curve(seen: &[&Sight], seconds: [f64; 2]) -> Option<Curve> {
-    if seen.len() < 3 {
-        return None;
-    }
-    let at = seen.iter().map(|sight| sight.seconds).sum::<f64>() / seen.len() as f64;
-    let span = seen.iter().map(|sight| (sight.seconds - at).abs()).fold(0.0, f64::max);
-    if span <= 0.0 {
-        return None;
-    }
-    let fit = |c: usize| {
-        // normal equations in time relative to the span
-        let mut sums = [[0.0; 4]; 3];
-        for sight in seen {
-            let t = (sight.seconds - at) / span;
-            let powers = [1.0, t, t * t];
-            for (row, power) in sums.iter_mut().zip(powers) {
-                (0..3).for_each(|k| row[k] += power * powers[k]);
-                row[3] += power * sight.middle[c];
-            }
-        }
-        solved(sums).map(|[place, speed, bend]| [place, speed / span, 2.0 * bend / (span * span)])
-    };
-    let (x, y) = (fit(0)?, fit(1)?);
-    let both = |k: usize| [x[k], y[k]];
-    Some(Curve { seconds, at, place: both(0), velocity: both(1), acceleration: both(2) })
-}
-
-/// Solution of three linear equations by elimination with pivots.
-fn solved(mut rows: [[f64; 4]; 3]) -> Option<[f64; 3]> {
-    for k in 0..3 {
-        let pivot = (k..3).max_by(|a, b| rows[*a][k].abs().total_cmp(&rows[*b][k].abs()))?;
-        rows.swap(k, pivot);
-        if rows[k][k].abs() < 1e-9 {
-            return None;
-        }
-        for other in (0..3).filter(|other| *other != k) {
-            let factor = rows[other][k] / rows[k][k];
-            let row = rows[k];
-            rows[other].iter_mut().zip(row).for_each(|(value, pivot)| *value -= factor * pivot);
-        }
-    }
-    Some([0, 1, 2].map(|k| rows[k][3] / rows[k][k]))
+    let points: Vec<(f64, [f64; 2])> = seen.iter().map(|sight| (sight.seconds, sight.middle)).collect();
+    Parabola::fit(&points, None).map(|path| Curve::of(&path, seconds, 1.0))
 }
 
 #[cfg(test)]

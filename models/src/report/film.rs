@@ -11,6 +11,7 @@ use super::page::{Drawing, Headline, Page};
 use super::plot::{Plot, Series};
 use super::png_file::png;
 use super::quantity::readable;
+use crate::physics::NINETY;
 use crate::runtime::run_folder::RunFolder;
 use crate::video::{Clip, Doing, Flight, Image, Snapshot, Story, WARNING};
 
@@ -32,9 +33,6 @@ const MOST_PHASES: usize = 9;
 
 /// Number of points of a drawn curve.
 const POINTS: usize = 48;
-
-/// Ends of a 90 % interval in standard deviations.
-pub(crate) const NINETY: f64 = 1.644_853_6;
 
 /// What the axes of the world are called.
 pub(crate) const AXES: [&str; 3] = ["to the right", "up", "towards the camera"];

@@ -3,6 +3,10 @@
 use std::ops::RangeInclusive;
 
 use super::image::Image;
+use super::parabola::Parabola;
+
+/// Standard deviation of an even distribution over one interval.
+pub(crate) const WITHIN: f64 = 0.288_675_134_594_812_9;
 
 /// What was understood of a film. Positions are in pixels of pictures of [`Story::size`]; times are real seconds
 /// since the film's first picture.
@@ -89,6 +93,18 @@ pub struct Curve {
 }
 
 impl Curve {
+    /// A parabola between two times, in pixels of `scale` to one of its own.
+    pub(crate) fn of(path: &Parabola, seconds: [f64; 2], scale: f64) -> Self {
+        let scaled = |vector: [f64; 2]| vector.map(|x| x * scale);
+        Self {
+            seconds,
+            at: path.time,
+            place: scaled(path.place),
+            velocity: scaled(path.velocity),
+            acceleration: scaled(path.acceleration),
+        }
+    }
+
     /// Position at a time \[pixels\].
     pub fn at(&self, seconds: f64) -> [f64; 2] {
         let t = seconds - self.at;

@@ -125,7 +125,7 @@ impl Stages<'_> {
     fn seen_to_move(&self, run: &Run, unknowns: Unknowns) -> Unknowns {
         match self.observed.sight {
             Some(sight) if unknowns.lean[3] != 0.0 => {
-                let velocity = sight.pitch(run.config.world.ground).along(unknowns.velocity, unknowns.lean[3]);
+                let velocity = sight.pitch(unknowns.lean, run.config.world.ground).along(unknowns.velocity);
                 Unknowns { velocity, ..unknowns }
             }
             _ => unknowns,

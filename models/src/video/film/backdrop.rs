@@ -5,6 +5,7 @@ use std::collections::BinaryHeap;
 
 use rayon::prelude::*;
 
+use super::median::median;
 use crate::video::image::Image;
 
 /// Maximum number of frames that are compared.
@@ -74,11 +75,7 @@ pub(super) fn of(images: &[Image]) -> Image {
     let middle = |i: usize| {
         let set = free[i].unwrap_or(all);
         let seen = || frames.iter().enumerate().filter(|(k, _)| set >> k & 1 == 1).map(|(_, f)| f.pixels[i]);
-        let [r, g, b] = [0, 1, 2].map(|c| {
-            let mut values: Vec<u8> = seen().map(|p| p[c]).collect();
-            let middle = values.len() / 2;
-            *values.select_nth_unstable(middle).1
-        });
+        let [r, g, b] = [0, 1, 2].map(|c| median(&mut seen().map(|p| p[c]).collect::<Vec<u8>>()));
         [r, g, b, 255]
     };
     Image { pixels: (0..width * height).into_par_iter().map(middle).collect(), ..images[0].clone() }

@@ -5,6 +5,7 @@ use std::path::Path;
 use gradreel::{Error, ErrorKind, Result};
 use ndarray::{Array2, Array3};
 
+use super::median::median;
 use crate::video::clip::{Flight, Frame};
 use crate::video::foreground::Foreground;
 use crate::video::matte::Matte;
@@ -30,9 +31,7 @@ pub(super) fn frames(
     surveyed: bool,
 ) -> Result<Vec<usize>> {
     let areas: Vec<usize> = mattes.iter().map(|(_, alpha)| alpha.iter().filter(|a| **a > 0.5).count()).collect();
-    let mut sorted = areas.clone();
-    let middle = sorted.len() / 2;
-    let usual = *sorted.select_nth_unstable(middle).1;
+    let usual = median(&mut areas.clone());
     let least = ((LOST * usual as f64) as usize).max(16);
     let lost: Vec<usize> = (0..areas.len()).filter(|&k| areas[k] < least).collect();
     let few = match surveyed {

@@ -7,6 +7,7 @@ use ndarray::{Array2, Array3};
 use rayon::prelude::*;
 
 use super::chosen::Chosen;
+use super::median::median;
 use super::pictures::Series;
 use super::source::shrunk;
 use super::window::{self, Window};
@@ -175,14 +176,9 @@ fn plain(images: &[Image]) -> Option<[u8; 3]> {
         (0..w * h).filter(at_edge).map(|i| image.pixels[i]).collect::<Vec<_>>()
     };
     let pixels: Vec<[u8; 4]> = images.iter().flat_map(border).collect();
-    let middle = [0, 1, 2].map(|c| median_of(pixels.iter().map(|p| p[c]).collect()));
+    let middle = [0, 1, 2].map(|c| median(&mut pixels.iter().map(|p| p[c]).collect::<Vec<u8>>()));
     let near = |p: &&[u8; 4]| (0..3).all(|c| p[c].abs_diff(middle[c]) <= PLAIN.0);
     (pixels.iter().filter(near).count() as f64 >= PLAIN.1 * pixels.len() as f64).then_some(middle)
-}
-
-fn median_of(mut values: Vec<u8>) -> u8 {
-    let middle = values.len() / 2;
-    *values.select_nth_unstable(middle).1
 }
 
 /// A mask for each picture, and messages about their names.

@@ -7,6 +7,7 @@ mod grain;
 mod holds;
 mod lost;
 mod matting;
+mod median;
 mod network;
 mod objects;
 mod onnx;

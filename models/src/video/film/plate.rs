@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::chosen::Chosen;
+use super::median::median;
 use super::survey::Survey;
 use crate::video::image::Image;
 
@@ -25,11 +26,7 @@ pub(super) fn of(chosen: &Chosen, survey: &Survey, scale: f64) -> Image {
         if values.is_empty() {
             values = seen.iter().map(|(image, _)| image.pixels[i]).collect();
         }
-        let middle = values.len() / 2;
-        let [r, g, b] = [0, 1, 2].map(|c| {
-            let mut channel: Vec<u8> = values.iter().map(|v| v[c]).collect();
-            *channel.select_nth_unstable(middle).1
-        });
+        let [r, g, b] = [0, 1, 2].map(|c| median(&mut values.iter().map(|v| v[c]).collect::<Vec<u8>>()));
         [r, g, b, 255]
     };
     Image { width, height, pixels: (0..width * height).into_par_iter().map(pixel).collect(), has_alpha: false }

@@ -38,16 +38,21 @@ pub(super) struct Mask {
 impl Mask {
     /// Neighbours of a pixel above, left, right and below, as indices.
     pub fn neighbours(&self, pixel: usize) -> impl Iterator<Item = usize> + use<> {
-        let (x, y, width, height) = (pixel % self.width, pixel / self.width, self.width, self.height);
-        [
-            (y > 0).then(|| pixel - width),
-            (x > 0).then(|| pixel - 1),
-            (x + 1 < width).then_some(pixel + 1),
-            (y + 1 < height).then_some(pixel + width),
-        ]
-        .into_iter()
-        .flatten()
+        neighbours(pixel, self.width, self.height)
     }
+}
+
+/// Neighbours of a pixel of an image above, left, right and below, as indices.
+pub(super) fn neighbours(pixel: usize, width: usize, height: usize) -> impl Iterator<Item = usize> + use<> {
+    let (x, y) = (pixel % width, pixel / width);
+    [
+        (y > 0).then(|| pixel - width),
+        (x > 0).then(|| pixel - 1),
+        (x + 1 < width).then_some(pixel + 1),
+        (y + 1 < height).then_some(pixel + width),
+    ]
+    .into_iter()
+    .flatten()
 }
 
 /// Matte of an image by difference against its plate; pixels of weight 0 contribute no evidence.

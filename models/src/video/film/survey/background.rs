@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::sequence::{Rgb, Sequence};
 use crate::video::film::backdrop;
+use crate::video::film::median::median;
 use crate::video::image::Image;
 
 /// Number of pictures that are compared.
@@ -76,10 +77,4 @@ pub(super) fn spread(sequence: &Sequence) -> Vec<usize> {
         .collect();
     chosen.dedup();
     chosen
-}
-
-/// The middle of some values.
-fn median<T: Ord + Copy>(values: &mut [T]) -> T {
-    let middle = values.len() / 2;
-    *values.select_nth_unstable(middle).1
 }

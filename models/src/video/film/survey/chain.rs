@@ -1,7 +1,8 @@
 //! All flights of one object: each begins where the one before ends, with nearly the same acceleration.
 
-use super::flight::{Flight, Parabola};
+use super::flight::Flight;
 use super::search::{Model, Scene};
+use crate::video::parabola::Parabola;
 
 /// Number of flights that are tried as the first of a chain.
 const LEADERS: usize = 12;
@@ -109,7 +110,7 @@ fn linked(scene: &Scene<'_>, flight: Flight, neighbour: Option<&Link>) -> Link {
 /// The flight that follows one, or the one before it.
 fn next(scene: &Scene<'_>, link: &Link, all: &[Flight], forward: bool) -> Option<Link> {
     let flight = &link.flight;
-    let model = model(scene, flight);
+    let model = Model::of(scene, &flight.members);
     let ratio = link.acceleration / flight.path.acceleration[1];
     let acceleration = flight.path.acceleration.map(|a| a * ratio);
     let count = scene.times.len();
@@ -181,7 +182,7 @@ fn next(scene: &Scene<'_>, link: &Link, all: &[Flight], forward: bool) -> Option
 /// The nearest clear flight of the same object before or after one, with what happens between them unknown.
 fn apart(scene: &Scene<'_>, link: &Link, all: &[Flight], forward: bool) -> Option<Link> {
     let flight = &link.flight;
-    let look = model(scene, flight);
+    let look = Model::of(scene, &flight.members);
     let gap = |other: &Flight| match forward {
         true => (other.first() > flight.last()).then(|| scene.times[other.first()] - scene.times[flight.last()]),
         false => (other.last() < flight.first()).then(|| scene.times[flight.first()] - scene.times[other.last()]),
@@ -231,16 +232,4 @@ pub(super) fn follows(scene: &Scene<'_>, known: &Flight, found: &Flight, forward
     let (speed_in, speed_out) = (a.path.velocity_at(time)[1], b.path.velocity_at(time)[1]);
     let bounced = speed_in > 0.0 && speed_out < -LEAVES * speed_in && speed_out > -1.1 * speed_in;
     between && bounced && distance < MEETING * width
-}
-
-/// How the object of a flight looks.
-pub(super) fn model(scene: &Scene<'_>, flight: &Flight) -> Model {
-    let of = |value: &dyn Fn((usize, usize)) -> f64| {
-        super::flight::middle(flight.members.iter().map(|s| value(*s)).collect())
-    };
-    Model {
-        across: of(&|s| scene.piece(s).across()).max(1.0),
-        area: of(&|s| scene.piece(s).area),
-        colour: [0, 1, 2].map(|c| of(&|s| scene.piece(s).colour[c])),
-    }
 }

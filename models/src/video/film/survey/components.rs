@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::background::Background;
 use super::sequence::{Rgb, Sequence};
+use crate::video::matte::neighbours;
 
 /// Lowest threshold of the change, in standard deviations of the smoothed difference, and number of levels, each
 /// twice the one before.
@@ -192,7 +193,7 @@ struct View<'a> {
 impl View<'_> {
     /// The components of a change at all levels, by the difference from the background.
     fn components(&self, difference: &[[f32; 3]], change: &[f32]) -> Vec<Component> {
-        let width = self.width;
+        let (width, height) = (self.width, change.len() / self.width);
         let mut active: Vec<usize> = (0..change.len()).filter(|i| change[*i] > THRESHOLD).collect();
         // level up to which a pixel was visited
         let mut visited = vec![0u8; change.len()];
@@ -211,7 +212,7 @@ impl View<'_> {
                 let mut next = 0;
                 while let Some(&pixel) = pixels.get(next) {
                     next += 1;
-                    for near in neighbours(pixel, width, change.len()) {
+                    for near in neighbours(pixel, width, height) {
                         if visited[near] != mark && change[near] > least {
                             visited[near] = mark;
                             pixels.push(near);
@@ -295,18 +296,6 @@ impl View<'_> {
             runs,
         }
     }
-}
-
-fn neighbours(pixel: usize, width: usize, count: usize) -> impl Iterator<Item = usize> {
-    let x = pixel % width;
-    [
-        (x > 0).then(|| pixel - 1),
-        (x + 1 < width).then_some(pixel + 1),
-        pixel.checked_sub(width),
-        Some(pixel + width).filter(|p| *p < count),
-    ]
-    .into_iter()
-    .flatten()
 }
 
 /// Covariance of weighted places: xx, xy, yy.

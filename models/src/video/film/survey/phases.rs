@@ -3,10 +3,7 @@
 use super::choose::free;
 use super::search::Scene;
 use super::track::Track;
-use crate::video::story::{Doing, Phase};
-
-/// Standard deviation of an even distribution over one interval.
-const WITHIN: f64 = 0.288_675_134_594_812_9;
+use crate::video::story::{Doing, Phase, WITHIN};
 
 /// Standard deviation of the time at which two fitted flights meet, in intervals.
 const MET: f64 = 0.1;

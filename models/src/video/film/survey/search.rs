@@ -10,7 +10,8 @@ use std::ops::RangeInclusive;
 use rayon::prelude::*;
 
 use super::components::Component;
-use super::flight::{Flight, Parabola, middle};
+use super::flight::{Flight, middle};
+use crate::video::parabola::Parabola;
 
 /// Gravity \[m/s²\].
 pub(super) const GRAVITY: f64 = 9.81;
@@ -184,12 +185,7 @@ impl Scene<'_> {
             Parabola::fit(&points, acceleration)
         };
         let mut path = fit(&members)?;
-        let of = |value: &dyn Fn(&Component) -> f64| middle(members.iter().map(|s| value(self.piece(*s))).collect());
-        let model = Model {
-            across: of(&Component::across).max(1.0),
-            area: of(&|piece| piece.area),
-            colour: [0, 1, 2].map(|c| of(&|piece| piece.colour[c])),
-        };
+        let model = Model::of(self, &members);
         let gate = gate(model.across);
         let interval = self.interval();
         let nearest = |path: &Parabola, k: usize| {
@@ -333,6 +329,16 @@ pub(super) struct Model {
 }
 
 impl Model {
+    /// The medians of some components.
+    pub fn of(scene: &Scene<'_>, members: &[Spot]) -> Self {
+        let of = |value: &dyn Fn(&Component) -> f64| middle(members.iter().map(|s| value(scene.piece(*s))).collect());
+        Self {
+            across: of(&Component::across).max(1.0),
+            area: of(&|piece| piece.area),
+            colour: [0, 1, 2].map(|c| of(&|piece| piece.colour[c])),
+        }
+    }
+
     /// The component that is most like the object where `off`, the distance in gates, is at most 1.
     pub fn nearest(&self, pieces: &[Component], off: impl Fn([f64; 2]) -> f64) -> Option<usize> {
         let cost = |piece: &Component| {

@@ -2,11 +2,8 @@
 
 use super::Survey;
 use super::chain::Link;
-use super::search::GRAVITY;
-use crate::video::story::{Curve, Sight, Story};
-
-/// Standard deviation of an even distribution over one interval.
-const WITHIN: f64 = 0.288_675_134_594_812_9;
+use super::search::{GRAVITY, Scene};
+use crate::video::story::{Curve, Sight, Story, WITHIN};
 
 /// Relative error of a speed at a hit for an error of one interval in its time is bounded by this share of it.
 const SPEED: f64 = 0.03;
@@ -14,8 +11,7 @@ const SPEED: f64 = 0.03;
 impl Survey {
     /// Adds phases, track and curves to a story whose positions are in pixels of `scale` to one of the survey.
     pub fn told_in(&self, story: &mut Story, scale: f64) {
-        let within = WITHIN * self.interval();
-        let scaled = |place: [f64; 2]| place.map(|v| v * scale);
+        let within = WITHIN * Scene { pieces: &self.pieces, times: &self.times }.interval();
         story.phases.clone_from(&self.phases);
         for (k, spot) in self.track.spots.iter().enumerate() {
             let Some(piece) = spot.map(|j| &self.pieces[k][j]) else { continue };
@@ -23,26 +19,15 @@ impl Survey {
             story.track.push(Sight {
                 number: self.numbers[k],
                 seconds: self.times[k],
-                middle: scaled(piece.middle),
+                middle: piece.middle.map(|x| x * scale),
                 across,
             });
         }
         for (link, hit) in self.track.chain.links.iter().zip(&self.track.hits) {
-            let (path, flight) = (&link.flight.path, &link.flight);
+            let flight = &link.flight;
             let end = hit.map_or(self.times[flight.last()] + within, |hit| hit.time);
-            story.curves.push(Curve {
-                seconds: [self.times[flight.first()], end],
-                at: path.time,
-                place: scaled(path.place),
-                velocity: scaled(path.velocity),
-                acceleration: scaled(path.acceleration),
-            });
+            story.curves.push(Curve::of(&flight.path, [self.times[flight.first()], end], scale));
         }
-    }
-
-    /// Mean time between surveyed pictures \[s\].
-    fn interval(&self) -> f64 {
-        (self.times[self.times.len() - 1] - self.times[0]) / (self.times.len() - 1).max(1) as f64
     }
 
     /// Speed after the chosen contact as a share of that before, and its standard deviation.

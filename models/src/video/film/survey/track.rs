@@ -1,6 +1,6 @@
 //! Where the object is in each picture: on its flights, and after them.
 
-use super::chain::{Chain, MEETING, model};
+use super::chain::{Chain, MEETING};
 use super::flight::middle;
 use super::search::{Model, Scene, gate};
 
@@ -66,7 +66,7 @@ impl Track {
     fn land(&mut self, scene: &Scene<'_>) -> Option<Hit> {
         let link = self.chain.links.last().expect("at least one flight");
         let flight = &link.flight;
-        let look = model(scene, flight);
+        let look = Model::of(scene, &flight.members);
         let path = flight.path;
         let (mut at, mut last) = (path.at(scene.times[flight.last()]), flight.last());
         let mut landed: Vec<(f64, [f64; 2])> = Vec::new();
