@@ -7,7 +7,7 @@ use gradreel::{Error, ErrorKind, Result};
 
 use crate::cli::source::whole;
 use crate::identify::ClipConfig;
-use crate::video::{Film, FilmSettings, MattingSettings};
+use crate::video::{ContactModel, Film, FilmSettings, MattingSettings};
 
 /// What the command line chooses of a clip.
 #[derive(clap::Args)]
@@ -88,6 +88,10 @@ pub(super) struct FilmArguments {
     /// open.
     #[arg(long, value_name = "FILE.onnx", help_heading = FILM, conflicts_with_all = ["masks", "background"])]
     matting: Option<PathBuf>,
+    /// How the contact is treated: by its restitution where it is shorter than the time between two pictures (auto), or simulated
+    /// whatever the film shows of it (resolved) [default: auto]
+    #[arg(long, value_name = "HOW", value_enum, hide_possible_values = true, help_heading = FILM)]
+    contact: Option<ContactModel>,
 }
 
 impl FilmArguments {
@@ -100,6 +104,7 @@ impl FilmArguments {
             (self.masks.is_some(), "--masks"),
             (self.background.is_some(), "--background"),
             (self.matting.is_some(), "--matting"),
+            (self.contact.is_some(), "--contact"),
         ];
         options.into_iter().filter(|(given, _)| *given).map(|(_, name)| name).collect()
     }
@@ -142,6 +147,7 @@ impl FilmArguments {
         film.frames_per_s = self.fps.unwrap_or(film.frames_per_s);
         film.field_of_view = self.field_of_view.unwrap_or(film.field_of_view);
         film.elevation = self.elevation.or(film.elevation);
+        film.contact = self.contact.unwrap_or(film.contact);
         if self.masks.is_some() || self.background.is_some() || self.matting.is_some() {
             film.masks = self.masks.as_deref().map(whole);
             film.background = self.background.as_deref().map(whole);

@@ -3,7 +3,7 @@
 use gradreel::Result;
 
 use crate::cli::unit::number_in;
-use crate::identify::Config;
+use crate::identify::{Config, GroundContact};
 
 /// What the command line says of the ground and the grid.
 #[derive(clap::Args)]
@@ -11,6 +11,10 @@ pub(super) struct GroundArguments {
     /// Height of the ground [m]; auto takes it to be where the object lands [default: 0; of a film, where the fall ends]
     #[arg(long, value_name = "M|auto", value_parser = height, allow_negative_numbers = true)]
     ground: Option<Height>,
+    /// What the ground does to what touches it: sticky holds it, slip lets it slide, friction slows it down (its coefficient is found)
+    /// and lets it leave; auto tries each [default: sticky]
+    #[arg(long, value_name = "KIND", value_enum, hide_possible_values = true)]
+    ground_contact: Option<GroundContact>,
     /// Grid spacing of the simulation [m] [default: 0.02, or one that gives about ten thousand particles]
     #[arg(long, value_name = "M", value_parser = |text: &str| number_in(text, "m"))]
     #[arg(allow_negative_numbers = true)]
@@ -20,7 +24,7 @@ pub(super) struct GroundArguments {
 impl GroundArguments {
     /// Whether any option was given.
     pub fn are_given(&self) -> bool {
-        self.ground.is_some() || self.dx.is_some()
+        self.ground.is_some() || self.ground_contact.is_some() || self.dx.is_some()
     }
 
     /// Overrides the settings with the given options.
@@ -30,6 +34,7 @@ impl GroundArguments {
             Some(Height::Found) => config.world.find_ground = true,
             None => {}
         }
+        config.world.ground_contact = self.ground_contact.unwrap_or(config.world.ground_contact);
         config.geometry.dx = self.dx.unwrap_or(config.geometry.dx);
     }
 }

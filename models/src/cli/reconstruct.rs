@@ -365,7 +365,7 @@ fn summarise(found: &Reconstruction, run: &Run) {
         for Standing { family, stage, loss, behind } in &run.state.standings {
             say!("  {family:<14} {loss:>8.5} {behind:>21.1}   {stage}");
         }
-        say!("  chosen: {}\n", run.config.material.name);
+        say!("  chosen: {}\n", run.config.hypothesis());
     }
     for quantity in quantities(found, run) {
         let known = match (quantity.readable_interval(), quantity.determined) {

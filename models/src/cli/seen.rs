@@ -11,7 +11,7 @@ use crate::cli::output::say;
 use crate::physics::NINETY;
 use crate::report::film::{lengths, option_of};
 use crate::runtime::memory;
-use crate::video::{Clip, Inventory, Phase, WARNING};
+use crate::video::{Bounces, Clip, Inventory, Phase, WARNING};
 
 /// A clip in machine-readable form. Unknown values are `null`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -38,6 +38,10 @@ pub(super) struct Seen {
     pub distance_deviation: Option<f64>,
     /// Size of the object at this distance \[m\].
     pub diameter_m: Option<f64>,
+    /// Speed after a hit as a share of that before, where the contact is shorter than a frame.
+    pub restitution: Option<f64>,
+    /// The longest contact for which such a film leaves room \[s\].
+    pub contact_below_s: Option<f64>,
     /// Number of ballistic frames.
     pub falling_frames: Option<usize>,
     /// Initial position, y up, with the ground at 0 \[m\].
@@ -109,6 +113,8 @@ impl Seen {
             distance_m: flight.map(|flight| flight.distance),
             distance_deviation: flight.map(|flight| flight.deviation),
             diameter_m: flight.map(|flight| flight.diameter),
+            restitution: bounces(clip).map(|bounces| bounces.restitution.value),
+            contact_below_s: bounces(clip).map(|bounces| bounces.contact),
             falling_frames: flight.map(|flight| flight.frames),
             start_m: flight.map(|flight| flight.centre),
             velocity_m_per_s: flight.map(|flight| flight.velocity),
@@ -183,6 +189,11 @@ impl SeenPhase {
     }
 }
 
+/// What the flights of a film tell of its hits.
+fn bounces(clip: &Clip) -> Option<&Bounces> {
+    clip.story.as_ref()?.bounces.as_ref()
+}
+
 /// 90 % intervals of what is known of a film. The rate and the number of frames are taken as exact.
 fn intervals(clip: &Clip) -> BTreeMap<&'static str, Value> {
     let mut known = BTreeMap::new();
@@ -192,6 +203,9 @@ fn intervals(clip: &Clip) -> BTreeMap<&'static str, Value> {
     known.insert("frames", json!([clip.frame_count(), clip.frame_count()]));
     known.insert("distance_m", json!(lengths(flight.distance, flight.deviation)));
     known.insert("diameter_m", json!(lengths(flight.diameter, flight.deviation)));
+    if let Some(bounces) = bounces(clip) {
+        known.insert("restitution", json!(bounces.restitution.interval_90()));
+    }
     let deviations = flight.velocity_deviation();
     let axis = |k: usize| [-1.0, 1.0].map(|sign| flight.velocity[k] + sign * NINETY * deviations[k]);
     known.insert("velocity_m_per_s", json!([axis(0), axis(1), axis(2)]));

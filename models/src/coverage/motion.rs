@@ -43,7 +43,7 @@ pub fn simulate(recipe: &Recipe) -> Result<Motion> {
     let parameters: Vec<f64> = law.parameters().iter().map(|p| recipe.parameters[p.name]).collect();
     let fall = (2.0 * norm(world.gravity) * recipe.start[1]).sqrt();
     let speed = norm(recipe.velocity) + fall;
-    let sound = law.wave_speed(&parameters, settings.density).max(settings.least_speed - speed);
+    let sound = law.wave_speed_on(&parameters, settings.density, dx).max(settings.least_speed - speed);
     let Schedule { frames, frame_dt, .. } = recipe.schedule;
     let mut schedule = Schedule::stable(&world, frames, frame_dt, sound, speed, settings.cfl * recipe.step);
     let mut halvings = 0;

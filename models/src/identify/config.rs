@@ -6,7 +6,7 @@ use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
 use crate::field::FitSettings;
-use crate::identify::{FlowingConfig, LossConfig, TemporalConfig};
+use crate::identify::{FlowingConfig, GroundContact, LossConfig, TemporalConfig};
 use crate::nearest::{listed, nearest};
 use crate::physics::materials::{self, AUTO, FAMILIES};
 use crate::physics::{Law, Map};
@@ -107,8 +107,10 @@ impl Default for GeometryConfig {
 pub struct WorldConfig {
     /// Gravity \[m/s²\]. On ground that is not level it does not point along −y, which is the ground's normal downwards.
     pub gravity: [f64; 3],
-    /// Height of the sticky ground \[m\].
+    /// Height of the ground \[m\].
     pub ground: f64,
+    /// What the ground does to a body that touches it.
+    pub ground_contact: GroundContact,
     /// Whether the height is not known and is to be found: where the object lands.
     pub find_ground: bool,
     /// Density of the object \[kg/m³\]. Motion shows stiffness per density only: a wrong density scales E alike.
@@ -128,6 +130,7 @@ impl Default for WorldConfig {
         Self {
             gravity: [0.0, -9.8, 0.0],
             ground: 0.0,
+            ground_contact: GroundContact::default(),
             find_ground: false,
             density: 1000.0,
             cfl: 0.55,
@@ -401,6 +404,11 @@ impl Config {
     /// Whether the family of the material is still to be chosen.
     pub fn chooses_family(&self) -> bool {
         self.material.name == AUTO && self.material.law.is_none() && self.material.own.law().is_none()
+    }
+
+    /// The name of the material's family on its kind of ground, among hypotheses.
+    pub fn hypothesis(&self) -> String {
+        self.world.ground_contact.named(&self.material.name)
     }
 
     /// The law of the material.

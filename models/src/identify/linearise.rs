@@ -338,6 +338,11 @@ impl Problem<'_> {
         let early = std::array::from_fn(|k| unknowns.velocity[k] + early * self.world.gravity[k]);
         let density = tensor(opacity.iter().map(|o| o * self.density).collect())?;
         let mut inputs = vec![begin, velocity(early, unknowns.spin)?, density];
+        let rough = self.has_friction();
+        if rough {
+            inputs.push(tensor(vec![unknowns.friction])?);
+        }
+        let first = inputs.len();
         for (k, &value) in unknowns.parameters.iter().enumerate() {
             inputs.push(spread(k, value)?);
         }
@@ -352,16 +357,20 @@ impl Problem<'_> {
                     direction[1] = Some(velocity(along(axis), [0.0; 3])?);
                 }
                 Unknown::Spin(axis) => direction[1] = Some(velocity([0.0; 3], along(axis))?),
-                Unknown::Parameter(k) => direction[3 + k] = Some(spread(k, slope)?),
+                Unknown::Parameter(k) => direction[first + k] = Some(spread(k, slope)?),
                 Unknown::Contact => {
                     let lower = [0.0, -slope * self.world.dx, 0.0].repeat(opacity.len());
                     direction[0] = Some(Tensor::from_vec(lower, [opacity.len(), 3]).cast(self.dtype)?);
                 }
+                // what is free without a ground that has friction moves nothing
+                Unknown::Friction if rough => direction[3] = Some(tensor(vec![slope])?),
+                Unknown::Friction => {}
                 Unknown::Lean(axis) => direction[0] = Some(self.lean_field(axis, unknowns.lean)?),
             }
             directions.push(direction);
         }
-        let rollout = Rollout::of_one(&self.world, &self.law, Schedule { frames: schedule.frames - fall, ..schedule });
+        let after = Schedule { frames: schedule.frames - fall, ..schedule };
+        let rollout = Rollout { friction: rough, ..Rollout::of_one(&self.world, &self.law, after) };
         let (motion, mut tangents) = rollout.jvp(&inputs, &directions)?;
         // back up by as much as the simulation has the body lower
         let motion = raised(motion, unknowns.contact * self.world.dx);
@@ -460,7 +469,9 @@ impl Problem<'_> {
                 tensor(beside(1.0).into_iter().zip(beside(-1.0)).map(|(high, low)| share * (high - low)).collect())
             }
             Unknown::Lean(axis) => tensor(self.lean_field(axis, unknowns.lean)?.to_vec()?.repeat(frames)),
-            Unknown::Parameter(_) | Unknown::Contact => tensor(vec![0.0; 3 * frames * positions.len()]),
+            Unknown::Parameter(_) | Unknown::Contact | Unknown::Friction => {
+                tensor(vec![0.0; 3 * frames * positions.len()])
+            }
         };
         let tangents = free.list(&self.law).into_iter().map(tangent).collect::<Result<_>>()?;
         Ok((motion, tangents))

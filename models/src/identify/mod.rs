@@ -8,6 +8,8 @@
 //! 2. **velocity**: frames before contact, where the motion does not depend on the material;
 //! 3. **material**: a pool of hypotheses from the prior of one family or of five, searched by successive halving: a coarse body,
 //!    the full body with few substeps, the full forward model (`pipeline`, `solve`, `hypotheses`);
+//!    A film whose contacts are shorter than a frame shows nothing of it: there the free flights tell the restitution
+//!    (`bounces`), and what follows is left out;
 //! 4. **shape in motion**: voxels fitted to all frames, and the material to the new shape;
 //! 5. **posterior**: the mixture of what the surviving hypotheses say, under one covariance (`uncertainty`).
 //!
@@ -17,6 +19,7 @@
 //! [`Tracks`] finds velocity and material without pictures.
 
 mod again;
+mod bounces;
 mod config;
 mod contact;
 mod estimate;
@@ -26,6 +29,7 @@ mod flight;
 mod flowing;
 mod free_fall;
 mod ground;
+mod ground_contact;
 mod hypotheses;
 mod interval;
 mod lean;
@@ -62,6 +66,7 @@ pub use estimate::{Evaluation, estimate};
 pub(crate) use field_file::Reached;
 pub(crate) use flight::velocity_of_silhouettes;
 pub use flowing::FlowingConfig;
+pub use ground_contact::GroundContact;
 pub use interval::Interval;
 pub use lean::Sight;
 pub use linearise::Linearised;
@@ -79,4 +84,4 @@ pub use tracks::{TANGENT_COST, Tracks, TracksFit};
 pub(crate) use uncertainty::error_budget::{Discrepancy, ErrorBudget, OneCamera, Outliers};
 pub(crate) use uncertainty::normal;
 pub(crate) use unknowns::coordinate;
-pub use unknowns::{Bound, Free, Ground, SPIN, Unknowns, VELOCITY};
+pub use unknowns::{Bound, FRICTION, Free, Ground, SPIN, Unknowns, VELOCITY};

@@ -10,7 +10,7 @@ use crate::identify::flight::displacement;
 use crate::identify::lean::Sight;
 use crate::identify::{Bound, Config, Free, RangePenalty, Unknowns};
 use crate::particles::Particles;
-use crate::physics::{Body, Collider, Law, Parameter, Remat, Schedule, World, rollout};
+use crate::physics::{Contact, Law, Parameter, Remat, Scene, Schedule, Substance, World, simulate};
 use crate::render::{Rays, Robust, Splat, Surface, Target, Trajectory, render};
 use crate::vector::{norm, transposed};
 use crate::video::Clip;
@@ -103,7 +103,7 @@ impl<'a> Problem<'a> {
     pub fn new(particles: &'a Particles, observed: &'a Observed, law: Law, config: &Config, dtype: DType) -> Self {
         let world = World {
             gravity: config.world.gravity,
-            colliders: vec![Collider::ground(config.world.ground)],
+            colliders: vec![config.world.ground_contact.collider(config.world.ground)],
             particle_volume: particles.spacing.powi(3),
             ..World::new(2.0 * particles.spacing)
         };
@@ -137,6 +137,11 @@ impl<'a> Problem<'a> {
         Self { ranges: None, flying: true, ..self.clone() }
     }
 
+    /// Whether the ground has Coulomb friction, whose coefficient is an unknown.
+    pub(super) fn has_friction(&self) -> bool {
+        self.world.colliders.iter().any(|collider| matches!(collider.contact, Contact::Friction(_)))
+    }
+
     /// A schedule for `frames` frames that is stable for these unknowns: for the sound in the material, and for the speed that
     /// the highest particle can reach before the ground stops it.
     pub fn schedule(&self, unknowns: &Unknowns, frames: usize) -> Schedule {
@@ -145,7 +150,8 @@ impl<'a> Problem<'a> {
         let highest = self.particles.positions.iter().fold(f64::NEG_INFINITY, |high, x| high.max(x[1]));
         let drop = (highest - self.ground).max(0.0);
         let speed = (start + gravity * time).min((start * start + 2.0 * gravity * drop).sqrt());
-        let sound = self.law.wave_speed(&unknowns.parameters, self.density).max(self.least_speed - speed);
+        let sound =
+            self.law.wave_speed_on(&unknowns.parameters, self.density, self.world.dx).max(self.least_speed - speed);
         Schedule::stable(&self.world, frames, self.observed.frame_dt, sound, speed, self.cfl)
     }
 
@@ -210,18 +216,22 @@ impl<'a> Problem<'a> {
             }
             None => velocity,
         };
-        let body = Body {
+        let parameters = parameters
+            .iter()
+            .zip(&bound.parameters)
+            .map(|(p, value)| if is_stress(p) { value * &opacity } else { value.clone() })
+            .collect();
+        let scene = Scene {
             positions,
             velocity,
             density: &opacity * self.density,
-            parameters: parameters
-                .iter()
-                .zip(&bound.parameters)
-                .map(|(p, value)| if is_stress(p) { value * &opacity } else { value.clone() })
-                .collect(),
+            gravity: None,
+            friction: self.has_friction().then(|| bound.friction.clone()),
+            materials: vec![Substance { law: self.law.clone(), parameters }],
+            material_of: None,
         };
         let schedule = Schedule { frames: schedule.frames - fall, ..schedule };
-        let motion = rollout(&self.world, &self.law, schedule, self.remat, &body)?;
+        let motion = simulate(&self.world, &scene, schedule, self.remat)?;
         // back up by as much as the simulation has the body lower
         let motion = if bound.contact == 0.0 { motion } else { &motion + &lower };
         Ok(falling.map_or(motion.clone(), |falling| falling.slice(0, 0..fall).concat(&[&motion], 0)))

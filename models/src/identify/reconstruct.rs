@@ -8,6 +8,7 @@ use gradreel::optim::{Adam, Bound, Params};
 use gradreel::{DType, Error, ErrorKind, Result, Tensor, Var};
 
 use crate::field::{Faces, Field, Hull, Sphere, bounding_sphere, fill_gaps, fit, hull};
+use crate::identify::bounces;
 use crate::identify::ground::find_ground;
 use crate::identify::run::Run;
 use crate::identify::with_voxels::{UNKNOWNS, WithVoxels};
@@ -66,6 +67,10 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     }
     stages.shape(run, "shape", iterations, Moved::Flying { frames: 1, velocity: [0.0; 3], spin: [0.0; 3] })?;
     let few = frames.min(3);
+    if let Some(bounces) = bounces::of(clip, run) {
+        stages.by_flights(run, bounces, &unknowns)?;
+        return stages.concluded(run, whole, false);
+    }
     unknowns.velocity = match stages.flight_of_field(run)? {
         Some(velocity) => velocity,
         None => velocity_of_silhouettes(clip, run.config.world.gravity, few).unwrap_or_default(),
@@ -302,6 +307,9 @@ impl Reconstruction {
     /// # Errors
     /// What the rollout returns.
     pub fn motion(&self, run: &Run) -> Result<Tensor> {
+        if let (Some(bounces), true) = (&run.state.bounces, self.changes.is_empty()) {
+            return bounces::motion(&self.particles, bounces, self.observed.targets.len());
+        }
         Problem::new(&self.particles, &self.observed, self.law.clone(), &run.config, DTYPE).positions(&self.unknowns)
     }
 }

@@ -17,7 +17,7 @@ use crate::identify::uncertainty::mixture::Marginal;
 use crate::identify::{Config, Interval, MaterialConfig, Unknowns, unknowns};
 use crate::physics::Law;
 use crate::runtime::run_folder::RunFolder;
-use crate::video::Clip;
+use crate::video::{Bounces, Clip};
 
 /// What a run has reached; `state.json` in its folder.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -47,6 +47,9 @@ pub struct State {
     pub sharpened: Option<bool>,
     /// First frame in contact with the ground, once known.
     pub contact: Option<usize>,
+    /// What the free flights tell of the hits, if the contact is shorter than a frame.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bounces: Option<Bounces>,
     /// Every evaluation of the estimates.
     pub history: Vec<HistoryRow>,
     /// What happened that the user should know.

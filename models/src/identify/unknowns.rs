@@ -32,6 +32,9 @@ pub const SPIN: [&str; 3] = ["spin_x", "spin_y", "spin_z"];
 /// Names of the lean's components.
 pub(super) const LEAN: [&str; 4] = ["lean_right", "lean_up", "farther", "pitch"];
 
+/// Name of the coefficient of friction of the ground.
+pub const FRICTION: &str = "ground_friction";
+
 /// Velocity \[m/s\], spin \[rad/s\] and material parameters (SI units).
 #[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Unknowns {
@@ -46,6 +49,9 @@ pub struct Unknowns {
     /// ground, and a coarse one earlier than a fine one or the real ground.
     #[serde(default)]
     pub contact: f64,
+    /// Coefficient of Coulomb friction of the ground, where it has friction.
+    #[serde(default)]
+    pub friction: f64,
     /// How otherwise than it was taken to a body lies that a single camera saw: how much deeper, in metres for each metre to the right,
     /// upwards, and of its distance; and how much further down the camera looks \[rad\].
     #[serde(default)]
@@ -60,11 +66,17 @@ pub(crate) fn coordinate(law: &Law, name: &str, value: f64) -> Option<(f64, f64)
     if SPIN.contains(&name) {
         return Some((value / TURNING, 1.0 / TURNING));
     }
+    if name == FRICTION {
+        return (value > 0.0).then(|| (value.log10(), 1.0 / (std::f64::consts::LN_10 * value)));
+    }
     let parameter = law.parameters().iter().find(|p| p.name == name)?;
     let raw = parameter.map.raw(value);
     let slope = 1.0 / (parameter.map.derivative(raw) * unit(parameter));
     raw.is_finite().then(|| (raw / unit(parameter), slope))
 }
+
+/// Least coefficient of friction that has a logarithm.
+const LEAST_FRICTION: f64 = 1e-6;
 
 /// Which unknowns an optimiser moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -92,6 +104,9 @@ pub struct Chosen {
     pub parameters: u64,
     /// Whether the height at which the ground is felt is.
     pub contact: Ground,
+    /// Whether the friction of the ground is.
+    #[serde(default)]
+    pub friction: bool,
     /// Whether the lean of the body to the right and upwards is.
     pub lean: bool,
     /// Whether its distance is.
@@ -134,6 +149,8 @@ pub enum Unknown {
     Parameter(usize),
     /// The height at which the ground is felt.
     Contact,
+    /// The coefficient of friction of the ground, as a decimal logarithm.
+    Friction,
     /// A component of the lean: to the right, upwards, the distance, or the camera's pitch.
     Lean(usize),
 }
@@ -152,6 +169,7 @@ impl Unknown {
             Self::Spin(axis) => SPIN[axis].to_owned(),
             Self::Parameter(k) => law.parameters()[k].name.to_owned(),
             Self::Contact => "contact".to_owned(),
+            Self::Friction => FRICTION.to_owned(),
             Self::Lean(axis) => LEAN[axis].to_owned(),
         }
     }
@@ -163,6 +181,7 @@ impl Unknown {
             Self::Spin(axis) => unknowns.spin[axis],
             Self::Parameter(k) => unknowns.parameters[k],
             Self::Contact => unknowns.contact,
+            Self::Friction => unknowns.friction,
             Self::Lean(axis) => unknowns.lean[axis],
         }
     }
@@ -174,6 +193,7 @@ const NONE: Chosen = Chosen {
     spin: false,
     parameters: 0,
     contact: Ground::Held,
+    friction: false,
     lean: false,
     distance: false,
     pitch: false,
@@ -226,6 +246,12 @@ impl Free {
         Self::Chosen(Chosen { contact, ..self.chosen(law) })
     }
 
+    /// The same with the friction of the ground.
+    #[must_use]
+    pub fn with_friction(self, law: &Law) -> Self {
+        Self::Chosen(Chosen { friction: true, ..self.chosen(law) })
+    }
+
     /// The same with the lean of the body.
     #[must_use]
     pub fn with_lean(self, law: &Law) -> Self {
@@ -254,6 +280,7 @@ impl Free {
             spin,
             parameters,
             contact,
+            friction: self.friction(),
             lean: self.lean(),
             distance: self.distance(),
             pitch: self.pitch(),
@@ -266,6 +293,10 @@ impl Free {
             Self::Chosen(Chosen { contact, .. }) => contact,
             _ => Ground::Held,
         }
+    }
+
+    fn friction(self) -> bool {
+        matches!(self, Self::Chosen(Chosen { friction: true, .. }))
     }
 
     fn lean(self) -> bool {
@@ -288,9 +319,15 @@ impl Free {
         let spin = (0..3).filter(|_| self.spin()).map(Unknown::Spin);
         let parameters = law.parameters().iter().enumerate().filter(|(k, p)| self.parameter(*k, p.map));
         let contact = (self.contact() != Ground::Held).then_some(Unknown::Contact);
+        let friction = self.friction().then_some(Unknown::Friction);
         let lean = (0..2).filter(|_| self.lean()).map(Unknown::Lean);
         let distance = self.distance().then_some(Unknown::DISTANCE);
-        let body = contact.into_iter().chain(lean).chain(distance).chain(self.pitch().then_some(Unknown::PITCH));
+        let body = contact
+            .into_iter()
+            .chain(friction)
+            .chain(lean)
+            .chain(distance)
+            .chain(self.pitch().then_some(Unknown::PITCH));
         velocity.chain(spin).chain(parameters.map(|(k, _)| Unknown::Parameter(k))).chain(body).collect()
     }
 }
@@ -306,6 +343,8 @@ pub struct Bound {
     pub spin: Option<Var>,
     /// Each parameter as `[1]`, in SI units.
     pub parameters: Vec<Var>,
+    /// The coefficient of friction of the ground, `[1]`.
+    pub friction: Var,
     /// How much higher than it is the ground is felt, in grid spacings; never a leaf.
     pub contact: f64,
     /// The lean; never a leaf.
@@ -329,6 +368,7 @@ impl Unknowns {
                 p.map.raw(self.parameters[k]) / unit(p)
             }
             Unknown::Contact => self.contact,
+            Unknown::Friction => self.friction.max(LEAST_FRICTION).log10(),
             Unknown::Lean(axis) => self.lean[axis],
         };
         free.list(law).into_iter().map(coordinate).collect()
@@ -352,6 +392,7 @@ impl Unknowns {
                     moved.parameters[k] = p.map.value(coordinate * unit(p));
                 }
                 Unknown::Contact => moved.contact = *coordinate,
+                Unknown::Friction => moved.friction = 10f64.powf(*coordinate),
                 Unknown::Lean(axis) => moved.lean[axis] = *coordinate,
             }
         }
@@ -367,6 +408,7 @@ impl Unknowns {
                 let p = &law.parameters()[k];
                 p.map.derivative(p.map.raw(self.parameters[k])) * unit(p)
             }
+            Unknown::Friction => std::f64::consts::LN_10 * self.friction.max(LEAST_FRICTION),
             Unknown::Contact | Unknown::Lean(_) => 1.0,
         }
     }
@@ -382,8 +424,17 @@ impl Unknowns {
         let parameters = self.parameters.iter().map(|value| constant(&[*value])).collect::<Result<_>>()?;
         let spin = self.spins().then(|| constant(&self.spin)).transpose()?;
         let velocity = constant(&self.velocity)?;
-        let turning = (self.spin, false);
-        Ok(Bound { leaves: Vec::new(), turning, velocity, spin, parameters, contact: self.contact, lean: self.lean })
+        let (turning, friction) = ((self.spin, false), constant(&[self.friction])?);
+        Ok(Bound {
+            leaves: Vec::new(),
+            turning,
+            velocity,
+            spin,
+            parameters,
+            friction,
+            contact: self.contact,
+            lean: self.lean,
+        })
     }
 
     /// The same, with the free parameters of the material from their coordinates `[n]` on a tape; what else is free stays as it is.
@@ -431,8 +482,13 @@ impl Unknowns {
             let coordinate = make(tensor(vec![parameter.map.raw(*value) / unit])?, free.parameter(k, parameter.map));
             parameters.push(constrained(parameter.map, &(&coordinate * unit)));
         }
+        let raw = self.friction.max(LEAST_FRICTION).log10();
+        let friction = match free.friction() {
+            true => constrained(Map::Log10, &make(tensor(vec![raw])?, true)),
+            false => make(tensor(vec![self.friction])?, false),
+        };
         let turning = (self.spin, free.spin());
-        Ok(Bound { leaves, turning, velocity, spin, parameters, contact: self.contact, lean: self.lean })
+        Ok(Bound { leaves, turning, velocity, spin, parameters, friction, contact: self.contact, lean: self.lean })
     }
 }
 

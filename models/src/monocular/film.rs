@@ -7,9 +7,9 @@ use gradreel::{Error, ErrorKind, Result};
 use ndarray::azip;
 
 use super::free_fall::{Down, FreeFall, Prior};
-use super::{ground, half_extent, locate, locate_known, story};
+use super::{bounces, ground, half_extent, locate, locate_known, story};
 use crate::vector::times;
-use crate::video::{Camera, Clip, Film, FilmSettings, Flight, Frame, OpenOptions, WARNING};
+use crate::video::{Camera, Clip, ContactModel, Film, FilmSettings, Flight, Frame, OpenOptions, WARNING};
 
 /// Default angle of view along the longer side of the image \[degrees\].
 const FIELD_OF_VIEW: f64 = 50.0;
@@ -166,7 +166,17 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
         None => "ground: none is seen; the object falls to the end of the film".to_owned(),
     });
     say("shape: as deep as it is wide, part by part".to_owned());
-    clip.story = Some(Arc::new(story::completed(film.story, &clip, fall.frames)));
+    let mut story = story::completed(film.story, &clip, fall.frames);
+    if let Some(contact) = story.contact {
+        let shown = bounces::Shown { seconds: &film.times, depth: metres, turn: rotation };
+        let found = bounces::of(&clip.cameras[0], &story.flights, contact, down, &shown)?;
+        clip.assumptions.extend(found.as_ref().map(|bounces| match settings.contact {
+            ContactModel::Auto => bounces.said(),
+            ContactModel::Resolved => format!("{}, but it is simulated as asked for", bounces.said()),
+        }));
+        story.bounces = found;
+    }
+    clip.story = Some(Arc::new(story));
     Ok(clip)
 }
 

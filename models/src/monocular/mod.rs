@@ -11,8 +11,11 @@
 //! acceleration in pixels fixes the distance in focal lengths. The ground is at the lowest position of the object
 //! after its fall.
 //!
+//! `bounces` fits all flights of a film whose contacts are shorter than a frame together, for the restitution.
+//!
 //! `surround` adds synthesized views around the object.
 
+mod bounces;
 mod film;
 mod free_fall;
 mod ground;

@@ -173,6 +173,27 @@ impl Law {
         self.material.wave_speed(values, density)
     }
 
+    /// The speed that decides the substep on a grid of spacing `dx` \[m\]: the speed of sound, more where the stress has a viscous
+    /// part.
+    ///
+    /// The shortest wave of a grid has the angular frequency `ω = 2 c/dx`. Explicit steps with the viscous stress of the step
+    /// before are stable while `dt ω² (dt + 2 t) < 4` with the relaxation time `t`, that is with `c (ζ + √(1 + ζ²))` in place of
+    /// `c`, `ζ = t c/dx`.
+    ///
+    /// ```
+    /// use gradreel_models::physics::materials;
+    ///
+    /// let law = materials::find("kelvin_voigt").unwrap();
+    /// let speed = |time: f64| law.wave_speed_on(&[1e5, 0.3, time], 1000.0, 0.02);
+    /// assert!((speed(1e-9) / law.wave_speed(&[1e5, 0.3, 1e-9], 1000.0) - 1.0).abs() < 1e-5);
+    /// assert!(speed(2e-3) > 2.0 * speed(1e-9));
+    /// ```
+    pub fn wave_speed_on(&self, values: &[f64], density: f64, dx: f64) -> f64 {
+        let sound = self.material.wave_speed(values, density);
+        let damping = self.material.relaxation_time(values) * sound / dx;
+        sound * (damping + damping.hypot(1.0))
+    }
+
     /// `F (9), C (9), dt, parameters, history ↦ F′ (9), τ (9), history′`, row by row; `F′` is the projection of
     /// `(I + dt C) F`.
     pub fn program(&self) -> &Program {

@@ -78,6 +78,13 @@ pub trait Material: Debug + Send + Sync + 'static {
         sound::fastest(self, values, density)
     }
 
+    /// The time \[s\] by which stress that follows the rate of deformation runs ahead of the elastic one; 0 if the law has no
+    /// such stress. It takes shorter substeps ([`Law::wave_speed_on`](super::Law::wave_speed_on)).
+    fn relaxation_time(&self, values: &[f64]) -> f64 {
+        let _ = values;
+        0.0
+    }
+
     /// The text of its file, for a law that was read from one; it travels with a run.
     fn text(&self) -> Option<&str> {
         None

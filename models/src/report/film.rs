@@ -47,6 +47,7 @@ pub(crate) fn option_of(assumption: &str) -> Option<&'static str> {
         ("shape", "--imagine, --views"),
         ("the object is told", "--masks, --background, --matting"),
         ("frames", "--first-frame, --frames"),
+        ("contact", "--contact"),
     ];
     options.into_iter().find(|(start, _)| assumption.starts_with(start)).map(|(_, option)| option)
 }
@@ -68,7 +69,10 @@ pub fn publish(folder: &RunFolder, clip: &Clip, path: &str, settings: &str) -> R
     let page = Page {
         title: &clip.name,
         subtitle: subtitle(clip, story, path),
-        headlines: clip.flight.iter().flat_map(|flight| headlines(clip, flight)).collect(),
+        headlines: bounced(story)
+            .into_iter()
+            .chain(clip.flight.iter().flat_map(|flight| headlines(clip, flight)))
+            .collect(),
         animation: animation.as_deref(),
         animation_caption: "Pictures of the film; what is taken for the object is blue.".into(),
         drawings: drawing(clip, story)?.into_iter().collect(),
@@ -115,6 +119,19 @@ fn headlines(clip: &Clip, flight: &Flight) -> Vec<Headline> {
     [size, distance].into_iter().chain((0..3).map(velocity)).collect()
 }
 
+/// The restitution, where the contact is shorter than a frame.
+fn bounced(story: &Story) -> Option<Headline> {
+    let bounces = story.bounces.as_ref()?;
+    let [low, high] = bounces.restitution.interval_90();
+    Some(Headline {
+        symbol: "e".into(),
+        label: "Restitution".into(),
+        readable: format!("{:.2}", bounces.restitution.value),
+        exact: format!("± {:.3}", bounces.restitution.deviation),
+        note: format!("by {} hits; 90 %: {low:.2} to {high:.2}", bounces.hits.len()),
+    })
+}
+
 /// A picture with the object tinted; pictures that the clip does not use are as they are.
 fn masked(snapshot: &Snapshot, clip: &Clip) -> Picture {
     let Image { width, height, pixels, .. } = &snapshot.image;
@@ -158,7 +175,7 @@ fn composed(story: &Story, clip: &Clip) -> Option<Picture> {
 }
 
 /// The track, its parabolas and the ground in the picture.
-fn drawing(clip: &Clip, story: &Story) -> Result<Option<Drawing>> {
+pub(super) fn drawing(clip: &Clip, story: &Story) -> Result<Option<Drawing>> {
     let (width, height) = story.size;
     let Some(picture) = composed(story, clip) else { return Ok(None) };
     if width == 0 || height == 0 {
@@ -242,7 +259,7 @@ fn ground(clip: &Clip, story: &Story) -> Option<[[f64; 2]; 2]> {
 }
 
 /// Height above the ground over time.
-fn height(clip: &Clip, story: &Story) -> Option<Plot> {
+pub(super) fn height(clip: &Clip, story: &Story) -> Option<Plot> {
     let flight = clip.flight.as_ref()?;
     let camera = clip.cameras.first()?;
     let [from, to] = ground(clip, story)?;

@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 
 use gradreel::{Result, Tape, Tensor};
 
-use crate::identify::{HistoryRow, Reconstruction, Run, Standing};
+use crate::identify::{FRICTION, GroundContact, HistoryRow, Reconstruction, Run, Standing};
 use crate::render::{Rays, Splat, render};
 use crate::report::animation::{Picture, gif};
+use crate::report::film;
 use crate::report::page::{Headline, Page, Scene};
 use crate::report::plot::{Plot, Series};
 use crate::report::ply::ply;
@@ -14,7 +15,7 @@ use crate::report::png_file::png;
 use crate::report::quantity::{Quantity, compact, parameters_json};
 use crate::report::synthesis::PAGE;
 use crate::runtime::progress::Progress;
-use crate::video::{Camera, Clip};
+use crate::video::{Bounces, Camera, Clip, Hit, Known};
 
 /// Maximum number of cameras shown in the animation.
 const SHOWN_CAMERAS: usize = 2;
@@ -66,7 +67,10 @@ pub fn publish(found: &Reconstruction, run: &Run, clip: &Clip, progress: &Progre
     let quantities = quantities(found, run);
     let assumed = assumed(run);
     run.folder.write("parameters.json", &parameters_json(found.law.name(), &quantities, &assumed, &quality)?)?;
-    let plots = plots(found, run);
+    let plots = match (bounces(found, run), clip.story.as_deref()) {
+        (Some(_), Some(story)) => film::height(clip, story).into_iter().collect(),
+        _ => plots(found, run),
+    };
     for plot in &plots {
         let name = plot.title.to_lowercase().replace([' ', '\''], "_");
         run.folder.write(&format!("plots/{name}.svg"), plot.svg().as_bytes())?;
@@ -88,7 +92,10 @@ pub fn publish(found: &Reconstruction, run: &Run, clip: &Clip, progress: &Progre
                 changes.join(", ")
             ),
         },
-        drawings: vec![],
+        drawings: match (bounces(found, run), clip.story.as_deref()) {
+            (Some(_), Some(story)) => film::drawing(clip, story)?.into_iter().collect(),
+            _ => vec![],
+        },
         scene: Some(Scene {
             frames: positions,
             colours,
@@ -215,9 +222,53 @@ pub fn quantities(found: &Reconstruction, run: &Run) -> Vec<Quantity> {
         ["x", "y", "z"].into_iter().zip(values).map(component).collect::<Vec<_>>()
     };
     let velocity = components("velocity", "v", "m/s", found.unknowns.velocity);
+    let rough = run.config.world.ground_contact == GroundContact::Friction && bounces(found, run).is_none();
+    let friction = rough.then(|| Quantity {
+        name: FRICTION.into(),
+        label: "Friction of the ground".into(),
+        symbol: "μ_g".into(),
+        unit: "-".into(),
+        value: found.unknowns.friction,
+        start: None,
+        source: source(FRICTION, false),
+        interval_90: interval(FRICTION).map(|known| known.interval_90),
+        determined: interval(FRICTION).map(|known| known.determined),
+    });
     let spin = components("spin", "ω", "rad/s", found.unknowns.spin);
-    material.chain(velocity).chain(spin.into_iter().filter(|_| run.config.estimate.spin)).collect()
+    let hits = bounces(found, run).into_iter().flat_map(of_hits);
+    hits.chain(material)
+        .chain(friction)
+        .chain(velocity)
+        .chain(spin.into_iter().filter(|_| run.config.estimate.spin))
+        .collect()
 }
+
+/// What the flights tell of the hits, unless the object is made to move otherwise.
+fn bounces<'a>(found: &Reconstruction, run: &'a Run) -> Option<&'a Bounces> {
+    run.state.bounces.as_ref().filter(|_| found.changes.is_empty())
+}
+
+/// Restitution, and what a hit leaves of the velocity along the ground.
+fn of_hits(bounces: &Bounces) -> Vec<Quantity> {
+    let quantity = |name: &str, label: &str, symbol: &str, known: Known, determined: bool| Quantity {
+        name: name.into(),
+        label: label.into(),
+        symbol: symbol.into(),
+        unit: "-".into(),
+        value: known.value,
+        start: None,
+        source: "fitted".into(),
+        interval_90: Some(known.interval_90()),
+        determined: Some(determined),
+    };
+    let along = bounces.tangential.map(|known| {
+        quantity("tangential_ratio", "Velocity along the ground", "e_t", known, known.deviation < TANGENTIAL)
+    });
+    std::iter::once(quantity("restitution", "Restitution", "e", bounces.restitution, true)).chain(along).collect()
+}
+
+/// Largest standard deviation of what a hit leaves along the ground that tells something: a share is between 0 and 1.
+const TANGENTIAL: f64 = 0.1;
 
 fn assumed(run: &Run) -> Vec<Quantity> {
     let quantity = |name: &str, label: &str, symbol: &str, unit: &str, value: f64| Quantity {
@@ -232,10 +283,17 @@ fn assumed(run: &Run) -> Vec<Quantity> {
         determined: None,
     };
     let world = &run.config.world;
+    let sticky = run.state.bounces.is_none() && world.ground_contact == GroundContact::Sticky;
     vec![
         quantity("density", "Density", "ρ", "kg/m³", world.density),
         quantity("gravity_y", "Gravity, y", "g_y", "m/s²", world.gravity[1]),
-        quantity("ground", "Height of the sticky ground", "y_0", "m", world.ground),
+        quantity(
+            "ground",
+            if sticky { "Height of the sticky ground" } else { "Height of the ground" },
+            "y_0",
+            "m",
+            world.ground,
+        ),
         quantity("dx", "Grid spacing", "dx", "m", run.config.geometry.dx),
     ]
 }
@@ -281,6 +339,15 @@ fn notes(
         "Young's modulus and density".into(),
         "motion shows their ratio only: a body of twice the density with twice the modulus moves alike".into(),
     ));
+    for Hit { seconds, speed, restitution, tangential } in bounces(found, run).into_iter().flat_map(|all| &all.hits) {
+        let shown = |known: &Known| {
+            let [low, high] = known.interval_90();
+            format!("{:.2} ({low:.2} to {high:.2})", known.value)
+        };
+        let along = tangential.map_or_else(String::new, |known| format!(", {} of that along it", shown(&known)));
+        let text = format!("with {speed:.2} m/s towards the ground; leaves with {} of it{along}", shown(restitution));
+        notes.push((format!("Hit at {seconds:.3} s"), text));
+    }
     let imagined = found.clip.cameras.iter().zip(&found.clip.imagined).filter(|(_, imagined)| **imagined);
     let imagined: Vec<String> = imagined.map(|(camera, _)| camera.id.to_string()).collect();
     if !imagined.is_empty() {
@@ -304,7 +371,7 @@ fn notes(
         notes.push(("Pitch of the camera".into(), degrees));
     }
     for Standing { family, stage, loss, behind } in &run.state.standings {
-        let chosen = if *family == run.config.material.name { ": chosen" } else { "" };
+        let chosen = if *family == run.config.hypothesis() { ": chosen" } else { "" };
         let text = format!("loss {loss:.4} after \"{stage}\", less probable than the best by e^{behind:.1}{chosen}");
         notes.push((format!("As {family}"), text));
     }

@@ -191,7 +191,7 @@ impl Setup {
             .iter()
             .enumerate()
             .filter(|(index, _)| used(*index))
-            .map(|(_, stuff)| stuff.law.wave_speed(&stuff.parameters, stuff.density))
+            .map(|(_, stuff)| stuff.law.wave_speed_on(&stuff.parameters, stuff.density, self.world.dx))
             .fold(0.0, f64::max);
         let start = self.velocities.iter().copied().map(norm).fold(0.0, f64::max);
         let [low, high] = bounds(self.positions.iter().copied());

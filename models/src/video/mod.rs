@@ -63,6 +63,7 @@
 //! World: metres, y up. Cameras follow OpenGL: x right, y up, looking along −z. Pixel coordinates: `u` grows to the
 //! right, `v` downwards, and the centre of the first pixel is `(0.5, 0.5)`.
 
+mod bounces;
 mod camera;
 mod clip;
 mod film;
@@ -81,10 +82,11 @@ mod scale;
 mod select;
 mod story;
 
+pub use bounces::{Bounces, FreeFlight, Hit, Known};
 pub use camera::Camera;
 pub(crate) use clip::WARNING;
 pub use clip::{Around, Clip, Flight, Frame, OpenOptions, PitchSpread, PixelRect};
-pub use film::{Film, FilmSettings, MattingSettings};
+pub use film::{ContactModel, Film, FilmSettings, MattingSettings};
 pub use foreground::Foreground;
 pub(crate) use image::Image;
 pub use inspect::{CameraInventory, Inventory, inspect, inspect_and_open};

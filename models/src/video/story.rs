@@ -2,6 +2,7 @@
 
 use std::ops::RangeInclusive;
 
+use super::bounces::{Bounces, FreeFlight};
 use super::image::Image;
 use super::parabola::Parabola;
 
@@ -22,6 +23,12 @@ pub struct Story {
     pub track: Vec<Sight>,
     /// Parabolas of the free flights.
     pub curves: Vec<Curve>,
+    /// Free flights of the object and whether hits join them.
+    pub flights: Vec<FreeFlight>,
+    /// The longest contact for which the pictures leave room \[s\], if no two of them show one.
+    pub contact: Option<f64>,
+    /// What the flights tell of the hits, if the contacts are so short.
+    pub bounces: Option<Bounces>,
     /// A few of the pictures, at most a dozen, in the order of time.
     pub snapshots: Vec<Snapshot>,
 }

@@ -3,6 +3,7 @@
 mod bad_clips;
 mod bad_settings;
 mod bench;
+mod bounces;
 mod checks;
 mod film;
 mod fixes;

@@ -112,6 +112,7 @@ fn materials_that_yield_flow_and_remember() {
     for (name, values) in [
         ("von_mises", &[2e5, 0.3, 2e3][..]),
         ("viscoplastic", &[5e4, 1e5, 5e2, 20.0]),
+        ("kelvin_voigt", &[2e5, 0.3, 1e-3]),
         ("newtonian", &[20.0, 1e5]),
         ("drucker_prager", &[2e5, 0.3, 30.0, 1e-4]),
         ("snow", &[2e5, 0.2, 0.025, 0.0075, 10.0]),

@@ -2,6 +2,7 @@
 
 mod conservation;
 mod decomposition;
+mod damping;
 mod derivatives;
 mod failures;
 #[path = "../../../tests/vectors/find.rs"]
@@ -18,4 +19,5 @@ mod plain_scene;
 mod repeatability;
 mod scene;
 mod scene_tape;
+mod slope;
 mod vectors;

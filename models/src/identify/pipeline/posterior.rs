@@ -10,7 +10,7 @@ use super::rung::{Family, Level, place};
 use crate::identify::hypotheses::Hypothesis;
 use crate::identify::interval::within;
 use crate::identify::linearise::Derivatives;
-use crate::identify::reconstruct::{DTYPE, Stages};
+use crate::identify::reconstruct::Stages;
 use crate::identify::run::Run;
 use crate::identify::solve::{Answer, Evaluations, Request, Setting, Threads};
 use crate::identify::uncertainty::covariance::{Expansion, Laplace};
@@ -19,7 +19,7 @@ use crate::identify::uncertainty::error_budget::ErrorBudget;
 use crate::identify::uncertainty::mixture::Marginal;
 use crate::identify::uncertainty::prior::{Normal, Prior};
 use crate::identify::uncertainty::profile::{self, Profile};
-use crate::identify::{Free, Interval, Problem, Unknowns};
+use crate::identify::{Free, Interval, Unknowns};
 use crate::physics::{Law, NINETY};
 
 /// What the clip says of one hypothesis, before the covariance and the prior are counted.
@@ -173,7 +173,7 @@ impl Stages<'_> {
         let mut settings = Vec::new();
         for family in families {
             let free = self.freedom(run, family, true)?;
-            let problem = Problem::new(&level.particles, level.observed, family.law.clone(), &run.config, DTYPE);
+            let problem = family.problem(level, run);
             settings.push(Setting { problem, free, frames: 0..frames, floor });
         }
         let bar = self.progress.stage(stage, survivors.len() as u64);

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use gradreel::{ErrorKind, Result};
 
-use super::rung::{Family, Fidelity, Level, Rung};
+use super::rung::{Family, Fidelity, Level, Rung, place};
 use crate::identify::hypotheses::Hypothesis;
 use crate::identify::reconstruct::{DTYPE, Stages};
 use crate::identify::run::Run;
@@ -126,13 +126,17 @@ impl Stages<'_> {
     }
 }
 
-/// The families that go on: of several, that of the best survivor.
+/// The families that go on: of several, that of the best survivor, on its kind of ground.
 fn decide(run: &mut Run, families: Vec<Family>, survivors: &[Hypothesis]) -> Result<Vec<Family>> {
-    if !run.config.chooses_family() {
+    if families.len() == 1 {
         return Ok(families);
     }
     let best = survivors[0].family.clone();
-    run.config.material = MaterialConfig { name: best.clone(), ..MaterialConfig::default() };
+    let family = &families[place(&families, &best)];
+    if run.config.chooses_family() {
+        run.config.material = MaterialConfig { name: family.material.clone(), ..MaterialConfig::default() };
+    }
+    run.config.world.ground_contact = family.config.world.ground_contact;
     run.save()?;
     run.save_config()?;
     Ok(families.into_iter().filter(|family| family.name == best).collect())

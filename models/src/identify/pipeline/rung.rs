@@ -10,9 +10,11 @@ use crate::identify::reconstruct::{DTYPE, IN_FLIGHT, Stages, describe};
 use crate::identify::run::{HistoryRow, Run, Standing};
 use crate::identify::solve::{Answer, GaussNewton, Request, Setting, Threads, drive};
 use crate::identify::stages::LEAST;
-use crate::identify::uncertainty::prior::Prior;
+use crate::identify::uncertainty::prior::{FRICTION, Prior};
 use crate::identify::unknowns::Ground;
-use crate::identify::{Config, FAMILIES, Free, MaterialConfig, Observed, Problem, Unknowns};
+use crate::identify::{
+    Config, FAMILIES, Free, GroundContact, MaterialConfig, Observed, Problem, Unknowns, WorldConfig,
+};
 use crate::particles::Particles;
 use crate::physics::Law;
 use crate::runtime::interrupt;
@@ -51,7 +53,10 @@ pub(crate) struct Level<'a> {
 
 /// A family with its law, and the configuration that is its own.
 pub(crate) struct Family {
+    /// The family of the material with the kind of the ground, among hypotheses.
     pub name: String,
+    /// The family of the material.
+    pub material: String,
     pub law: Law,
     pub config: Config,
 }
@@ -59,17 +64,21 @@ pub(crate) struct Family {
 impl Stages<'_> {
     /// The families that the material may be of.
     pub fn families(&self, run: &Run) -> Result<Vec<Family>> {
-        let named = |name: &str, config: Config| -> Result<Family> {
-            Ok(Family { name: name.to_owned(), law: config.law()?, config })
+        let materials: Vec<MaterialConfig> = match run.config.chooses_family() {
+            false => vec![run.config.material.clone()],
+            true => {
+                let own = |name: &&str| MaterialConfig { name: (*name).to_owned(), ..MaterialConfig::default() };
+                FAMILIES.iter().map(|(name, _)| own(name)).collect()
+            }
         };
-        if !run.config.chooses_family() {
-            return Ok(vec![named(&run.config.material.name, run.config.clone())?]);
-        }
-        let own = |name: &str| {
-            let material = MaterialConfig { name: name.to_owned(), ..MaterialConfig::default() };
-            named(name, Config { material, ..run.config.clone() })
+        let on = |material: &MaterialConfig, ground_contact: GroundContact| -> Result<Family> {
+            let world = WorldConfig { ground_contact, ..run.config.world.clone() };
+            let config = Config { material: material.clone(), world, ..run.config.clone() };
+            let (name, material) = (ground_contact.named(&material.name), material.name.clone());
+            Ok(Family { name, material, law: config.law()?, config })
         };
-        FAMILIES.iter().map(|(name, _)| own(name)).collect()
+        let kinds = run.config.world.ground_contact.hypotheses();
+        materials.iter().flat_map(|material| kinds.iter().map(|kind| on(material, *kind))).collect()
     }
 
     /// What is free: the parameters that are not held, the height of the ground and the modes of a single camera's body; with
@@ -78,6 +87,8 @@ impl Stages<'_> {
         let law = &family.law;
         let free = Free::all_but(law, &family.config.held(law)?, false);
         let free = free.with_ground(law, if self.unsure_ground(run) { Ground::Unsure } else { Ground::Known });
+        let rough = family.config.world.ground_contact == GroundContact::Friction;
+        let free = if rough { free.with_friction(law) } else { free };
         let free = if self.freedom_of_flight(world) { free.with_velocity(law) } else { free };
         let free = free.with_spin(law, run.config.estimate.spin);
         let free = if self.leans(run) { free.with_lean(law) } else { free };
@@ -110,7 +121,7 @@ impl Stages<'_> {
         let mut pool = Vec::new();
         for family in families {
             let parameters = family.config.starting_values(&family.law)?;
-            let start = Unknowns { parameters, ..start.clone() };
+            let start = Unknowns { parameters, friction: FRICTION[0], ..start.clone() };
             let free = self.freedom(run, family, false)?;
             let prior = Prior::of(&family.law, free, &start, fallen.as_ref());
             let count = family.config.estimate.points * prior.varied();
@@ -151,7 +162,7 @@ impl Stages<'_> {
             let fallen = self.fall(run)?;
             let floor = self.floor(run, level)?;
             let setting = |(family, free): (&Family, &Free)| {
-                let problem = Problem::new(&level.particles, level.observed, family.law.clone(), &run.config, DTYPE);
+                let problem = family.problem(level, run);
                 let problem = if rung.fidelity == Fidelity::Full { problem } else { problem.fewest_substeps() };
                 Setting { problem, free: *free, frames: frames.clone(), floor }
             };
@@ -237,6 +248,15 @@ impl Stages<'_> {
         drive(&Threads(settings), searches, &known, &mut each)?;
         bar.finish(&said);
         Ok(())
+    }
+}
+
+impl Family {
+    /// The forward model of a body at one resolution, in the world of a run with the ground of this family.
+    pub fn problem<'a>(&self, level: &'a Level<'_>, run: &Run) -> Problem<'a> {
+        let ground_contact = self.config.world.ground_contact;
+        let config = Config { world: WorldConfig { ground_contact, ..run.config.world.clone() }, ..run.config.clone() };
+        Problem::new(&level.particles, level.observed, self.law.clone(), &config, DTYPE)
     }
 }
 

@@ -1,7 +1,8 @@
 //! Least squares over the pixels: derivatives against the tape and against differences.
 
 use crate::identify::linearise::Derivatives;
-use crate::identify::{Config, Free, Ground, Linearised, Observed, Problem, Sight, Unknowns};
+use crate::identify::unknowns::Unknown;
+use crate::identify::{Config, Free, Ground, GroundContact, Linearised, Observed, Problem, Sight, Unknowns};
 use crate::particles::Particles;
 use gradreel::DType;
 
@@ -86,6 +87,41 @@ fn contact_height(problem: &Problem<'_>, truth: &Unknowns, frames: usize) {
     assert!((here.gradient[0] - difference).abs() < 1e-5 * difference.abs(), "{} {difference}", here.gradient[0]);
     let taped = problem.evaluate(&at(-0.1), Free::Velocity, frames, &mut 0, &mut |_| ()).unwrap().0;
     assert!((here.loss - taped).abs() < 1e-12 * taped && here.loss > 1e-4, "{} {taped}", here.loss);
+}
+
+/// The friction of the ground along with the rest: forward mode against the tape, and against differences.
+#[test]
+fn friction_of_the_ground() {
+    let (mut config, particles, truth, _) = thrown();
+    config.world.ground_contact = GroundContact::Friction;
+    let truth = Unknowns { velocity: [0.9, -1.2, 0.1], friction: 0.3, ..truth };
+    let observed = film(&particles, &truth, &config, FRAMES, 20, DType::F64);
+    let problem = problem(&particles, &observed, &config, DType::F64);
+    let free = Free::Both.with_friction(&problem.law);
+    assert_eq!(free.list(&problem.law).last(), Some(&Unknown::Friction));
+    let mut substeps = 128;
+    assert!(problem.misfit(&truth, FRAMES, &mut substeps, &mut |_| ()).unwrap() < 1e-20);
+    let unknowns = Unknowns { friction: 0.2, parameters: vec![4e4, 0.22], ..truth };
+    let (loss, gradient) = problem.evaluate(&unknowns, free, FRAMES, &mut substeps, &mut |_| ()).unwrap();
+    let at = problem.linearise(&unknowns, free, FRAMES, &mut substeps, &mut |_| ()).unwrap();
+    assert!((at.loss - loss).abs() < 1e-12 * loss && loss > 1e-6, "{} by forward mode, {loss} on the tape", at.loss);
+    for k in 0..6 {
+        let relative = (at.gradient[k] - gradient[k]).abs() / gradient[k].abs().max(1e-3);
+        assert!(relative < 1e-7, "unknown {k}: {} by forward mode, {} on the tape", at.gradient[k], gradient[k]);
+    }
+    let x = unknowns.coordinates(&problem.law, free);
+    let moved = |sign: f64| {
+        let mut x = x.clone();
+        x[5] += sign * 1e-6;
+        let there = unknowns.moved(&problem.law, free, &x);
+        problem.evaluate(&there, free, FRAMES, &mut { substeps }, &mut |_| ()).unwrap().0
+    };
+    let difference = (moved(1.0) - moved(-1.0)) / 2e-6;
+    assert!((difference - gradient[5]).abs() < 1e-4 * difference.abs(), "{difference} and {}", gradient[5]);
+    // a ground without friction has none to find
+    let sticky = super::scene::problem(&particles, &observed, &quick(), DType::F64);
+    let at = sticky.linearise(&unknowns, free, FRAMES, &mut substeps, &mut |_| ()).unwrap();
+    assert_eq!(at.gradient[5], 0.0);
 }
 
 /// What leans away from its only camera, or is farther away, looks the same in the first frame and falls another way; derivatives along that against

@@ -79,7 +79,7 @@ pub(crate) fn columns(
             let speed = scales.velocity * resolution.dx / resolution.filmed;
             2.0 * speed / resolution.diameter / at.slope(law, *unknown).abs()
         }
-        Unknown::Contact | Unknown::Lean(_) => 0.0,
+        Unknown::Contact | Unknown::Friction | Unknown::Lean(_) => 0.0,
     };
     // with all lengths grow velocities, and stresses with their squares
     let of_length = |unknown: &Unknown| match *unknown {

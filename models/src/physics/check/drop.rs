@@ -52,7 +52,7 @@ fn fall(law: &Law) -> Result<Imbalance> {
     let world = World { colliders: vec![ground], ..World::new(DX) };
     let values = law.start_values();
     // Compression raises the speed of sound: half of the default CFL number.
-    let schedule = Schedule::stable(&world, 2, TIME, law.wave_speed(&values, DENSITY), 3.0, 0.5 * CFL);
+    let schedule = Schedule::stable(&world, 2, TIME, law.wave_speed_on(&values, DENSITY, world.dx), 3.0, 0.5 * CFL);
     let positions: Vec<[f64; 3]> = (0..SIDE.pow(3))
         .map(|i| [i / SIDE / SIDE, i / SIDE % SIDE, i % SIDE].map(|k| DX * (0.5 * k as f64 + 0.27)))
         .map(|[x, y, z]| [x, y + 0.6 * DX, z])

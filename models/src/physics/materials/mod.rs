@@ -4,6 +4,7 @@
 //! |---|---|---|
 //! | [`NeoHookean`] | rubber | `E`, `ν` |
 //! | [`FixedCorotated`] | rubber that may invert | `E`, `ν` |
+//! | [`KelvinVoigt`] | rubber that bounces less | `E`, `ν`, relaxation time |
 //! | [`StvkHencky`] | metal within its elastic range | `E`, `ν` |
 //! | [`VonMises`] | plasticine | `E`, `ν`, yield stress |
 //! | [`Viscoplastic`] | toothpaste | `μ`, `κ`, yield stress, plastic viscosity |
@@ -15,6 +16,7 @@
 mod drucker_prager;
 mod fixed_corotated;
 mod hencky;
+mod kelvin_voigt;
 mod learned;
 mod neo_hookean;
 mod newtonian;
@@ -25,6 +27,7 @@ mod von_mises;
 
 pub use drucker_prager::DruckerPrager;
 pub use fixed_corotated::FixedCorotated;
+pub use kelvin_voigt::KelvinVoigt;
 pub use learned::Learned;
 pub use neo_hookean::NeoHookean;
 pub use newtonian::Newtonian;
@@ -77,6 +80,7 @@ pub fn all() -> Vec<Law> {
     vec![
         Law::of(DruckerPrager),
         Law::of(FixedCorotated),
+        Law::of(KelvinVoigt),
         Law::of(Learned::alone(6, 1e5, 1)),
         Law::of(Learned::residual(NeoHookean, 6, 1e4, 1)),
         Law::of(NeoHookean),

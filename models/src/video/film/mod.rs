@@ -61,6 +61,19 @@ pub struct FilmSettings {
     pub background: Option<PathBuf>,
     /// A network that segments the object.
     pub matting: Option<MattingSettings>,
+    /// How a contact that is shorter than a frame is treated.
+    pub contact: ContactModel,
+}
+
+/// How the contact with the ground is treated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum ContactModel {
+    /// By its restitution where it is shorter than the time between two pictures, simulated elsewhere.
+    #[default]
+    Auto,
+    /// Simulated, whatever the film shows of it.
+    Resolved,
 }
 
 impl FilmSettings {

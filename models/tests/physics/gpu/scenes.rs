@@ -34,7 +34,7 @@ fn agrees(what: &str, scene: &PlainScene, motion: f64, gradient: f64) {
 
 fn drop_of(law: &Law, world: World, side: usize) -> PlainScene {
     let values: Vec<f64> = law.parameters().iter().map(|parameter| parameter.start).collect();
-    let sound = law.wave_speed(&values, 1000.0);
+    let sound = law.wave_speed_on(&values, 1000.0, DX);
     let schedule = Schedule::stable(&world, 2, 16.0 * 0.4 * DX / (sound + 2.0), sound, 2.0, 0.4);
     let x = cube(side, DX, [0.013, 0.004, -0.021]);
     PlainScene::new(world, schedule, &x, &[0.3, -2.0, 0.1], &[], &[(law.clone(), &values)])

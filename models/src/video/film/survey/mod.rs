@@ -7,6 +7,7 @@
 //! all flights.
 
 mod background;
+mod brief;
 mod chain;
 mod choose;
 mod components;

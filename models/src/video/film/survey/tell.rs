@@ -1,9 +1,13 @@
 //! What is told of a survey.
 
-use super::Survey;
 use super::chain::Link;
 use super::search::{GRAVITY, Scene};
+use super::{Survey, brief};
+use crate::video::FreeFlight;
 use crate::video::story::{Curve, Sight, Story, WITHIN};
+
+/// Least standard deviation of a place \[pixels of the survey\].
+const LEAST_SCATTER: f64 = 0.25;
 
 /// Relative error of a speed at a hit for an error of one interval in its time is bounded by this share of it.
 const SPEED: f64 = 0.03;
@@ -11,7 +15,9 @@ const SPEED: f64 = 0.03;
 impl Survey {
     /// Adds phases, track and curves to a story whose positions are in pixels of `scale` to one of the survey.
     pub fn told_in(&self, story: &mut Story, scale: f64) {
-        let within = WITHIN * Scene { pieces: &self.pieces, times: &self.times }.interval();
+        let scene = Scene { pieces: &self.pieces, times: &self.times };
+        let within = WITHIN * scene.interval();
+        story.contact = brief::longest(&brief::around(&scene, &self.track), scene.interval());
         story.phases.clone_from(&self.phases);
         for (k, spot) in self.track.spots.iter().enumerate() {
             let Some(piece) = spot.map(|j| &self.pieces[k][j]) else { continue };
@@ -27,6 +33,17 @@ impl Survey {
             let flight = &link.flight;
             let end = hit.map_or(self.times[flight.last()] + within, |hit| hit.time);
             story.curves.push(Curve::of(&flight.path, [self.times[flight.first()], end], scale));
+            let sight = |&(k, j): &(usize, usize)| {
+                let piece = &self.pieces[k][j];
+                let across = scale * piece.across_direction(flight.path.velocity_at(self.times[k]));
+                let middle = piece.middle.map(|x| x * scale);
+                Sight { number: self.numbers[k], seconds: self.times[k], middle, across }
+            };
+            story.flights.push(FreeFlight {
+                sights: flight.members.iter().filter(|(k, j)| !self.pieces[*k][*j].cut).map(sight).collect(),
+                scatter: scale * flight.path.scatter.max(LEAST_SCATTER),
+                bounces: hit.is_some_and(|hit| hit.after.is_some()),
+            });
         }
     }
 
