@@ -7,6 +7,7 @@ mod bounces;
 mod checks;
 mod film;
 mod fixes;
+mod ground_contact;
 #[cfg(unix)]
 mod interrupted;
 #[cfg(unix)]

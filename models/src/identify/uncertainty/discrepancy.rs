@@ -5,6 +5,10 @@ use crate::identify::unknowns::Unknown;
 use crate::identify::{Free, Unknowns};
 use crate::physics::{Law, Map, Parameter};
 
+/// Deviation of the ground's friction by the model \[decades\]: it acts on the nodes of the grid, a share of a cell before the body
+/// touches.
+const ROUGH: f64 = 0.1;
+
 /// What decides how large discrepancies are.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Resolution {
@@ -79,7 +83,8 @@ pub(crate) fn columns(
             let speed = scales.velocity * resolution.dx / resolution.filmed;
             2.0 * speed / resolution.diameter / at.slope(law, *unknown).abs()
         }
-        Unknown::Contact | Unknown::Friction | Unknown::Lean(_) => 0.0,
+        Unknown::Friction => ROUGH,
+        Unknown::Contact | Unknown::Lean(_) => 0.0,
     };
     // with all lengths grow velocities, and stresses with their squares
     let of_length = |unknown: &Unknown| match *unknown {
