@@ -169,7 +169,7 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
     let mut story = story::completed(film.story, &clip, fall.frames);
     if let Some(contact) = story.contact {
         let shown = bounces::Shown { seconds: &film.times, depth: metres, turn: rotation };
-        let found = bounces::of(&clip.cameras[0], &story.flights, contact, down, &shown)?;
+        let found = bounces::of(&clip.cameras[0], &story.flights, contact, down, &shown);
         clip.assumptions.extend(found.as_ref().map(|bounces| match settings.contact {
             ContactModel::Auto => bounces.said(),
             ContactModel::Resolved => format!("{}, but it is simulated as asked for", bounces.said()),

@@ -1,6 +1,5 @@
 //! The least squares fit of all flights together.
 
-use gradreel::Result;
 use gradreel::optim::{LevenbergMarquardt, Residuals};
 
 use super::dual::{Dual, MOST};
@@ -87,11 +86,9 @@ impl<'a> Task<'a> {
         (gravity > 0.0 && ground.is_finite()).then_some(Self { camera, flights, origin, pitch, gravity, ground })
     }
 
-    /// Fits flight after flight, as long as they belong together and the unknowns are few enough.
-    ///
-    /// # Errors
-    /// Those of the least squares.
-    pub fn fitted(&self) -> Result<Option<Fitted>> {
+    /// Fits flight after flight, as long as they belong together and the unknowns are few enough; `None` if no hit is among
+    /// them.
+    pub fn fitted(&self) -> Option<Fitted> {
         let mut begins: Vec<Begin> = Vec::new();
         let mut values = vec![0.0; SHARED];
         (values[GRAVITY], values[PITCH], values[GROUND]) = (self.gravity.ln(), self.pitch[0], self.ground);
@@ -109,7 +106,7 @@ impl<'a> Task<'a> {
             let Some(guess) = self.guess(flight, begin, best.as_ref().map(|(fitted, _)| &fitted.way)) else { break };
             begins.push(begin);
             values.extend(guess);
-            let Some((fitted, point, spread)) = self.minimised(&begins, &values)? else { break };
+            let Some((fitted, point, spread)) = self.minimised(&begins, &values) else { break };
             let before = best.as_ref().map_or(1.0, |(_, spread)| spread.max(1.0));
             if flight > 0 && self.misfit(&fitted.way, flight) > FITS * before {
                 break;
@@ -117,7 +114,7 @@ impl<'a> Task<'a> {
             values = point;
             best = Some((fitted, spread));
         }
-        Ok(best.map(|(fitted, _)| fitted).filter(|fitted| !fitted.way.hits.is_empty()))
+        best.map(|(fitted, _)| fitted).filter(|fitted| !fitted.way.hits.is_empty())
     }
 
     /// First guess of a flight's own unknowns.
@@ -150,18 +147,19 @@ impl<'a> Task<'a> {
     }
 
     /// The minimum from a first guess, with the variance of a residual; `None` where it has no finite one.
-    fn minimised(&self, begins: &[Begin], start: &[f64]) -> Result<Option<(Fitted, Vec<f64>, f64)>> {
+    fn minimised(&self, begins: &[Begin], start: &[f64]) -> Option<(Fitted, Vec<f64>, f64)> {
         let search = LevenbergMarquardt { evaluations: EVALUATIONS, value_tolerance: 1e-10, ..Default::default() };
-        let fit = search.minimise(start, &mut |values, _| Ok(self.residuals(begins, values)))?;
+        // a guess that is behind the camera has no residuals
+        let fit = search.minimise(start, &mut |values, _| Ok(self.residuals(begins, values))).ok()?;
         if !fit.cost.is_finite() || !fit.undetermined.is_empty() {
-            return Ok(None);
+            return None;
         }
         // residuals are in standard deviations: their scatter counts only if it is larger
         let variance = fit.variance.unwrap_or(1.0);
         let factor = variance.max(1.0) / variance.max(f64::MIN_POSITIVE);
         let covariance = fit.covariance.iter().map(|row| row.iter().map(|c| factor * c).collect()).collect();
         let way = self.way(begins, &fit.point);
-        Ok(Some((Fitted { way, covariance, flights: begins.len() }, fit.point, variance)))
+        Some((Fitted { way, covariance, flights: begins.len() }, fit.point, variance))
     }
 
     /// The way, with times from the first sight on.

@@ -9,8 +9,6 @@ mod path;
 #[cfg(test)]
 mod tests;
 
-use gradreel::Result;
-
 use self::dual::Dual;
 use self::fit::{EARTH, Task};
 use self::path::Way;
@@ -39,21 +37,18 @@ pub(super) struct Shown<'a> {
 }
 
 /// What the flights of a film tell, whose contacts last at most so long \[s\]; `None` if they do not fit together.
-///
-/// # Errors
-/// Those of the least squares.
 pub(super) fn of(
     camera: &Camera,
     flights: &[FreeFlight],
     contact: f64,
     down: Down,
     shown: &Shown<'_>,
-) -> Result<Option<Bounces>> {
+) -> Option<Bounces> {
     let clear = |flight: &FreeFlight| flight.sights.len() >= LEAST;
     let from = flights.iter().position(clear).unwrap_or(flights.len());
     let count = flights[from..].iter().take_while(|flight| clear(flight)).count();
-    let Some(task) = Task::of(camera, &flights[from..from + count], down) else { return Ok(None) };
-    let Some(found) = task.fitted()? else { return Ok(None) };
+    let task = Task::of(camera, &flights[from..from + count], down)?;
+    let found = task.fitted()?;
     let (way, covariance) = (&found.way, &found.covariance);
     let metres = EARTH / way.gravity.value;
     let deviation = |x: Dual| x.variance(covariance).max(0.0).sqrt();
@@ -73,14 +68,14 @@ pub(super) fn of(
     };
     let hits: Vec<Hit> = way.hits.iter().map(hit).collect();
     let restitutions: Vec<Known> = hits.iter().map(|hit| hit.restitution).collect();
-    let Some(restitution) = another(&restitutions).filter(|known| known.value.is_finite()) else { return Ok(None) };
+    let restitution = another(&restitutions)?;
     let tangential: Vec<Known> = hits.iter().filter_map(|hit| hit.tangential).collect();
     let begin = task.since(shown.seconds[0]);
     let in_metres = |v: Dual| {
         let v = v / way.gravity * EARTH;
         Known { value: v.value, deviation: deviation(v) }
     };
-    Ok(Some(Bounces {
+    Some(Bounces {
         contact,
         flights: found.flights,
         restitution,
@@ -88,7 +83,7 @@ pub(super) fn of(
         velocity: way.velocity_at(begin).map(in_metres),
         path: displacements(way, shown, &task),
         hits,
-    }))
+    })
 }
 
 /// Displacement since the first frame in each frame \[m\], in a clip that has the object at its own depth.
