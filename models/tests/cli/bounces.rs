@@ -4,7 +4,7 @@ use std::fs;
 
 use crate::scene::{Scene, contents};
 
-const RATE: f64 = 60.0;
+const RATE: f64 = 30.0;
 const RESTITUTION: f64 = 0.7;
 const SIZE: [usize; 2] = [200, 180];
 
@@ -36,7 +36,7 @@ fn place(time: f64) -> [f64; 2] {
 fn film() -> Scene {
     let scene = Scene::new();
     fs::create_dir(scene.path("ball")).unwrap();
-    for frame in 0..78 {
+    for frame in 0..40 {
         let [u, v] = place(f64::from(frame) / RATE);
         let mut pixels = Vec::new();
         for i in 0..SIZE[0] * SIZE[1] {
@@ -60,17 +60,17 @@ fn film() -> Scene {
 #[test]
 fn a_hard_ball_is_known_by_its_flights() {
     let scene = film();
-    let printed = scene.succeeds("check ball --fps 60");
+    let printed = scene.succeeds("check ball --fps 30");
     for part in ["contact: shorter than a frame", "restitution 0.", "stiffness cannot be seen"] {
         assert!(printed.contains(part), "no {part:?} in: {printed}");
     }
-    let seen: serde_json::Value = serde_json::from_str(&scene.succeeds("check ball --fps 60 --json")).unwrap();
+    let seen: serde_json::Value = serde_json::from_str(&scene.succeeds("check ball --fps 30 --json")).unwrap();
     let [low, high] = [0, 1].map(|end| seen["interval_90"]["restitution"][end].as_f64().unwrap());
     let found = seen["restitution"].as_f64().unwrap();
     assert!((found - RESTITUTION).abs() < 0.04 && low < RESTITUTION && RESTITUTION < high, "{low} to {high}");
     assert!(seen["contact_below_s"].as_f64().unwrap() <= 1.01 / RATE, "{seen}");
 
-    scene.succeeds("reconstruct ball --fps 60 --out out --config quick.toml");
+    scene.succeeds("reconstruct ball --fps 30 --out out --config quick.toml");
     let parameters = scene.parameters("out");
     let restitution = &parameters["restitution"];
     assert_eq!((&restitution["unit"], &restitution["determined"]), (&"-".into(), &true.into()));
@@ -118,8 +118,8 @@ fn a_hard_ball_is_known_by_its_flights() {
 #[test]
 fn the_simulation_can_be_insisted_on() {
     let scene = film();
-    let printed = scene.succeeds("check ball --fps 60 --contact resolved");
+    let printed = scene.succeeds("check ball --fps 30 --contact resolved");
     assert!(printed.contains("it is simulated as asked for"), "{printed}");
-    let output = scene.run("check ball --fps 60 --contact elsewhere");
+    let output = scene.run("check ball --fps 30 --contact elsewhere");
     assert_eq!(output.status.code(), Some(2));
 }
