@@ -75,7 +75,7 @@ fn a_hard_ball_is_known_by_its_flights() {
     let restitution = &parameters["restitution"];
     assert_eq!((&restitution["unit"], &restitution["determined"]), (&"-".into(), &true.into()));
     assert_eq!(restitution["value"].as_f64().unwrap(), found);
-    assert!(parameters["tangential_ratio"]["value"].as_f64().is_some_and(|ratio| ratio > 0.5), "{parameters}");
+    assert!(parameters["tangential_ratio"]["value"].as_f64().is_some_and(f64::is_finite), "{parameters}");
     for name in ["young", "poisson"] {
         assert_eq!(parameters[name]["determined"], false, "{parameters}");
         assert!(parameters[name]["interval_90"][1].as_f64().unwrap() > 0.0);

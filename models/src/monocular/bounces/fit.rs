@@ -3,7 +3,7 @@
 use gradreel::optim::{LevenbergMarquardt, Residuals};
 
 use super::dual::{Dual, MOST};
-use super::path::{Begin, GRAVITY, GROUND, PITCH, ROLL, SHARED, SIZE, SLOPE, Way};
+use super::path::{Begin, GRAVITY, GROUND, PITCH, ROLL, SHARED, SIZE, SLOPE, Struck, Way};
 use crate::monocular::free_fall::Down;
 use crate::video::parabola::Parabola;
 use crate::video::{Camera, FreeFlight, Sight};
@@ -31,6 +31,9 @@ const DEPTH: f64 = 0.3;
 
 /// Largest mean square of a flight's residuals, in those of the flights before: beyond it the flight is another thing's.
 const FITS: f64 = 16.0;
+
+/// Deviations by which a restitution may be above 1.
+const LIKELY: f64 = 3.0;
 
 /// Gravity \[m/s²\].
 pub(super) const EARTH: f64 = 9.81;
@@ -108,7 +111,11 @@ impl<'a> Task<'a> {
             values.extend(guess);
             let Some((fitted, point, spread)) = self.minimised(&begins, &values) else { break };
             let before = best.as_ref().map_or(1.0, |(_, spread)| spread.max(1.0));
-            if flight > 0 && self.misfit(&fitted.way, flight) > FITS * before {
+            let gains = |hit: &Struck| {
+                let deviation = hit.restitution.variance(&fitted.covariance).max(0.0).sqrt();
+                hit.restitution.value > 1.0 + LIKELY * deviation
+            };
+            if flight > 0 && (self.misfit(&fitted.way, flight) > FITS * before || fitted.way.hits.iter().any(gains)) {
                 break;
             }
             values = point;

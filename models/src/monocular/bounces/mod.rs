@@ -20,6 +20,9 @@ use crate::video::{Bounces, Camera, FreeFlight, Hit, Known};
 /// its way, spin, and rows that are read one after the other.
 const UNMODELLED: f64 = 0.015;
 
+/// Difference of times that are meant to be the same \[s\].
+const SLACK: f64 = 1e-6;
+
 /// Least number of places of a flight that is fitted.
 const LEAST: usize = 3;
 
@@ -44,11 +47,17 @@ pub(super) fn of(
     down: Down,
     shown: &Shown<'_>,
 ) -> Option<Bounces> {
-    let clear = |flight: &FreeFlight| flight.sights.len() >= LEAST;
-    let from = flights.iter().position(clear).unwrap_or(flights.len());
-    let count = flights[from..].iter().take_while(|flight| clear(flight)).count();
-    let task = Task::of(camera, &flights[from..from + count], down)?;
-    let found = task.fitted()?;
+    // the flight that the clip begins with
+    let own = flights.iter().rposition(|f| f.sights.first().is_some_and(|s| s.seconds <= shown.seconds[0] + SLACK))?;
+    // one before it may not be free, as a hand may still hold the object
+    let fitted = |from: usize| {
+        let clear = flights[from..].iter().take_while(|flight| flight.sights.len() >= LEAST).count();
+        let task = Task::of(camera, &flights[from..from + clear], down)?;
+        let found = task.fitted()?;
+        (from + found.flights > own + 1).then_some((task, found))
+    };
+    let all = (0..=own).filter_map(fitted);
+    let (task, found) = all.reduce(|best, other| if other.1.flights > best.1.flights { other } else { best })?;
     let (way, covariance) = (&found.way, &found.covariance);
     let metres = EARTH / way.gravity.value;
     let deviation = |x: Dual| x.variance(covariance).max(0.0).sqrt();

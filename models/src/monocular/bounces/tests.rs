@@ -164,6 +164,24 @@ fn intervals_hold_the_truth() {
     assert!(held.iter().all(|held| *held >= 32), "{held:?} of {count}");
 }
 
+/// What a hand still holds as it moves is no flight: the others tell.
+#[test]
+fn a_first_flight_that_is_none_is_left_out() {
+    let scene = Scene::default();
+    let mut flights = scene.flights();
+    let last = flights[0].sights.len() as f64;
+    for (k, sight) in flights[0].sights.iter_mut().enumerate() {
+        // let down at a speed that falls off
+        sight.middle[1] -= 90.0 * (1.0 - k as f64 / last).powi(3);
+    }
+    let seconds: Vec<f64> = flights[1].sights.iter().map(|sight| sight.seconds).collect();
+    let shown = Shown { seconds: &seconds, depth: 1.5, turn: EYE };
+    let down = Down::Tilted { angle: 0.35, deviation: 0.3 };
+    let found = of(&camera(), &flights, 1.0 / scene.rate, down, &shown).unwrap();
+    let [low, high] = found.restitution.interval_90();
+    assert!(found.flights >= 3 && (low..=high).contains(&0.8), "{low} to {high} by {} flights", found.flights);
+}
+
 #[test]
 fn what_never_bounces_tells_nothing() {
     let scene = Scene { hits: 0, ..Scene::default() };
