@@ -4,6 +4,7 @@ mod calibrate;
 mod coverage;
 mod films;
 mod job;
+mod laws;
 mod real;
 
 use std::path::PathBuf;
@@ -31,6 +32,8 @@ enum What {
     Coverage(coverage::Arguments),
     /// The error budget from clips that were fitted: what errs together, and by how much
     Calibrate(calibrate::Arguments),
+    /// Laws in WGSL beside the same laws in Rust: the time of a rollout
+    Laws(laws::Arguments),
     /// Films that people made: which `check` accepts, what it finds in them, and how long it takes
     Films(real::Arguments),
     /// Table 1 of the paper: one view against all views, on clips of the five families of materials
@@ -192,6 +195,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         What::Ablation(arguments) => job::run(arguments, ("ablation", "What parts of the method are worth")),
         What::Coverage(arguments) => coverage::run(arguments),
         What::Calibrate(arguments) => calibrate::run(arguments),
+        What::Laws(arguments) => laws::run(arguments),
         What::Films(arguments) => real::run(arguments),
         What::Families(families) => job::run(&families.all_views(), ("families", "The five families")),
         What::Table1(table) => job::run(&table.beside(Published::Table1), ("table1", "One view against all views")),
