@@ -112,7 +112,8 @@ impl Law {
         });
         let wanted: Vec<usize> = (0..18).chain(20..FIXED + parameters.len() + history.len()).collect();
         let reverse = forward.vjp_wrt(&wanted);
-        let (material, elastic) = (Arc::new(material), elastic.get());
+        let elastic = elastic.get() && keeps_history(&law, &parameters, &history);
+        let material = Arc::new(material);
         let (tangent, kernels) = (Arc::default(), Arc::default());
         Self { material, parameters, history, elastic, law, forward, reverse, tangent, kernels, starts: None }
     }
@@ -213,7 +214,7 @@ impl Law {
         &self.history
     }
 
-    /// Whether the material is elastic: it has no return map ([`Material::return_map`]).
+    /// Whether the material is elastic: it has no return map ([`Material::return_map`]), and its history, if any, stays as it is.
     ///
     /// ```
     /// use gradreel_models::physics::materials;
@@ -397,6 +398,16 @@ fn respond(material: &impl Material, previous: Mat3, c: Mat3, mut given: Given) 
         *old = *new;
     }
     Response { f, tau: material.stress(&Point { f, ..trial }, &given), history, returned: projected.is_some() }
+}
+
+/// Whether the history of a particle that is deformed stays as it is.
+fn keeps_history(law: &Program, parameters: &[Parameter], history: &[History]) -> bool {
+    let f = [1.1, 0.05, -0.02, 0.03, 0.95, 0.04, -0.06, 0.01, 1.02];
+    let c = [2.0, -1.0, 0.5, 1.5, -3.0, 0.7, -0.4, 1.2, 0.9];
+    let before: Vec<f64> = history.iter().map(|variable| variable.start).collect();
+    let values = parameters.iter().map(|p| p.start).chain(before.iter().copied());
+    let inputs: Vec<f64> = f.into_iter().chain(c).chain([1e-3]).chain(values).collect();
+    law.eval(&inputs)[18..] == before[..]
 }
 
 /// The places of particles relative to their mean \[m\].

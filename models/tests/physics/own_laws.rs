@@ -19,6 +19,7 @@ fn the_examples_pass_every_check() {
         assert!(law.text().unwrap().lines().count() <= 40, "{name}");
         let report = check_material(&law).unwrap();
         assert!(report.passed(), "{report}");
+        assert_eq!(law.is_elastic(), name != "maxwell", "{name}");
     }
 }
 
