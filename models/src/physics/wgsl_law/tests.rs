@@ -276,7 +276,7 @@ fn columns_come_first_as_in_wgsl() {
 }
 
 /// A body, and what its error names: the line of the file (the body begins in line 5), and words.
-const WRONG: [(&str, &str, &str); 24] = [
+const WRONG: [(&str, &str, &str); 26] = [
     ("fn stress(point: Point, p: Parameters) -> mat3x3<f32> {\n  return p.b * identity();\n}", "t.wgsl:6:12", "b"),
     ("fn stress(point: Point, p: Parameters) -> mat3x3<f32> {\n  return point.f\n}", "t.wgsl:7:1", "WGSL"),
     ("fn stress(point: Point, p: Parameters) -> mat3x3<f32> {\n  return point.f;", "t.wgsl:6", "WGSL"),
@@ -467,7 +467,7 @@ fn history_starts_from_the_place() {
             return History(normalize(x), diagonal(x), select(0.0, 1.0, x.y > 0.0));
         }
         fn stress(p: Point, h: History) -> mat3x3<f32> { return h.upper * outer(p.f * h.d, p.f * h.d) * h.e; }";
-    let law = Law::of(WgslLaw::parse("t.wgsl", &text(body)).unwrap());
+    let law = crate::physics::Law::of(WgslLaw::parse("t.wgsl", &text(body)).unwrap());
     let placed = law.placed(&[[0.0, 3.0, -4.0], [2.0, -1.0, 0.0]]);
     let start = placed.history_at(0);
     assert_eq!((&start[..3], start[12]), (&[0.0, 0.6, -0.8][..], 1.0));
