@@ -11,7 +11,6 @@ struct Parameters {
     fibres: f32,
 }
 
-// What varies in space. It has no `evolve`, and stays as it is.
 struct History {
     /// Share of the upper half [-]
     share: f32,
@@ -25,14 +24,17 @@ fn rest(place: vec3<f32>) -> History {
 }
 
 fn stress(point: Point, p: Parameters, h: History) -> mat3x3<f32> {
-    let f = point.f;
-    let j = det(f);
-    let shear = mix(p.lower, p.upper, h.share);
-    var tau = shear * pow(j, -2.0 / 3.0) * dev(f * transpose(f)) + p.bulk * log(j) * identity();
-    let a = f * h.direction;
+    let j = det(point.f);
+    let shear = mix(p.lower, p.upper, h.share) * pow(j, -2.0 / 3.0);
+    var tau = shear * dev(point.f * transpose(point.f)) + p.bulk * log(j) * identity();
+    let a = point.f * h.direction;
     let extension = dot(a, a) - dot(h.direction, h.direction);
     if extension > 0.0 {
         tau += p.fibres * extension * outer(a, a);
     }
     return tau;
+}
+
+fn wave_speed(p: Parameters, density: f32) -> f32 {
+    return sqrt((p.bulk + 4.0 / 3.0 * max(p.lower, p.upper) + 6.0 * p.fibres) / density);
 }

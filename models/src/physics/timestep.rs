@@ -165,6 +165,9 @@ impl Schedule {
     }
 }
 
+/// Ratios that differ by less than this share are alike.
+const ALIKE: f64 = 1e-3;
+
 /// The members with the least and the most of the density, of each parameter, and of each parameter per density.
 fn extremes<T: Number>(
     density: &Values<T>,
@@ -183,8 +186,12 @@ fn extremes<T: Number>(
     for (above, below) in plain.chain(ratios) {
         let value = |p: &usize| of(above, *p) / below.map_or(1.0, |below| of(below, *p));
         let by = |a: &usize, b: &usize| value(a).total_cmp(&value(b));
-        found.extend(members.iter().copied().min_by(by));
-        found.extend(members.iter().copied().max_by(by));
+        let Some(least) = members.iter().copied().min_by(by) else { continue };
+        let most = members.iter().copied().max_by(by).unwrap_or(least);
+        // rounding alone makes no extremes
+        if below.is_none() || (value(&most) - value(&least)).abs() > ALIKE * value(&most).abs() {
+            found.extend([least, most]);
+        }
     }
     found
 }
