@@ -8,10 +8,10 @@ use rayon::prelude::*;
 
 use super::mesh::{Mesh, Skin};
 use super::motion::Motion;
-use super::paint::Paint;
+
 use super::{Recipe, material};
 use crate::identify::Config;
-use crate::scenes::{self, Film, Hit, Surface};
+use crate::scenes::{self, Film, Hit, Paint, Surface};
 use crate::video::Camera;
 
 /// Rays per pixel along each side.
