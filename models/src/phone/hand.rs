@@ -1,6 +1,6 @@
 //! A hand that holds an object and lets go.
 
-use crate::vector::{dot, minus, norm, plus, times};
+use crate::vector::{dot, minus, norm, plus, scaled};
 
 /// Radius of a palm, a finger and a forearm \[m\].
 const RADII: [f64; 3] = [0.045, 0.011, 0.032];
@@ -31,23 +31,23 @@ pub(super) struct Hand {
 impl Hand {
     /// A hand that holds a ball of this centre and radius \[m\], seen along `forward`; the arm comes from the `side`.
     pub fn new(centre: [f64; 3], radius: f64, forward: [f64; 3], side: [f64; 3]) -> Self {
-        let along = plus(times(side, 0.75), [0.0, 0.66, 0.0]);
-        let along = times(along, 1.0 / norm(along));
-        let palm = plus(centre, times(along, radius + 0.6 * RADII[0]));
+        let along = plus(scaled(side, 0.75), [0.0, 0.66, 0.0]);
+        let along = scaled(along, 1.0 / norm(along));
+        let palm = plus(centre, scaled(along, radius + 0.6 * RADII[0]));
         let mut balls = vec![Ball { centre: palm, radius: RADII[0], is_before: false }];
         let count = (ARM / RADII[2]).ceil() as usize;
         balls.extend((1..=count).map(|k| Ball {
-            centre: plus(palm, times(along, k as f64 * RADII[2])),
+            centre: plus(palm, scaled(along, k as f64 * RADII[2])),
             radius: RADII[2],
             is_before: false,
         }));
         // fingers lie on the near side of the object's upper half
         for finger in 0..4 {
-            let across = times(side, (f64::from(finger) - 1.5) * 2.0 * RADII[1]);
+            let across = scaled(side, (f64::from(finger) - 1.5) * 2.0 * RADII[1]);
             for joint in 0..5 {
                 let angle = 0.25 * f64::from(joint);
-                let out = plus(times(along, angle.cos()), times(forward, -angle.sin()));
-                let centre = plus(plus(centre, across), times(out, radius + RADII[1]));
+                let out = plus(scaled(along, angle.cos()), scaled(forward, -angle.sin()));
+                let centre = plus(plus(centre, across), scaled(out, radius + RADII[1]));
                 balls.push(Ball { centre, radius: RADII[1], is_before: true });
             }
         }
@@ -58,7 +58,7 @@ impl Hand {
     pub fn at(&self, seconds: f64) -> Vec<Ball> {
         let t = seconds.max(0.0);
         let way = if t < OPENING { 0.5 * BACK.0 / OPENING * t * t } else { BACK.0 * (t - 0.5 * OPENING) };
-        let shift = times(self.along, way.min(BACK.1));
+        let shift = scaled(self.along, way.min(BACK.1));
         self.balls.iter().map(|ball| Ball { centre: plus(ball.centre, shift), ..*ball }).collect()
     }
 }
@@ -71,8 +71,8 @@ impl Ball {
         let rest = b * b - a * (dot(from, from) - self.radius * self.radius);
         let t = (-b - rest.max(0.0).sqrt()) / a;
         (rest > 0.0 && t > 0.0).then(|| {
-            let out = plus(from, times(along, t));
-            (t, times(out, 1.0 / self.radius))
+            let out = plus(from, scaled(along, t));
+            (t, scaled(out, 1.0 / self.radius))
         })
     }
 

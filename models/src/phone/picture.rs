@@ -8,7 +8,7 @@ use super::motion::Motion;
 use super::plan::Plan;
 use super::scenery::Scenery;
 use crate::scenes::{Paint, Surface};
-use crate::vector::{bounds, minus, norm, plus, times};
+use crate::vector::{bounds, minus, norm, plus, scaled};
 use crate::video::Camera;
 use crate::views::objects::Dice;
 
@@ -52,7 +52,7 @@ impl<'a> Studio<'a> {
             let held = motion.at(0.0);
             let reach = held[..motion.first].iter().map(|x| norm(minus(x.map(f64::from), centre)));
             let away = minus(centre, camera.centre());
-            let forward = times(away, 1.0 / norm(away));
+            let forward = scaled(away, 1.0 / norm(away));
             let side = camera.c2w.map(|row| row[0]);
             Hand::new(centre, reach.fold(0.0, f64::max), forward, side)
         });
@@ -149,7 +149,7 @@ impl<'a> Studio<'a> {
             .or_else(|| hand(false))
             .or_else(|| {
                 let lamp = self.scenery.paint.lamp;
-                let from = plus(foot?, times(lamp, LIFT * self.motion.spacings[0]));
+                let from = plus(foot?, scaled(lamp, LIFT * self.motion.spacings[0]));
                 let is_dark = instant.surface.hit(from, lamp).is_some()
                     || instant.hand.iter().any(|ball| ball.hit(from, lamp).is_some());
                 is_dark.then(|| self.scenery.floor(foot.expect("a foot"), true))
@@ -173,7 +173,7 @@ impl<'a> Studio<'a> {
     fn areas(&self, camera: &Camera, [low, high]: [[f64; 3]; 2]) -> [[f64; 4]; 2] {
         let corner = |k: usize| [0, 1, 2].map(|axis| if k >> axis & 1 == 0 { low[axis] } else { high[axis] });
         let lamp = self.scenery.paint.lamp;
-        let dropped = |x: [f64; 3]| plus(x, times(lamp, -(x[1] - self.motion.floor).max(0.0) / lamp[1]));
+        let dropped = |x: [f64; 3]| plus(x, scaled(lamp, -(x[1] - self.motion.floor).max(0.0) / lamp[1]));
         let around = |points: [[f64; 3]; 8]| {
             let mut area = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
             for [u, v, _] in points.into_iter().filter_map(|x| camera.project(x)) {

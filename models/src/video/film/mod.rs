@@ -55,6 +55,9 @@ pub struct FilmSettings {
     pub field_of_view: f64,
     /// Downward pitch of the camera \[degrees\]; if not given, fitted jointly with the free fall, starting from 10.
     pub elevation: Option<f64>,
+    /// Of several objects that fall together the one to use: 1 for the largest, which is used by itself, 2 for the next.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub object: Option<usize>,
     /// A folder with one mask per frame, white on the object.
     pub masks: Option<PathBuf>,
     /// A background plate: a picture without the object.
@@ -77,6 +80,7 @@ impl FilmSettings {
                 "0, or 1 to 150 degrees",
             ),
             (self.elevation.is_none_or(|e| (-85.0..=85.0).contains(&e)), "elevation", "-85 to 85 degrees"),
+            (self.object != Some(0), "object", "1 or more"),
             (
                 [self.masks.is_some(), self.background.is_some(), self.matting.is_some()]
                     .iter()
