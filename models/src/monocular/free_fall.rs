@@ -5,6 +5,7 @@ use gradreel::optim::{LevenbergMarquardt, Residuals};
 
 use super::sighting::Sighting;
 use crate::vector::{dot, times};
+use crate::video::parabola::Parabola;
 use crate::video::{Camera, Flight, PitchSpread};
 
 /// Standard deviation of a silhouette's centroid: a share of its side, with a minimum in pixels.
@@ -13,6 +14,10 @@ const MIDDLE: [f64; 2] = [0.003, 0.25];
 /// Standard deviation of the logarithm of a silhouette's side. It covers the error of the approximate body under
 /// changing viewing directions; too small a value turns this error into spurious motion along the line of sight.
 const SIZE: f64 = 0.05;
+
+/// Standard deviation of the change of that logarithm over the fall that is not of depth: a body that turns, or is seen from elsewhere,
+/// shows another side, little by little.
+const TURNS: f64 = 0.1;
 
 /// Maximum growth of the cost by another ballistic frame, as a multiple of the residual variance: the 5 % level for
 /// its three residuals. Contact may displace the object by as little as half a pixel.
@@ -93,6 +98,26 @@ impl FreeFall {
         [0, 1, 2].map(|axis| self.start[axis] + self.velocity[axis] * t + 0.5 * self.gravity * self.down[axis] * t * t)
     }
 
+    /// The object's size by the acceleration and the width in the picture as if gravity were along it and the depth the same all the
+    /// time, in the true one: what a parabola through the picture's positions at these times \[s\] makes of the fall.
+    pub fn foreshortened(&self, camera: &Camera, times: &[f64]) -> f64 {
+        let seen = |t: &f64| {
+            let [_, y, z] = self.at(*t);
+            (*t, camera.fy * y / z, -1.0 / z)
+        };
+        let seen: Vec<(f64, f64, f64)> = times.iter().map(seen).collect();
+        let points: Vec<(f64, [f64; 2])> = seen.iter().map(|(t, down, _)| (*t, [0.0, *down])).collect();
+        let nearness = seen.iter().map(|(.., nearness)| nearness).sum::<f64>() / seen.len() as f64;
+        let found = Parabola::fit(&points, None).map(|path| path.acceleration[1]).filter(|down| *down > 0.0);
+        found.map_or(1.0, |down| self.gravity * camera.fy * nearness / down)
+    }
+
+    /// How the logarithm of that ratio changes with the pitch \[1/rad\], at the beginning.
+    pub fn foreshortening(&self) -> f64 {
+        let ([_, y, _], [sine, cosine]) = (self.start, [-self.down[2], -self.down[1]]);
+        (sine - y * cosine) / (cosine + y * sine)
+    }
+
     /// How the velocity in world axes changes with the pitch \[1/s\]: the camera's axes turn about the first, to the right.
     fn turning(&self, turn: &[[f64; 3]; 3]) -> [f64; 3] {
         if self.angle_variance == 0.0 {
@@ -148,13 +173,15 @@ impl FreeFall {
             Down::Known(_) => None,
             Down::Tilted { angle, deviation } => Some((angle, deviation)),
         };
-        // x/d, y/d, velocity/d, gravity/d, log size at distance 1, and the angle
-        let columns = 7 + usize::from(tilt.is_some());
+        // x/d, y/d, velocity/d, gravity/d, log size at distance 1, the angle, and the change of the log size
+        let drift = 7 + usize::from(tilt.is_some());
+        let columns = drift + 1;
+        let last = sightings.last().map_or(0.0, |last| last.time - first.time).max(f64::MIN_POSITIVE);
         let mut model = |p: &[f64], _: bool| {
-            let rows = 3 * sightings.len() + usize::from(tilt.is_some());
+            let rows = 3 * sightings.len() + 1 + usize::from(tilt.is_some()) + usize::from(acceleration.is_some());
             let mut all =
                 Residuals { values: Vec::with_capacity(rows), columns: vec![Vec::with_capacity(rows); columns] };
-            let (direction, turned) = down.at(p.get(7).copied().unwrap_or_default());
+            let (direction, turned) = down.at(if tilt.is_some() { p[7] } else { 0.0 });
             for (k, sighting) in sightings.iter().enumerate() {
                 let (t, half) = (sighting.time, 0.5 * sighting.time * sighting.time);
                 let x: [f64; 3] = std::array::from_fn(|axis| {
@@ -162,6 +189,7 @@ impl FreeFall {
                 });
                 let depth = if x[2] < 0.0 { -x[2] } else { f64::NAN };
                 let [du, dv, ds] = offset(k);
+                let gone = (sighting.time - first.time) / last;
                 // each residual with its derivative with respect to x
                 let rows = [
                     (
@@ -172,7 +200,7 @@ impl FreeFall {
                         (camera.cy - camera.fy * x[1] / depth + dv - sighting.middle[1]) / middle,
                         [0.0, -camera.fy / depth / middle, -camera.fy * x[1] / (depth * depth) / middle],
                     ),
-                    ((p[6] - depth.ln() + ds - sighting.size) / SIZE, [0.0, 0.0, 1.0 / depth / SIZE]),
+                    ((p[6] + gone * p[drift] - depth.ln() + ds - sighting.size) / SIZE, [0.0, 0.0, 1.0 / depth / SIZE]),
                 ];
                 for (row, (value, by)) in rows.into_iter().enumerate() {
                     let along = |v: [f64; 3]| by[0] * v[0] + by[1] * v[1] + by[2] * v[2];
@@ -180,16 +208,16 @@ impl FreeFall {
                     let start = [by[0], by[1], t * by[0], t * by[1], t * by[2], half * along(direction)];
                     let size = [if row == 2 { 1.0 / SIZE } else { 0.0 }];
                     let angle = tilt.map(|_| p[5] * half * along(turned));
-                    let derivatives = start.into_iter().chain(size).chain(angle);
+                    let change = size.map(|by| gone * by);
+                    let derivatives = start.into_iter().chain(size).chain(angle).chain(change);
                     all.columns.iter_mut().zip(derivatives).for_each(|(column, d)| column.push(d));
                 }
             }
-            if let Some((angle, deviation)) = tilt {
-                all.values.push((p[7] - angle) / deviation);
-                all.columns
-                    .iter_mut()
-                    .enumerate()
-                    .for_each(|(j, c)| c.push(if j == 7 { 1.0 / deviation } else { 0.0 }));
+            let expected = tilt.map(|(angle, deviation)| (7, angle, deviation));
+            for (index, value, deviation) in expected.into_iter().chain([(drift, 0.0, TURNS)]) {
+                all.values.push((p[index] - value) / deviation);
+                let by = |j: usize| if j == index { 1.0 / deviation } else { 0.0 };
+                all.columns.iter_mut().enumerate().for_each(|(j, column)| column.push(by(j)));
             }
             if let Some([pixels, deviation]) = acceleration {
                 // of y/depth, without the motion along the line of sight
@@ -197,7 +225,8 @@ impl FreeFall {
                 let scale = -camera.fy / deviation;
                 all.values.push(scale * p[5] * along - pixels / deviation);
                 let by_angle = scale * p[5] * (turned[1] + p[1] * turned[2]);
-                let derivatives = [0.0, scale * p[5] * direction[2], 0.0, 0.0, 0.0, scale * along, 0.0, by_angle];
+                let start = [0.0, scale * p[5] * direction[2], 0.0, 0.0, 0.0, scale * along, 0.0];
+                let derivatives = start.into_iter().chain(tilt.map(|_| by_angle)).chain([0.0]);
                 all.columns.iter_mut().zip(derivatives).for_each(|(column, d)| column.push(d));
             }
             Ok(all)
@@ -205,9 +234,10 @@ impl FreeFall {
         let [u, v] = first.middle;
         let mut start = vec![(u - camera.cx) / camera.fx, -(v - camera.cy) / camera.fy, 0.0, 0.0, 0.0, 0.0, first.size];
         start.extend(tilt.map(|(angle, _)| angle));
+        start.push(0.0);
         let fit = LevenbergMarquardt::default().minimise(&start, &mut model)?;
         let p = &fit.point;
-        let angle = p.get(7).copied().unwrap_or_default();
+        let angle = if tilt.is_some() { p[7] } else { 0.0 };
         // residuals are normalised: their scatter rescales the covariance only if it exceeds 1
         let variance = fit.variance.unwrap_or(1.0);
         let known = fit.undetermined.is_empty();

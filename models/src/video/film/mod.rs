@@ -233,9 +233,9 @@ pub(crate) struct Scale {
     pub free: usize,
     /// Downward acceleration in the picture \[pixels/s²\], with its relative standard deviation.
     pub acceleration: [f64; 2],
-    /// Extent across the motion \[pixels\].
+    /// Diameter of the disc that the object covers \[pixels\].
     pub across: f64,
-    /// Diameter by all free flights \[m\], with its relative standard deviation.
+    /// Diameter by all free flights \[m\], with its relative standard deviation, as if the camera were level.
     pub diameter: [f64; 2],
 }
 
@@ -251,8 +251,8 @@ impl Scale {
         (times[0] >= begin && free >= chosen::LEAST).then_some(Self {
             free,
             acceleration: [scale * link.acceleration, link.deviation],
-            across: scale * link.flight.across,
-            diameter: [survey.diameter.metres, survey.diameter.deviation],
+            across: scale * survey.disc(run.flight),
+            diameter: survey.diameter.level,
         })
     }
 }

@@ -121,6 +121,12 @@ impl Survey {
         &self.track.chain.links[flight]
     }
 
+    /// Diameter of the disc that the object covers in a flight \[pixels\].
+    pub fn disc(&self, flight: usize) -> f64 {
+        let scene = Scene { pieces: &self.pieces, times: &self.times };
+        metres::width(&scene, &self.link(flight).flight).0
+    }
+
     /// Time of the first position of a flight \[s\].
     pub fn time_of_first(&self, flight: usize) -> f64 {
         self.times[self.link(flight).flight.first()] - 1e-9
