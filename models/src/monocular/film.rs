@@ -118,7 +118,8 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
     };
     let lowest = ground::below(&clip.cameras[0], &clip.frames[0], &clip.times, &fall);
     let height = lowest.map(|height| -metres * height);
-    let warning = rate::doubted(diameter, height, film.frames_per_s);
+    let told = film.frames_per_s * film.every as f64;
+    let warning = rate::doubted(diameter, height, told);
     if let Some(warning) = warning.as_ref().filter(|_| settings.frames_per_s == 0.0) {
         let said = warning.trim_start_matches(WARNING);
         return Err(Error::new(ErrorKind::Input, "the fall does not fit the frame rate of the file")
@@ -126,9 +127,8 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
             .found(said)
             .wanted(rate::wanted())
             .fix(format!(
-                "give the rate at which it was filmed, for slow motion above all: a given rate is believed (--fps {:.4} if it is \
-                 that of the file)",
-                film.frames_per_s
+                "give the rate at which it was filmed, for slow motion above all: a given rate is believed (--fps {told:.0} if it is \
+                 that of the file)"
             )));
     }
     // camera axes in the world: a rotation about x that makes y vertical

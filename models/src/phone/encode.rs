@@ -41,7 +41,7 @@ impl Encoder {
         let flat = plan.is_turned.then(|| out.with_extension("flat.mov"));
         let mut filters = vec![];
         if plan.is_turned {
-            filters.push("transpose=cclock".to_owned());
+            filters.push("transpose=clock".to_owned());
         }
         if !plan.is_even() {
             filters.push(format!("settb=1/{CLOCK},setpts='{}'", stamps(plan)));
@@ -102,7 +102,7 @@ impl Encoder {
             command.args(after).arg(&self.out).stdin(Stdio::null());
             command.output().is_ok_and(|output| output.status.success())
         };
-        let done = turned(&["-display_rotation:v:0", "-90"], &[]) || turned(&[], &["-metadata:s:v:0", "rotate=90"]);
+        let done = turned(&["-display_rotation:v:0", "90"], &[]) || turned(&[], &["-metadata:s:v:0", "rotate=90"]);
         fs::remove_file(flat).map_err(|e| Error::io(flat, "remove the pictures that are not turned", &e))?;
         if done { Ok(()) } else { Err(failed(&self.out, "the pictures cannot be turned".to_owned())) }
     }

@@ -122,6 +122,8 @@ pub struct Film {
     pub(crate) scale: Option<Scale>,
     /// Frame rate \[1/s\].
     pub frames_per_s: f64,
+    /// One in so many frames of the file is used.
+    pub(crate) every: usize,
     /// Focal length as a share of the picture's diagonal, if the file states it.
     pub focal: Option<f64>,
     /// Foreground source.
@@ -218,6 +220,7 @@ impl Film {
             times,
             scale,
             frames_per_s: 1.0 / interval,
+            every,
             focal: source.info().focal,
             foreground,
             assumptions,
