@@ -178,8 +178,7 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
     Ok(clip)
 }
 
-/// Relative deviation between the acceleration of a point in the picture of all flights and that of the first frame's
-/// depth.
+/// Relative deviation between the acceleration in the picture of all flights and that of the first, from the depth at which they are.
 const DEPARTS: f64 = 0.05;
 
 /// Relative deviation of the metres that no fit shows: rows that are read one after the other, distortion, a camera

@@ -1,5 +1,7 @@
 //! Depth of a falling object: ballistic fit to the silhouettes of one camera.
 
+use std::cell::Cell;
+
 use gradreel::Result;
 use gradreel::optim::{LevenbergMarquardt, Residuals};
 
@@ -18,6 +20,9 @@ const SIZE: f64 = 0.05;
 /// Standard deviation of the change of that logarithm over the fall that is not of depth: a body that turns, or is seen from elsewhere,
 /// shows another side, little by little.
 const TURNS: f64 = 0.1;
+
+/// Number of times that sightings are trusted less because of their scatter.
+const SOFTENED: usize = 3;
 
 /// Maximum growth of the cost by another ballistic frame, as a multiple of the residual variance: the 5 % level for
 /// its three residuals. Contact may displace the object by as little as half a pixel.
@@ -82,7 +87,7 @@ pub struct FreeFall {
 pub struct Prior {
     /// Direction of gravity.
     pub down: Down,
-    /// Downward acceleration in the image in the first frame \[pixels/s²\], and its standard deviation.
+    /// Downward acceleration in the image \[pixels/s²\], of the parabola through all positions of the fall, and its standard deviation.
     pub acceleration: Option<[f64; 2]>,
 }
 
@@ -103,13 +108,13 @@ impl FreeFall {
     pub fn foreshortened(&self, camera: &Camera, times: &[f64]) -> f64 {
         let seen = |t: &f64| {
             let [_, y, z] = self.at(*t);
-            (*t, camera.fy * y / z, -1.0 / z)
+            (camera.fy * y / z, -1.0 / z)
         };
-        let seen: Vec<(f64, f64, f64)> = times.iter().map(seen).collect();
-        let points: Vec<(f64, [f64; 2])> = seen.iter().map(|(t, down, _)| (*t, [0.0, *down])).collect();
-        let nearness = seen.iter().map(|(.., nearness)| nearness).sum::<f64>() / seen.len() as f64;
-        let found = Parabola::fit(&points, None).map(|path| path.acceleration[1]).filter(|down| *down > 0.0);
-        found.map_or(1.0, |down| self.gravity * camera.fy * nearness / down)
+        let seen: Vec<(f64, f64)> = times.iter().map(seen).collect();
+        let nearness = seen.iter().map(|(_, nearness)| nearness).sum::<f64>() / seen.len() as f64;
+        let weights = Parabola::weights(times).unwrap_or_default();
+        let down: f64 = weights.iter().zip(&seen).map(|(weight, (down, _))| weight * down).sum();
+        if down > 0.0 { self.gravity * camera.fy * nearness / down } else { 1.0 }
     }
 
     /// How the logarithm of that ratio changes with the pitch \[1/rad\], at the beginning.
@@ -177,7 +182,11 @@ impl FreeFall {
         let drift = 7 + usize::from(tilt.is_some());
         let columns = drift + 1;
         let last = sightings.last().map_or(0.0, |last| last.time - first.time).max(f64::MIN_POSITIVE);
+        let weights = Parabola::weights(&sightings.iter().map(|sighting| sighting.time).collect::<Vec<_>>());
+        // residuals of the sightings count so much less where they scatter more than expected; what is known beforehand does not
+        let firm = Cell::new(1.0);
         let mut model = |p: &[f64], _: bool| {
+            let firm = firm.get();
             let rows = 3 * sightings.len() + 1 + usize::from(tilt.is_some()) + usize::from(acceleration.is_some());
             let mut all =
                 Residuals { values: Vec::with_capacity(rows), columns: vec![Vec::with_capacity(rows); columns] };
@@ -191,7 +200,7 @@ impl FreeFall {
                 let [du, dv, ds] = offset(k);
                 let gone = (sighting.time - first.time) / last;
                 // each residual with its derivative with respect to x
-                let rows = [
+                let rows: [(f64, [f64; 3]); 3] = [
                     (
                         (camera.cx + camera.fx * x[0] / depth + du - sighting.middle[0]) / middle,
                         [camera.fx / depth / middle, 0.0, camera.fx * x[0] / (depth * depth) / middle],
@@ -203,10 +212,11 @@ impl FreeFall {
                     ((p[6] + gone * p[drift] - depth.ln() + ds - sighting.size) / SIZE, [0.0, 0.0, 1.0 / depth / SIZE]),
                 ];
                 for (row, (value, by)) in rows.into_iter().enumerate() {
+                    let (value, by) = (firm * value, by.map(|x| firm * x));
                     let along = |v: [f64; 3]| by[0] * v[0] + by[1] * v[1] + by[2] * v[2];
                     all.values.push(value);
                     let start = [by[0], by[1], t * by[0], t * by[1], t * by[2], half * along(direction)];
-                    let size = [if row == 2 { 1.0 / SIZE } else { 0.0 }];
+                    let size = [if row == 2 { firm / SIZE } else { 0.0 }];
                     let angle = tilt.map(|_| p[5] * half * along(turned));
                     let change = size.map(|by| gone * by);
                     let derivatives = start.into_iter().chain(size).chain(angle).chain(change);
@@ -219,15 +229,16 @@ impl FreeFall {
                 let by = |j: usize| if j == index { 1.0 / deviation } else { 0.0 };
                 all.columns.iter_mut().enumerate().for_each(|(j, column)| column.push(by(j)));
             }
-            if let Some([pixels, deviation]) = acceleration {
-                // of y/depth, without the motion along the line of sight
-                let along = direction[1] + p[1] * direction[2];
-                let scale = -camera.fy / deviation;
-                all.values.push(scale * p[5] * along - pixels / deviation);
-                let by_angle = scale * p[5] * (turned[1] + p[1] * turned[2]);
-                let start = [0.0, scale * p[5] * direction[2], 0.0, 0.0, 0.0, scale * along, 0.0];
-                let derivatives = start.into_iter().chain(tilt.map(|_| by_angle)).chain([0.0]);
-                all.columns.iter_mut().zip(derivatives).for_each(|(column, d)| column.push(d));
+            if let Some(([pixels, deviation], weights)) = acceleration.zip(weights.as_ref()) {
+                // that of the parabola through the positions, with the perspective that they have
+                let of = |rows: &[f64]| -> f64 {
+                    let down = weights.iter().enumerate().map(|(k, weight)| weight * rows[3 * k + 1]);
+                    middle / firm / deviation * down.sum::<f64>()
+                };
+                let seen = weights.iter().zip(sightings).map(|(weight, sighting)| weight * sighting.middle[1]);
+                let value = of(&all.values) + (seen.sum::<f64>() - pixels) / deviation;
+                all.values.push(value);
+                all.columns.iter_mut().for_each(|column| column.push(of(column)));
             }
             Ok(all)
         };
@@ -235,7 +246,22 @@ impl FreeFall {
         let mut start = vec![(u - camera.cx) / camera.fx, -(v - camera.cy) / camera.fy, 0.0, 0.0, 0.0, 0.0, first.size];
         start.extend(tilt.map(|(angle, _)| angle));
         start.push(0.0);
-        let fit = LevenbergMarquardt::default().minimise(&start, &mut model)?;
+        let mut fit = LevenbergMarquardt::default().minimise(&start, &mut model)?;
+        let cost = fit.cost;
+        let scatter = |point: &[f64], model: &mut dyn FnMut(&[f64], bool) -> Result<Residuals>| {
+            let rows = 3 * sightings.len();
+            let sum: f64 = model(point, false)?.values[..rows].iter().map(|r| r * r).sum();
+            Ok::<_, gradreel::Error>((sum / (rows as f64 - 7.0).max(1.0)).sqrt())
+        };
+        for _ in 0..SOFTENED {
+            let more = scatter(&fit.point, &mut model)?;
+            // NaN stays as it is
+            if !(more > 1.1) {
+                break;
+            }
+            firm.set(firm.get() / more);
+            fit = LevenbergMarquardt::default().minimise(&start, &mut model)?;
+        }
         let p = &fit.point;
         let angle = if tilt.is_some() { p[7] } else { 0.0 };
         // residuals are normalised: their scatter rescales the covariance only if it exceeds 1
@@ -266,7 +292,7 @@ impl FreeFall {
             with_distance: std::array::from_fn(with_distance),
             angle_variance: of_angle(7),
             with_angle: (with_angle, -of_angle(5) / p[5]),
-            cost: fit.cost,
+            cost,
         })
     }
 

@@ -250,7 +250,10 @@ impl Scale {
         let link = survey.link(run.flight);
         let begin = survey.time_of_first(run.flight);
         let times = &chosen.times[..count];
-        let free = times.iter().filter(|time| **time < run.hit.time).count();
+        // parabolas meet in the middle of a contact, which has begun before
+        let before = |margin: f64| times.iter().filter(|time| **time < run.hit.time - margin).count();
+        let interval = (times[times.len() - 1] - times[0]) / (times.len() - 1).max(1) as f64;
+        let free = before(0.5 * interval).max(before(0.0).min(chosen::LEAST));
         (times[0] >= begin && free >= chosen::LEAST).then_some(Self {
             free,
             acceleration: [scale * link.acceleration, link.deviation],
