@@ -10,6 +10,9 @@ use crate::vector::{dot, times};
 use crate::video::parabola::Parabola;
 use crate::video::{Camera, Flight, PitchSpread};
 
+/// Gravity \[m/s²\].
+const GRAVITY: f64 = 9.81;
+
 /// Standard deviation of a silhouette's centroid: a share of its side, with a minimum in pixels.
 const MIDDLE: [f64; 2] = [0.003, 0.25];
 
@@ -20,6 +23,10 @@ const SIZE: f64 = 0.05;
 /// Standard deviation of the change of that logarithm over the fall that is not of depth: a body that turns, or is seen from elsewhere,
 /// shows another side, little by little.
 const TURNS: f64 = 0.1;
+
+/// Standard deviation of the initial velocity along the line of sight \[m/s\] of what is let go or thrown before a camera, in films
+/// whose scale is not known otherwise.
+const TOWARDS: f64 = 0.6;
 
 /// Number of times that sightings are trusted less because of their scatter.
 const SOFTENED: usize = 3;
@@ -187,7 +194,7 @@ impl FreeFall {
         let firm = Cell::new(1.0);
         let mut model = |p: &[f64], _: bool| {
             let firm = firm.get();
-            let rows = 3 * sightings.len() + 1 + usize::from(tilt.is_some()) + usize::from(acceleration.is_some());
+            let rows = 3 * sightings.len() + 1 + usize::from(tilt.is_some()) + 2 * usize::from(acceleration.is_some());
             let mut all =
                 Residuals { values: Vec::with_capacity(rows), columns: vec![Vec::with_capacity(rows); columns] };
             let (direction, turned) = down.at(if tilt.is_some() { p[7] } else { 0.0 });
@@ -239,11 +246,22 @@ impl FreeFall {
                 let value = of(&all.values) + (seen.sum::<f64>() - pixels) / deviation;
                 all.values.push(value);
                 all.columns.iter_mut().for_each(|column| column.push(of(column)));
+                // the velocity in m/s: gravity is the unit of length
+                let metres = GRAVITY / p[5].abs().max(f64::MIN_POSITIVE) / TOWARDS;
+                all.values.push(metres * p[4]);
+                let by = |j: usize| match j {
+                    4 => metres,
+                    5 => -metres * p[4] / p[5],
+                    _ => 0.0,
+                };
+                all.columns.iter_mut().enumerate().for_each(|(j, column)| column.push(by(j)));
             }
             Ok(all)
         };
         let [u, v] = first.middle;
-        let mut start = vec![(u - camera.cx) / camera.fx, -(v - camera.cy) / camera.fy, 0.0, 0.0, 0.0, 0.0, first.size];
+        let pull = acceleration.map_or(0.0, |[pixels, _]| pixels / camera.fy);
+        let mut start =
+            vec![(u - camera.cx) / camera.fx, -(v - camera.cy) / camera.fy, 0.0, 0.0, 0.0, pull, first.size];
         start.extend(tilt.map(|(angle, _)| angle));
         start.push(0.0);
         let mut fit = LevenbergMarquardt::default().minimise(&start, &mut model)?;

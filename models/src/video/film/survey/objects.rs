@@ -6,7 +6,7 @@ use super::search::Scene;
 
 /// Evidence of a chain as a share of the best one's: from the first on it is another object, from the second on it is the object if it
 /// is the largest.
-const SHARES: [f64; 2] = [0.3, 0.6];
+const SHARES: [f64; 2] = [0.3, 0.8];
 
 /// Two chains are of one object where they are nearer than so many of their widths in half of the pictures that both have.
 const NEAR: f64 = 1.0;
