@@ -103,7 +103,7 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
             let camera = &clip.cameras[0];
             let since: Vec<f64> = film.times[..fall.frames].iter().map(|time| time - film.times[0]).collect();
             let (first, all) = (own, size * camera.fx / scale.across / fall.foreshortened(camera, &since));
-            let sure = sure.hypot(fall.foreshortening() * fall.angle_variance.sqrt());
+            let sure = sure.hypot(fall.foreshortened_deviation(camera, &since));
             let (single, apart) = (fall.deviation.hypot(UNMODELLED), (first / all).ln());
             // one flight that is short, or says something else, does not count beside all of them
             let believed = single < BELIEVED && apart.abs() < 2.0 * single.hypot(sure);

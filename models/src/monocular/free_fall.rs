@@ -24,9 +24,13 @@ const SIZE: f64 = 0.05;
 /// shows another side, little by little.
 const TURNS: f64 = 0.1;
 
+/// The same for blur: so much for a body that moves by its own size from one picture to the next, at the end of the fall. Faint edges are
+/// lost, or a streak counts as the body.
+const BLURRED: f64 = 0.3;
+
 /// Standard deviation of the initial velocity along the line of sight \[m/s\] of what is let go or thrown before a camera, in films
 /// whose scale is not known otherwise.
-const TOWARDS: f64 = 0.6;
+const TOWARDS: f64 = 0.3;
 
 /// Number of times that sightings are trusted less because of their scatter.
 const SOFTENED: usize = 3;
@@ -124,10 +128,14 @@ impl FreeFall {
         if down > 0.0 { self.gravity * camera.fy * nearness / down } else { 1.0 }
     }
 
-    /// How the logarithm of that ratio changes with the pitch \[1/rad\], at the beginning.
-    pub fn foreshortening(&self) -> f64 {
+    /// Standard deviation of the logarithm of that ratio, from those of the pitch and of the velocity along the line of sight.
+    pub fn foreshortened_deviation(&self, camera: &Camera, times: &[f64]) -> f64 {
         let ([_, y, _], [sine, cosine]) = (self.start, [-self.down[2], -self.down[1]]);
-        (sine - y * cosine) / (cosine + y * sine)
+        let by_pitch = (sine - y * cosine) / (cosine + y * sine) * self.angle_variance.sqrt();
+        let mut nearer = self.clone();
+        nearer.velocity[2] += self.spread[2][2].max(0.0).sqrt();
+        let by_velocity = (nearer.foreshortened(camera, times) / self.foreshortened(camera, times)).ln();
+        by_pitch.hypot(if by_velocity.is_finite() { by_velocity } else { 0.0 })
     }
 
     /// How the velocity in world axes changes with the pitch \[1/s\]: the camera's axes turn about the first, to the right.
@@ -189,6 +197,7 @@ impl FreeFall {
         let drift = 7 + usize::from(tilt.is_some());
         let columns = drift + 1;
         let last = sightings.last().map_or(0.0, |last| last.time - first.time).max(f64::MIN_POSITIVE);
+        let changes = TURNS.hypot(BLURRED * moved(sightings).min(1.0));
         let weights = Parabola::weights(&sightings.iter().map(|sighting| sighting.time).collect::<Vec<_>>());
         // residuals of the sightings count so much less where they scatter more than expected; what is known beforehand does not
         let firm = Cell::new(1.0);
@@ -231,7 +240,7 @@ impl FreeFall {
                 }
             }
             let expected = tilt.map(|(angle, deviation)| (7, angle, deviation));
-            for (index, value, deviation) in expected.into_iter().chain([(drift, 0.0, TURNS)]) {
+            for (index, value, deviation) in expected.into_iter().chain([(drift, 0.0, changes)]) {
                 all.values.push((p[index] - value) / deviation);
                 let by = |j: usize| if j == index { 1.0 / deviation } else { 0.0 };
                 all.columns.iter_mut().enumerate().for_each(|(j, column)| column.push(by(j)));
@@ -337,6 +346,12 @@ impl FreeFall {
     pub fn is_sure(&self) -> bool {
         self.gravity > 0.0 && self.deviation < UNSURE
     }
+}
+
+/// By how much a body moves between the last two pictures, in its size.
+fn moved(sightings: &[Sighting]) -> f64 {
+    let [.., a, b] = sightings else { return 0.0 };
+    (b.middle[0] - a.middle[0]).hypot(b.middle[1] - a.middle[1]) / a.size.exp()
 }
 
 /// Maximum relative standard deviation of a usable depth scale.
