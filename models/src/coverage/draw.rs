@@ -31,6 +31,11 @@ impl Split {
         })
         .fold(number)
     }
+
+    /// The key of a scene that a phone films; it meets no clip's.
+    pub(crate) fn scene(self, number: u64) -> Key {
+        self.key(1 << 40 | number)
+    }
 }
 
 /// A clip before it is made. Everything follows from the split, the number and the count of cameras.

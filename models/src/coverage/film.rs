@@ -9,9 +9,8 @@ use rayon::prelude::*;
 use super::Recipe;
 use super::mesh::{Mesh, Skin};
 use super::motion::Motion;
-use super::paint::Paint;
 use crate::identify::Config;
-use crate::scenes::{self, Film, Hit, Surface};
+use crate::scenes::{self, Film, Hit, Paint, Surface};
 use crate::video::Camera;
 
 /// Rays per pixel along each side.
