@@ -17,7 +17,7 @@ fn main() -> Result<()> {
     let slope = tape.leaf(Tensor::from_vec(vec![1.5], [1]));
     let offset = tape.leaf(Tensor::from_vec(vec![0.0], [1]));
 
-    let residual = &(&(&x * &slope) + &offset) - &y;
+    let residual = &x * &slope + &offset - &y;
     let loss = residual.square().mean_all();
     let gradients = loss.backward()?;
     println!("loss {:.4} from {} nodes on the tape", loss.item()?, tape.len());
@@ -30,7 +30,7 @@ fn main() -> Result<()> {
     // Derivatives are written in ops, so they can be recorded and differentiated again: f = Σ x³, f' = 3x², Σf'' = 6x.
     let tape = Tape::new();
     let x = tape.leaf(Tensor::from_vec(vec![1.0, 2.0, -3.0], [3]));
-    let cubes = (&x.square() * &x).sum_all();
+    let cubes = (x.square() * &x).sum_all();
     let first = cubes.gradients_of(&[&x])?.remove(0);
     let second = first.sum_all().backward()?;
     println!("\nx³ at 1, 2, −3:  first derivative {:?}", first.value()?.to_vec()?);
@@ -42,7 +42,7 @@ fn main() -> Result<()> {
     // again when they are needed: the same gradient, bit for bit.
     const STEPS: usize = 100;
     let start = Tensor::full(0.3, [1000], gradreel::DType::F64);
-    let chain = |x: &gradreel::Var| (0..STEPS).fold(x.clone(), |x, _| &x + &(&x.tanh() * 0.01));
+    let chain = |x: &gradreel::Var| (0..STEPS).fold(x.clone(), |x, _| &x + x.tanh() * 0.01);
 
     let kept = Tape::new();
     let x = kept.leaf(start.clone());

@@ -53,7 +53,7 @@ fn main() -> Result<()> {
         let log_young = tape.leaf(Tensor::from_vec(x.to_vec(), [1]));
         let young = (&log_young * std::f64::consts::LN_10).exp();
         let motion = drop(&world, &law, schedule(&world, &law, young.item()?), &young)?;
-        let millimetres = &(&motion - &tape.constant(tracks.clone())) * 1e3;
+        let millimetres = (motion - tape.constant(tracks.clone())) * 1e3;
         let loss = millimetres.square().mean_all();
         let gradient = loss.backward()?.wrt(&log_young)?.to_vec()?;
         println!(

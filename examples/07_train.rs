@@ -67,8 +67,8 @@ fn optimiser() -> Adam {
 
 /// The network is written with names relative to its own prefix, so that it may be a part of another.
 fn network(x: &Var, net: &BoundScope<'_>) -> Result<Var> {
-    let hidden = (&x.matmul(net.get("hidden.weight")?) + net.get("hidden.bias")?).tanh();
-    Ok(&hidden.matmul(net.get("out.weight")?) + net.get("out.bias")?)
+    let hidden = (x.matmul(net.get("hidden.weight")?) + net.get("hidden.bias")?).tanh();
+    Ok(hidden.matmul(net.get("out.weight")?) + net.get("out.bias")?)
 }
 
 /// Trains on numbers that depend on the step alone, not on where the training began; returns the last loss.
@@ -80,8 +80,8 @@ fn train(params: &mut Params, adam: &mut Adam, steps: std::ops::Range<u64>) -> R
         let gradients = {
             let tape = Tape::new();
             let bound = params.bind(&tape);
-            let scaled = &tape.constant(x) * bound.get("input.scale")?;
-            let loss = (&network(&scaled, &bound.scope("net"))? - &tape.constant(y)).square().mean_all();
+            let scaled = tape.constant(x) * bound.get("input.scale")?;
+            let loss = (network(&scaled, &bound.scope("net"))? - tape.constant(y)).square().mean_all();
             last = loss.item()?;
             bound.gradients(&loss.backward()?)?
         };

@@ -50,7 +50,7 @@ fn main() -> Result<()> {
         let leaf = tape.leaf(Tensor::from_vec(weights.to_vec(), [count]));
         let parameters = (0..count).map(|n| leaf.select(0, n).reshape([1])).collect();
         let motion = drop(&world, &law, parameters, &tape, velocity)?;
-        let millimetres = &(&motion - &tape.constant(tracks(velocity)?)) * 1e3;
+        let millimetres = (motion - tape.constant(tracks(velocity)?)) * 1e3;
         let loss = millimetres.square().mean_all();
         Ok((loss.item()?, loss.backward()?.wrt(&leaf)?.to_vec()?))
     };

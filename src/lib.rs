@@ -36,7 +36,7 @@
 //! let x = tape.constant(Tensor::from_vec(vec![1.0, 2.0, 3.0], [3]));
 //! let y = tape.constant(Tensor::from_vec(vec![2.0, 4.0, 6.0], [3]));
 //! let a = tape.leaf(Tensor::from_vec(vec![1.0], [1]));
-//! let loss = (&(&x * &a) - &y).square().mean_all();
+//! let loss = (&x * &a - &y).square().mean_all();
 //! let gradients = loss.backward()?;
 //! assert!((gradients.wrt(&a)?.item()? + 28.0 / 3.0).abs() < 1e-12); // 2 mean (a x − y) x at a = 1
 //!
@@ -99,6 +99,8 @@ mod documents {
     struct NewLaw;
     #[doc = include_str!("../docs/guide/new-op.md")]
     struct NewOp;
+    #[doc = include_str!("../docs/guide/networks.md")]
+    struct Networks;
     #[doc = include_str!("../docs/guide/training.md")]
     struct Training;
 }

@@ -110,4 +110,5 @@ pub mod runtime;
 pub mod report;
 mod ablation;
 mod coverage;
+mod phone;
 pub mod cli;

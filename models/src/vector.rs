@@ -55,6 +55,11 @@ pub(crate) fn transposed(m: Matrix) -> Matrix {
     std::array::from_fn(|i| m.map(|row| row[i]))
 }
 
+/// A vector times a number.
+pub(crate) fn scaled(a: Vector, by: f64) -> Vector {
+    a.map(|x| by * x)
+}
+
 /// The rotation by `|turn|` radians about the axis `turn` (Rodrigues).
 pub(crate) fn rotation(turn: Vector) -> Matrix {
     let angle = dot(turn, turn).sqrt();

@@ -165,7 +165,7 @@ type Model<'a> = dyn FnMut(&[f64], bool) -> Result<Residuals> + 'a;
 
 impl LevenbergMarquardt {
     /// Minimises from `start`. `model(x, jacobian)` gives the residuals at `x`, and their Jacobian when it is asked for (it may
-    /// always give both). A trial where residuals are not finite is stepped back from.
+    /// always give both). A trial where residuals or derivatives are not finite is stepped back from.
     ///
     /// ```
     /// use gradreel::optim::{LevenbergMarquardt, Residuals};
@@ -179,7 +179,7 @@ impl LevenbergMarquardt {
     /// ```
     ///
     /// # Errors
-    /// [`ErrorKind::NonFinite`] when residuals at the start, or the Jacobian at an accepted point, are not finite;
+    /// [`ErrorKind::NonFinite`] when residuals or derivatives at the start are not finite;
     /// [`ErrorKind::Shape`] when the numbers of residuals or columns change; what `model` returns.
     pub fn minimise(&self, start: &[f64], model: &mut Model<'_>) -> Result<Fit> {
         let n = start.len();
@@ -190,14 +190,14 @@ impl LevenbergMarquardt {
         if !at.values.iter().all(|r| r.is_finite()) {
             return Err(not_finite("residual", &x));
         }
+        if !finite(&at.columns) {
+            return Err(not_finite("derivative", &x));
+        }
         let (mut evaluations, mut jacobians) = (1, 1);
         let mut cost = half_square(&at.values);
         let mut scale = vec![0.0f64; n];
         let (mut damping, mut growth) = (self.damping, 2.0);
         let stop = 'search: loop {
-            if !at.columns.iter().flatten().all(|d| d.is_finite()) {
-                return Err(not_finite("derivative", &x));
-            }
             for (scale, column) in scale.iter_mut().zip(&at.columns) {
                 *scale = scale.max((2.0 * half_square(column)).sqrt());
             }
@@ -226,14 +226,22 @@ impl LevenbergMarquardt {
                 evaluations += 1;
                 let new_cost = half_square(&next.values);
                 let gain = (cost - new_cost) / qr.predicted(&step, damping);
-                if new_cost.is_finite() && cost > new_cost && gain > 0.0 {
+                let better = new_cost.is_finite() && cost > new_cost && gain > 0.0;
+                // where there is no derivative the search could not go on
+                let next = match better {
+                    true if next.columns.len() == n => Some(next),
+                    true => Some(model(&trial, true)?),
+                    false => None,
+                };
+                if let Some(next) = &next {
+                    check(next, m, n, true)?;
+                }
+                if let Some(next) = next.filter(|next| finite(&next.columns)) {
                     let little = cost - new_cost <= self.value_tolerance * cost;
                     // never so little that rounding decides along undetermined directions
                     damping = (damping * (1.0f64 / 3.0).max(1.0 - (2.0 * gain - 1.0).powi(3))).max(1e-16);
                     growth = 2.0;
-                    (x, cost) = (trial, new_cost);
-                    at = if next.columns.len() == n { next } else { model(&x, true)? };
-                    check(&at, m, n, true)?;
+                    (x, cost, at) = (trial, new_cost, next);
                     jacobians += 1;
                     if little {
                         break 'search Stop::Value;
@@ -253,9 +261,6 @@ impl LevenbergMarquardt {
     /// Covariance and undetermined directions from the singular values of the scaled Jacobian.
     fn report(&self, point: Vec<f64>, at: Residuals, stop: Stop, [evaluations, jacobians]: [usize; 2]) -> Result<Fit> {
         let (n, m) = (point.len(), at.values.len());
-        if !at.columns.iter().flatten().all(|d| d.is_finite()) {
-            return Err(not_finite("derivative", &point));
-        }
         let scale: Vec<f64> = at.columns.iter().map(|column| (2.0 * half_square(column)).sqrt()).collect();
         let qr = Triangle::of(&at, &scale);
         let r = Mat::from_fn(n, n, |i, j| qr.r[i][j]);
@@ -379,6 +384,10 @@ fn check(at: &Residuals, m: usize, n: usize, columns: bool) -> Result<()> {
             at.columns.iter().map(Vec::len).collect::<Vec<_>>()
         ))
         .wanted(format!("{m} residuals and {n} columns of {m}")))
+}
+
+fn finite(columns: &[Vec<f64>]) -> bool {
+    columns.iter().flatten().all(|derivative| derivative.is_finite())
 }
 
 fn not_finite(what: &str, x: &[f64]) -> Error {

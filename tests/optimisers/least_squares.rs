@@ -112,6 +112,16 @@ fn searches_end_with_a_reason() {
     let error = LevenbergMarquardt::default().minimise(&[-1.0], &mut log).unwrap_err();
     assert_eq!(error.kind(), ErrorKind::NonFinite);
 
+    // a step to where there is no derivative is taken back, too
+    let mut edge = |x: &[f64], _: bool| {
+        let slope = if x[0] < 0.5 { f64::NAN } else { 1.0 / x[0] };
+        Ok(Residuals { values: vec![x[0].ln()], columns: vec![vec![slope]] })
+    };
+    let fit = LevenbergMarquardt::default().minimise(&[2.2], &mut edge).unwrap();
+    assert!((fit.point[0] - 1.0).abs() < 1e-9, "{fit:?}");
+    let error = LevenbergMarquardt::default().minimise(&[0.4], &mut edge).unwrap_err();
+    assert_eq!(error.kind(), ErrorKind::NonFinite);
+
     // a Jacobian of the wrong sign
     let fit = LevenbergMarquardt::default()
         .minimise(&[1.0], &mut |x, _| Ok(Residuals { values: vec![x[0]], columns: vec![vec![-1.0]] }))

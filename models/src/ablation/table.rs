@@ -181,6 +181,7 @@ mod tests {
     fn a_table_as_it_is_printed() {
         let numbers = |list: &[(&str, f64)]| list.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect();
         let truth = Truth {
+            law: None,
             family: "elastic".into(),
             parameters: numbers(&[("young", 3e5), ("poisson", 0.3)]),
             velocity: Some([0.0, -1.0, 0.0]),

@@ -1,13 +1,13 @@
 //! The true material of a clip, if a file beside the clip states it.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::identify::{FAMILIES, VELOCITY, law_of};
-use crate::physics::{Law, Map, Parameter};
+use crate::physics::{Law, Map, Parameter, law_file, name_of};
 use crate::scenes::SceneFile;
 use crate::text;
 use crate::vector::{minus, norm};
@@ -17,6 +17,9 @@ use crate::vector::{minus, norm};
 pub struct Truth {
     /// Family of materials, or name of a law.
     pub family: String,
+    /// The file of that law, if it is one's own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub law: Option<PathBuf>,
     /// Parameters by name, in SI units.
     pub parameters: BTreeMap<String, f64>,
     /// Initial velocity \[m/s\], if it is known.
@@ -41,7 +44,10 @@ impl Truth {
         let text = |path: &Path| text::read(path, "what is known of the clip", "correct it", text::SETTINGS).ok();
         let json = |path: &Path| Self::of_json(&serde_json::from_str(&text(path)?).ok()?);
         json(&clip.join("truth.json"))
-            .or_else(|| Self::of_scene(&SceneFile::parse(&text(&clip.parent()?.join("scene.toml"))?).ok()?))
+            .or_else(|| {
+                let folder = clip.parent()?;
+                Self::of_scene(&SceneFile::parse(&text(&folder.join("scene.toml"))?).ok()?, folder)
+            })
             .or_else(|| json(&clip.with_extension("json")))
     }
 
@@ -66,22 +72,27 @@ impl Truth {
         ];
         let family = telling.iter().find(|(parameter, _)| parameters.contains_key(*parameter))?.1.to_owned();
         let velocity = serde_json::from_value(plain(&truth["initial_velocity"])).ok();
-        Some(Self { family, parameters, velocity })
+        Some(Self { family, law: None, parameters, velocity })
     }
 
-    /// From a scene with a single object.
-    fn of_scene(scene: &SceneFile) -> Option<Self> {
+    /// From a scene with a single object, whose run in `folder` has kept a law of one's own.
+    fn of_scene(scene: &SceneFile, folder: &Path) -> Option<Self> {
         let [object] = &scene.objects[..] else { return None };
         let stuff = scene.materials.get(&object.material)?;
-        let family =
-            FAMILIES.iter().find(|(_, law)| *law == stuff.law).map_or(stuff.law.as_str(), |(family, _)| family);
+        let own = stuff.law.ends_with(".wgsl").then(|| name_of(&stuff.law));
+        let law = own.as_ref().map(|name| folder.join(law_file(name)));
+        let known = FAMILIES.iter().find(|(_, law)| *law == stuff.law).map(|(family, _)| (*family).to_owned());
+        let family = own.or(known).unwrap_or_else(|| stuff.law.clone());
         let (parameters, velocity) = (stuff.parameters.clone(), Some(object.velocity_m_s));
-        Some(Self { family: family.to_owned(), parameters, velocity })
+        Some(Self { family, law, parameters, velocity })
     }
 
     /// The law of the material.
     pub fn law(&self) -> Option<Law> {
-        law_of(&self.family)
+        match &self.law {
+            Some(file) => Law::read(file).ok(),
+            None => law_of(&self.family),
+        }
     }
 
     /// Initial values far from the truth: magnitudes alternately `factor` times below and above it, others at the more
@@ -148,8 +159,11 @@ mod tests {
         let scene = "[time]\nduration_s = 0.5\n[grid]\nspacing_m = 0.04\n[ground]\n[materials.m]\nlaw = 'newtonian'\n\
                      density_kg_m3 = 1e3\nviscosity = 50.0\nbulk = 1e5\n[[objects]]\nmaterial = 'm'\nvelocity_m_s = [0.0, -2.0, 0.0]\n\
                      shape.sphere = { centre_m = [0.0, 0.3, 0.0], radius_m = 0.1 }\n";
-        let truth = Truth::of_scene(&SceneFile::parse(scene).unwrap()).unwrap();
+        let truth = Truth::of_scene(&SceneFile::parse(scene).unwrap(), Path::new("run")).unwrap();
         assert_eq!(truth.family, "newtonian");
+        let own = scene.replace("newtonian", "laws/My law.wgsl");
+        let truth_of_own = Truth::of_scene(&SceneFile::parse(&own).unwrap(), Path::new("run")).unwrap();
+        assert_eq!((truth_of_own.family.as_str(), truth_of_own.law), ("my_law", Some("run/my_law.wgsl".into())));
         let found =
             [("viscosity", 500.0), ("bulk", 1e5), ("velocity_x", 0.0), ("velocity_y", -1.9), ("velocity_z", 0.0)];
         let errors = truth.errors(&found.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect());

@@ -6,7 +6,8 @@ use gradreel::{Error, ErrorKind, Result};
 use serde_json::json;
 
 use crate::cli::output::{self, say};
-use crate::physics::{Law, check_material, materials, responses, speed};
+use crate::nearest::{listed, nearest};
+use crate::physics::{Law, check_material, materials, responses, rollout_times, speed};
 use crate::report::plot::{Plot, Series};
 
 /// Arguments of `gradreel check-law`.
@@ -17,6 +18,9 @@ pub(super) struct Arguments {
     /// Plot of the response to extension, shear and change of volume [default: <law>.svg here]
     #[arg(long, value_name = "FILE.svg", conflicts_with = "no_plot")]
     plot: Option<PathBuf>,
+    /// Compare the time of a rollout with that of a shipped law, such as the same law in Rust
+    #[arg(long, value_name = "NAME")]
+    against: Option<String>,
     /// No plot
     #[arg(long)]
     no_plot: bool,
@@ -31,6 +35,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         Some(shipped) => shipped,
         None => Law::read(&arguments.law)?,
     };
+    let other = arguments.against.as_deref().map(shipped).transpose()?;
+    let rollouts = other.as_ref().map(|other| rollout_times(&[&law, other])).transpose()?;
+    let rollouts = rollouts.map(|times| [1e9 * times[0], 1e9 * times[1]]);
     let report = check_material(&law)?;
     let values = law.start_values();
     let curves = responses(&law, &values);
@@ -76,6 +83,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             "parameters": parameters.collect::<Vec<_>>(),
             "operations": law.program().len(),
             "nanoseconds_per_particle": own,
+            "rollout_nanoseconds_per_particle_and_substep": rollouts.map(|[own, _]| own),
+            "rollout_times_those_of_the_other": rollouts.map(|[own, other]| own / other),
             "shipped_nanoseconds_per_particle": speeds.iter().cloned().collect::<std::collections::BTreeMap<_, _>>(),
             "responses": curves,
         });
@@ -85,6 +94,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         say!("  {} operations, {own:.1} ns a particle on one thread; shipped laws:", law.program().len());
         for (name, time) in &speeds {
             say!("    {name:<20} {time:>6.1} ns");
+        }
+        if let (Some([own, its]), Some(other)) = (rollouts, &other) {
+            let name = other.name();
+            say!("  rollout: {own:.1} ns a particle and substep, {:.2} times the {its:.1} ns of {name}", own / its);
         }
         if let Some(path) = &plot {
             say!("  response: {}", path.display());
@@ -96,4 +109,22 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             Err(Error::new(ErrorKind::NoGradient, "the law fails a check; see the rows marked FAIL").at(law.name()))
         }
     }
+}
+
+/// A law of the library.
+///
+/// # Errors
+/// [`ErrorKind::Input`] for a name that none has.
+pub(super) fn shipped(name: &str) -> Result<Law> {
+    materials::find(name).ok_or_else(|| {
+        let laws = materials::all();
+        let names = || laws.iter().map(Law::name);
+        Error::new(ErrorKind::Input, "there is no law of this name to compare with")
+            .found(format!("`{name}`"))
+            .wanted(format!("one of {}", listed(names())))
+            .fix(
+                nearest(name, names())
+                    .map_or("choose one of these".to_owned(), |near| format!("did you mean `{near}`?")),
+            )
+    })
 }

@@ -73,6 +73,9 @@ pub(super) struct FilmArguments {
     /// How far the camera looks down [default: found with the fall, about 10]
     #[arg(long, value_name = "DEGREES", help_heading = FILM, allow_negative_numbers = true)]
     elevation: Option<f64>,
+    /// Of several objects that fall together the one to use; by itself the largest (see what `gradreel check` says)
+    #[arg(long, value_name = "NUMBER", help_heading = FILM, value_parser = clap::value_parser!(u64).range(1..=100))]
+    object: Option<u64>,
     /// Folder with a mask for each frame, white where the object is
     #[arg(long, value_name = "FOLDER", help_heading = FILM)]
     masks: Option<PathBuf>,
@@ -101,6 +104,7 @@ impl FilmArguments {
             (self.fps.is_some(), "--fps"),
             (self.field_of_view.is_some(), "--field-of-view"),
             (self.elevation.is_some(), "--elevation"),
+            (self.object.is_some(), "--object"),
             (self.masks.is_some(), "--masks"),
             (self.background.is_some(), "--background"),
             (self.matting.is_some(), "--matting"),
@@ -148,6 +152,7 @@ impl FilmArguments {
         film.field_of_view = self.field_of_view.unwrap_or(film.field_of_view);
         film.elevation = self.elevation.or(film.elevation);
         film.contact = self.contact.unwrap_or(film.contact);
+        film.object = self.object.map(|number| number as usize).or(film.object);
         if self.masks.is_some() || self.background.is_some() || self.matting.is_some() {
             film.masks = self.masks.as_deref().map(whole);
             film.background = self.background.as_deref().map(whole);

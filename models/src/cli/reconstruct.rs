@@ -89,8 +89,8 @@ Examples:
   gradreel reconstruct my/clip --material plasticine --start yield_stress=500
   gradreel reconstruct my/clip --out runs/two --resume         go on after Ctrl-C
 
-A film must show the object from its first frame on, falling freely in three frames at least: gravity gives the pixels their
-metres. The object is told from the background by --masks, --matting or --background, by the film's transparency, a plain background, or
+A film must show the object fall freely in three frames at least, and hit the ground: gravity gives the pixels their metres. Hands,
+waiting and further bounces may be in it; the part to use is found. The object is told from the background by --masks, --matting or --background, by the film's transparency, a plain background, or
 by what is seen while it is elsewhere; the camera stands still.
 
 Look at a clip first with `gradreel check my/clip`. The results are in index.html of the output folder.";

@@ -3,10 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use gradreel::{Error, ErrorKind, Result};
+use gradreel::{Error, ErrorKind, Key, Result};
 
 use super::resimulate;
 use crate::cli::output::{self, say, tell};
+use crate::phone::{self, Degradation};
 use crate::physics::{Number, law_file, name_of};
 use crate::report::quantity::readable;
 use crate::report::simulation::{Format, Record};
@@ -40,9 +41,16 @@ pub(super) struct Arguments {
     /// Files to write for each frame
     #[arg(long, value_name = "FORMATS", value_delimiter = ',', default_value = "ply")]
     frames: Vec<Format>,
-    /// Film it with a ring of cameras into clip/, with the settings of [film] in the scene
-    #[arg(long)]
-    film: bool,
+    /// Film it with a ring of cameras into clip/, with the settings of [film] in the scene; or, with the name of a video file, as a
+    /// phone does with the first of them
+    #[arg(long, value_name = "FILE", num_args = 0..=1)]
+    film: Option<Option<PathBuf>>,
+    /// What the film of a phone has that a film of a studio has not
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', requires = "film")]
+    degrade: Vec<Degradation>,
+    /// Other seeds shake, shade and wait otherwise
+    #[arg(long, value_name = "NUMBER", default_value_t = 1, requires = "film")]
+    seed: u32,
     /// No animation
     #[arg(long)]
     no_gif: bool,
@@ -97,6 +105,8 @@ Examples:
   gradreel simulate my.toml --plan                              particles, memory and substeps only
   gradreel simulate my.toml --out runs/my --frames ply,npy      both kinds of files
   gradreel simulate my.toml --out runs/my --film                then: gradreel reconstruct runs/my/clip
+  gradreel simulate my.toml --film ball.mp4 --degrade hand_release,shake,blur
+                                                                as a phone films it, with its truth in ball.json
   gradreel simulate --from runs/bird --set young=1e6            what was reconstructed, stiffer, beside its clip
   gradreel simulate my.toml --out runs/my --resume              go on after Ctrl-C
 
@@ -116,7 +126,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
 }
 
 fn simulate_scene(arguments: &Arguments, scene: &Path, mut file: SceneFile) -> Result<()> {
-    if arguments.film {
+    if let Some(Some(out)) = &arguments.film {
+        return film_of_phone(arguments, scene, &file, out);
+    }
+    if arguments.film.is_some() {
         file.film.get_or_insert_default();
     }
     file.time.duration_s = arguments.duration.unwrap_or(file.time.duration_s);
@@ -139,6 +152,29 @@ fn simulate_scene(arguments: &Arguments, scene: &Path, mut file: SceneFile) -> R
         Precision::F32 => simulate::<f32>(arguments, scene, &file, &setup, film),
         Precision::F64 => simulate::<f64>(arguments, scene, &file, &setup, film),
     }
+}
+
+/// Films a scene as a phone does.
+fn film_of_phone(arguments: &Arguments, scene: &Path, file: &SceneFile, out: &Path) -> Result<()> {
+    if out.exists() {
+        return Err(Error::new(ErrorKind::Input, "there is a file of this name")
+            .at(out.display())
+            .fix("remove it, or give another name to --film"));
+    }
+    let progress = Progress::new(arguments.quiet);
+    let folder = scene.parent().unwrap_or(Path::new("."));
+    let key = Key::new(u64::from(arguments.seed));
+    let truth = phone::film(file, folder, &arguments.degrade, key, out, &progress)
+        .map_err(|error| error.within(scene.display()))?;
+    if !arguments.quiet {
+        say!(
+            "{} frames, {} a second; what is true of them: {}",
+            truth.frames,
+            truth.fps,
+            out.with_extension("json").display()
+        );
+    }
+    Ok(())
 }
 
 /// The scene with the laws that a run which goes on has kept, in place of files that may have changed since.
@@ -165,7 +201,9 @@ pub(super) fn film(file: SceneFile, name: &str, out: &Path) -> Result<()> {
         duration: None,
         precision: None,
         frames: Vec::new(),
-        film: true,
+        film: Some(None),
+        degrade: Vec::new(),
+        seed: 1,
         no_gif: true,
         quiet: true,
         again: resimulate::Arguments::default(),

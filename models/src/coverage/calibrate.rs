@@ -112,7 +112,7 @@ struct Clip<'a> {
 impl<'a> Clip<'a> {
     fn of(line: &'a Line) -> Result<Self> {
         let law = law_of(&line.family).expect("families have laws");
-        let recipe = Recipe::draw(line.split, line.clip, line.cameras)?;
+        let recipe = Recipe::draw(line.split, line.clip, line.cameras, None)?;
         let truth = |name: &String| {
             let value = *line.truth.get(name)?;
             let (x, slope) = coordinate(&law, name, value)?;

@@ -7,8 +7,8 @@ use gradreel::{Error, ErrorKind, Key, Result};
 use serde::{Deserialize, Serialize};
 
 use super::material;
-use crate::identify::{Config, FAMILIES};
-use crate::physics::Schedule;
+use crate::identify::{Config, FAMILIES, MaterialConfig};
+use crate::physics::{Law, Schedule};
 use crate::video::Camera;
 use crate::views::objects::{Body, Dice, Made};
 
@@ -31,12 +31,19 @@ impl Split {
         })
         .fold(number)
     }
+
+    /// The key of a scene that a phone films; it meets no clip's.
+    pub(crate) fn scene(self, number: u64) -> Key {
+        self.key(1 << 40 | number)
+    }
 }
 
 /// A clip before it is made. Everything follows from the split, the number and the count of cameras.
 pub struct Recipe {
-    /// The family of its material.
-    pub family: &'static str,
+    /// Its material: a family, or a law of one's own.
+    pub material: MaterialConfig,
+    /// The law of that.
+    pub law: Law,
     /// The parameters of its law by name, in SI units.
     pub parameters: BTreeMap<String, f64>,
     /// Initial velocity \[m/s\].
@@ -87,11 +94,11 @@ const SIDES: [usize; 2] = [64, 96];
 const VIEW: f64 = 40.0;
 
 impl Recipe {
-    /// Draws a clip that so many cameras film.
+    /// Draws a clip that so many cameras film, of a material of one of the families in turn, or of a law of one's own.
     ///
     /// # Errors
-    /// [`ErrorKind::Input`] for a number of cameras that is not 1 to 16.
-    pub fn draw(split: Split, number: u64, cameras: usize) -> Result<Self> {
+    /// [`ErrorKind::Input`] for a number of cameras that is not 1 to 16, or a law whose priors hold nothing.
+    pub fn draw(split: Split, number: u64, cameras: usize, own: Option<&Law>) -> Result<Self> {
         if !(1..=16).contains(&cameras) {
             return Err(Error::new(ErrorKind::Input, "a clip cannot have so many cameras")
                 .at("--cameras")
@@ -102,7 +109,10 @@ impl Recipe {
         let [shape, colours, stuff, way, seen, paint] = split.key(number).split();
         // all families come equally often
         let family = FAMILIES[(number % FAMILIES.len() as u64) as usize].0;
-        let config = Config { material: material::named(family), ..Config::default() };
+        let config = match own {
+            Some(law) => Config::default().with_law(law.clone()),
+            None => Config { material: material::named(family), ..Config::default() },
+        };
         let (parameters, mut log_prior) = material::draw(&config, stuff)?;
 
         let mut dice = Dice::new(way);
@@ -134,7 +144,8 @@ impl Recipe {
         let start = [dice.within(-0.05, 0.05), fall + half, dice.within(-0.05, 0.05)];
 
         let mut scene = Self {
-            family,
+            law: config.law()?,
+            material: config.material,
             parameters,
             velocity,
             log_prior,
@@ -220,7 +231,8 @@ mod tests {
     #[test]
     fn a_clip_follows_from_its_number_and_no_two_are_alike() {
         let of = |split, number, cameras| {
-            let Recipe { velocity, parameters, spacings, size, .. } = Recipe::draw(split, number, cameras).unwrap();
+            let Recipe { velocity, parameters, spacings, size, .. } =
+                Recipe::draw(split, number, cameras, None).unwrap();
             (velocity, parameters, spacings, size)
         };
         assert_eq!(of(Split::Development, 3, 7), of(Split::Development, 3, 7));
@@ -228,13 +240,29 @@ mod tests {
         assert_eq!(of(Split::Development, 3, 7), of(Split::Development, 3, 1));
         assert_ne!(of(Split::Development, 3, 7), of(Split::Development, 8, 7));
         assert_ne!(of(Split::Development, 3, 7), of(Split::Report, 3, 7));
-        assert!(Recipe::draw(Split::Report, 0, 0).is_err());
+        assert!(Recipe::draw(Split::Report, 0, 0, None).is_err());
+    }
+
+    #[test]
+    fn a_law_of_one_s_own_is_drawn_from_its_priors() {
+        let law = Law::read("../examples/laws/ogden.wgsl").unwrap();
+        for number in 0..10 {
+            let recipe = Recipe::draw(Split::Development, number, 7, Some(&law)).unwrap();
+            assert_eq!((recipe.law.name(), recipe.parameters.len()), ("ogden", 3));
+            for parameter in law.parameters() {
+                let [low, high] = parameter.prior;
+                assert!(
+                    (low..=high).contains(&recipe.parameters[parameter.name])
+                        && recipe.log_prior.contains_key(parameter.name)
+                );
+            }
+        }
     }
 
     #[test]
     fn the_simulation_never_has_a_grid_that_the_search_can_choose() {
         for number in 0..20 {
-            let recipe = Recipe::draw(Split::Development, number, 7).unwrap();
+            let recipe = Recipe::draw(Split::Development, number, 7, None).unwrap();
             let share = recipe.spacings[1] / recipe.spacings[0];
             assert!((0.6..=1.4).contains(&share), "{share}");
             assert!((share - 1.0).abs() > 0.039 && (share - 0.7).abs() > 0.039, "{share}");

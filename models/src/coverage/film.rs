@@ -6,12 +6,11 @@ use std::path::{Path, PathBuf};
 use gradreel::{Error, Result};
 use rayon::prelude::*;
 
+use super::Recipe;
 use super::mesh::{Mesh, Skin};
 use super::motion::Motion;
-use super::paint::Paint;
-use super::{Recipe, material};
 use crate::identify::Config;
-use crate::scenes::{self, Film, Hit, Surface};
+use crate::scenes::{self, Film, Hit, Paint, Surface};
 use crate::video::Camera;
 
 /// Rays per pixel along each side.
@@ -44,9 +43,8 @@ impl Shown<'_> {
 /// [`ErrorKind::Physics`](gradreel::ErrorKind::Physics) for particles that are spread too far,
 /// [`ErrorKind::Io`](gradreel::ErrorKind::Io) where the files cannot be written.
 pub fn write(recipe: &Recipe, motion: &Motion, folder: &Path) -> Result<PathBuf> {
-    let law = Config { material: material::named(recipe.family), ..Config::default() };
     let rest = &motion.positions[0];
-    let skin = (!law.flows(&law.law()?)).then(|| Skin::of(recipe, rest, motion.spacing));
+    let skin = (!Config::default().flows(&recipe.law)).then(|| Skin::of(recipe, rest, motion.spacing));
     let painted = |x: &[f32; 3]| {
         let place = std::array::from_fn(|axis| (f64::from(x[axis]) - recipe.start[axis]) / recipe.size);
         recipe.body.colour(place).map(|c| c as f32)
@@ -152,7 +150,7 @@ mod tests {
     /// Of a fluid, the picture is of as much volume as its particles have.
     #[test]
     fn the_level_of_a_fluid_encloses_its_volume() {
-        let recipe = Recipe::draw(Split::Development, 2, 7).unwrap();
+        let recipe = Recipe::draw(Split::Development, 2, 7, None).unwrap();
         let motion = simulate(&recipe).unwrap();
         let colours = vec![[0.5; 3]; motion.positions[0].len()];
         let spacings = vec![motion.spacing; colours.len()];
@@ -167,7 +165,7 @@ mod tests {
     #[test]
     fn cameras_see_the_body() {
         for number in 0..5 {
-            let recipe = Recipe { background: false, ..Recipe::draw(Split::Development, number, 7).unwrap() };
+            let recipe = Recipe { background: false, ..Recipe::draw(Split::Development, number, 7, None).unwrap() };
             let motion = simulate(&recipe).unwrap();
             let rest = &motion.positions[0];
             let skin = Skin::of(&recipe, rest, motion.spacing);

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::{Recipe, Score, Split, material, simulate, write};
 use crate::identify::{Config, Run, Survey, reconstruct};
 use crate::monocular;
+use crate::physics::Law;
 use crate::report::reconstruction::quantities;
 use crate::runtime::progress::Progress;
 use crate::runtime::run_folder::RunFolder;
@@ -64,15 +65,22 @@ fn pitch_of(camera: &Camera) -> f64 {
     camera.c2w[1][2].asin().to_degrees()
 }
 
-/// Draws, films and fits a clip with these settings, the family of its material told, on the grid that the recipe has for it
+/// Draws, films and fits a clip with these settings, its law told (one's own, or that of a family), on the grid that the recipe has for it
 /// unless the settings name another. Files are left in `folder`.
 ///
 /// A clip that the fit refuses is a line without scores.
 ///
 /// # Errors
 /// What making the clip returns; [`ErrorKind::Interrupted`].
-pub fn fit(split: Split, number: u64, cameras: usize, settings: &Config, folder: &Path) -> Result<Line> {
-    let recipe = Recipe::draw(split, number, cameras)?;
+pub fn fit(
+    split: Split,
+    number: u64,
+    cameras: usize,
+    own: Option<&Law>,
+    settings: &Config,
+    folder: &Path,
+) -> Result<Line> {
+    let recipe = Recipe::draw(split, number, cameras, own)?;
     let mut truth = recipe.parameters.clone();
     for (axis, speed) in ["x", "y", "z"].into_iter().zip(recipe.velocity) {
         truth.insert(format!("velocity_{axis}"), speed);
@@ -81,7 +89,7 @@ pub fn fit(split: Split, number: u64, cameras: usize, settings: &Config, folder:
         clip: number,
         split,
         cameras,
-        family: recipe.family.to_owned(),
+        family: recipe.material.name.clone(),
         calibrated: recipe.calibrated,
         background: recipe.background,
         pitch: match &recipe.cameras[..] {
@@ -126,7 +134,7 @@ struct Estimate {
 }
 
 fn estimate(recipe: &Recipe, settings: &Config, path: &Path, out: &Path) -> Result<Estimate> {
-    let mut config = Config { material: material::named(recipe.family), ..settings.clone() };
+    let mut config = Config { material: recipe.material.clone(), ..settings.clone() };
     if config.geometry.dx == 0.0 {
         config.geometry.dx = recipe.spacing();
     }

@@ -206,7 +206,7 @@ mod tests {
     #[test]
     fn the_net_is_closed_and_holds_the_volume() {
         for number in [2, 7, 12] {
-            let recipe = Recipe::draw(Split::Development, number, 7).unwrap();
+            let recipe = Recipe::draw(Split::Development, number, 7, None).unwrap();
             let (corners, triangles) = net(recipe.body.field());
             let volume: f64 = triangles
                 .iter()
@@ -229,7 +229,7 @@ mod tests {
 
     #[test]
     fn a_mesh_turns_and_stretches_with_its_particles() {
-        let recipe = Recipe::draw(Split::Development, 2, 7).unwrap();
+        let recipe = Recipe::draw(Split::Development, 2, 7, None).unwrap();
         let motion = super::super::motion::simulate(&recipe).unwrap();
         let rest = &motion.positions[0];
         let skin = Skin::of(&recipe, rest, motion.spacing);

@@ -16,7 +16,6 @@ mod histogram;
 mod material;
 mod mesh;
 mod motion;
-mod paint;
 mod score;
 mod summary;
 

@@ -1,9 +1,9 @@
 //! A recipe in motion: the truth that the cameras film.
 
-use gradreel::{Error, ErrorKind, Result};
+use gradreel::{ErrorKind, Result};
 
 use super::Recipe;
-use crate::identify::{Config, law_of};
+use crate::identify::Config;
 use crate::physics::{Collider, Law, Schedule, Simulation, State, Values, World, neighbours};
 use crate::vector::{cross, dot, norm};
 use crate::views::objects::Dice;
@@ -24,9 +24,9 @@ const HALVINGS: usize = 3;
 /// Simulates a recipe on its own grid, with its own step.
 ///
 /// # Errors
-/// [`ErrorKind::Physics`] where the simulation breaks down with any step; [`ErrorKind::Input`] for a law that is unknown.
+/// [`ErrorKind::Physics`] where the simulation breaks down with any step.
 pub fn simulate(recipe: &Recipe) -> Result<Motion> {
-    let law = law_of(recipe.family).ok_or_else(|| Error::new(ErrorKind::Input, "no such law").found(recipe.family))?;
+    let law = &recipe.law;
     let settings = Config::default().world;
     let (dx, spacing) = (recipe.spacings[1], 0.5 * recipe.spacings[1]);
     let mut positions = filling(recipe, spacing);
@@ -48,7 +48,7 @@ pub fn simulate(recipe: &Recipe) -> Result<Motion> {
     let mut schedule = Schedule::stable(&world, frames, frame_dt, sound, speed, settings.cfl * recipe.step);
     let mut halvings = 0;
     loop {
-        match roll(&law, &world, schedule, &positions, recipe.velocity, &parameters, settings.density) {
+        match roll(law, &world, schedule, &positions, recipe.velocity, &parameters, settings.density) {
             Err(error) if halvings < HALVINGS && matches!(error.kind(), ErrorKind::Physics | ErrorKind::NonFinite) => {
                 halvings += 1;
                 schedule = schedule.halved();
@@ -127,7 +127,7 @@ mod tests {
 
     #[test]
     fn a_body_falls_as_gravity_has_it_until_it_lands() {
-        let recipe = Recipe::draw(Split::Development, 2, 7).unwrap();
+        let recipe = Recipe::draw(Split::Development, 2, 7, None).unwrap();
         let motion = simulate(&recipe).unwrap();
         assert_eq!(motion.positions.len(), recipe.schedule.frames);
         let middle = |frame: &[[f32; 3]], axis: usize| {

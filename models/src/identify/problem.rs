@@ -113,7 +113,7 @@ impl<'a> Problem<'a> {
             world,
             ground: config.world.ground,
             surface: config.surface_of(&law).clone(),
-            law,
+            law: law.placed(&particles.places()),
             density: config.world.density,
             cfl: config.world.cfl,
             least_speed: config.world.least_speed,

@@ -10,6 +10,7 @@ use gradreel::optim::{Fit, LevenbergMarquardt, Residuals};
 use gradreel::{DType, Error, ErrorKind, Result, Tensor};
 
 use crate::identify::linearise::row;
+use crate::identify::unknowns::unit;
 use crate::physics::{Law, Rollout, Schedule, World};
 
 /// Where the particles of a body were.
@@ -53,6 +54,10 @@ pub const TANGENT_COST: f64 = 2.5;
 /// Derivatives serve again where no unknown has moved farther than this, in its unconstrained form: the search then gains
 /// about one digit a step instead of doubling them, at the cost of one rollout.
 const NEAR: f64 = 0.03;
+
+/// How far a parameter moves in one step at most, in units of its unconstrained form: a decade of a magnitude. Where the motion says
+/// next to nothing of it, a step has no length of its own.
+const FARTHEST: f64 = 1.0;
 
 /// Frames from contact on that the material is fitted to, one search after the other.
 const BEYOND: [usize; 3] = [1, 2, 4];
@@ -149,7 +154,7 @@ impl Search<'_> {
         let positions = &self.tracks.positions;
         let share = (frames - 1) as f64 / (positions.dims()[0] - 1) as f64;
         let search = LevenbergMarquardt {
-            evaluations: 20,
+            evaluations: 40,
             value_tolerance: 1e-3,
             gradient_tolerance: 1e-6,
             step_tolerance: tolerance,
@@ -159,24 +164,35 @@ impl Search<'_> {
         // The last values, and the last derivatives, each with where they are from.
         let mut values: Option<(Vec<f64>, Vec<f64>)> = None;
         let mut slopes: Option<(Vec<f64>, Vec<Vec<f64>>)> = None;
+        let parameters = self.tracks.law.parameters();
+        let unit_of = |unknown: usize| unknown.checked_sub(3).map(|k| unit(&parameters[self.fitted[k]]));
+        let units: Vec<f64> = free.clone().map(|unknown| unit_of(unknown).unwrap_or(f64::INFINITY)).collect();
+        // of a trial that breaks down: no better than an infinite distance
+        let none = || {
+            let none = vec![f64::NAN; 3 * (frames - 1) * positions.dims()[1]];
+            Residuals { columns: vec![none.clone(); units.len()], values: none }
+        };
+        // where derivatives were asked for last: at the start, and then where a step led
+        let mut reached = self.x[free.clone()].to_vec();
         let fit = search.minimise(&self.x[free.clone()], &mut |moved, jacobian| {
+            let far = |((a, b), unit): ((&f64, &f64), &f64)| (a - b).abs() > FARTHEST * unit;
+            if !jacobian && moved.iter().zip(&reached).zip(&units).any(far) {
+                return Ok(none());
+            }
             x[free.clone()].copy_from_slice(moved);
             let near = |at: &[f64]| at.iter().zip(moved).all(|(a, b)| (a - b).abs() < NEAR);
             let kept = slopes.as_ref().filter(|(at, _)| near(at)).map(|(_, columns)| columns.clone());
             if let (true, Some(columns), Some((at, values))) = (jacobian, &kept, &values)
                 && at == moved
             {
+                reached.copy_from_slice(moved);
                 return Ok(Residuals { values: values.clone(), columns: columns.clone() });
             }
             let wanted = if jacobian && kept.is_none() { free.clone() } else { 0..0 };
             rollouts += share * (1.0 + TANGENT_COST * wanted.len() as f64);
             let at_start = std::mem::replace(&mut first, false);
             let mut found = match self.residuals(&x, frames, wanted.clone()) {
-                // A trial that breaks down is no better than an infinite distance.
-                Err(error) if error.kind() == ErrorKind::Physics && !at_start => {
-                    let values = vec![f64::NAN; 3 * (frames - 1) * positions.dims()[1]];
-                    return Ok(Residuals { values, columns: Vec::new() });
-                }
+                Err(error) if breaks_down(&error) && !at_start => return Ok(none()),
                 other => other?,
             };
             values = Some((moved.to_vec(), found.values.clone()));
@@ -184,6 +200,9 @@ impl Search<'_> {
                 slopes = Some((moved.to_vec(), found.columns.clone()));
             } else if jacobian {
                 found.columns = kept.unwrap_or_default();
+            }
+            if jacobian {
+                reached.copy_from_slice(moved);
             }
             Ok(found)
         })?;
@@ -224,6 +243,11 @@ impl Search<'_> {
         let columns = changes.iter().map(|change| Ok(change.to_vec()?.split_off(3 * n)));
         Ok(Residuals { values, columns: columns.collect::<Result<_>>()? })
     }
+}
+
+/// Whether a simulation fails because of its numbers: unstable, not finite, or too stiff for any substep.
+fn breaks_down(error: &Error) -> bool {
+    matches!(error.kind(), ErrorKind::Physics | ErrorKind::NonFinite | ErrorKind::Input)
 }
 
 fn numbers(values: Vec<f64>, dtype: DType) -> Result<Tensor> {

@@ -7,7 +7,7 @@ use gradreel::{Error, ErrorKind, Result};
 use ndarray::azip;
 
 use super::free_fall::{Down, FreeFall, Prior};
-use super::{bounces, ground, half_extent, locate, locate_known, story};
+use super::{bounces, ground, half_extent, locate, locate_known, rate, story};
 use crate::vector::times;
 use crate::video::{Camera, Clip, ContactModel, Film, FilmSettings, Flight, Frame, OpenOptions, WARNING};
 
@@ -100,7 +100,10 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
     let (metres, diameter, deviation) = match scale {
         Some(scale) => {
             let [size, sure] = scale.diameter;
-            let (first, all) = (own, size * clip.cameras[0].fx / scale.across);
+            let camera = &clip.cameras[0];
+            let since: Vec<f64> = film.times[..fall.frames].iter().map(|time| time - film.times[0]).collect();
+            let (first, all) = (own, size * camera.fx / scale.across / fall.foreshortened(camera, &since));
+            let sure = sure.hypot(fall.foreshortened_deviation(camera, &since));
             let (single, apart) = (fall.deviation.hypot(UNMODELLED), (first / all).ln());
             // one flight that is short, or says something else, does not count beside all of them
             let believed = single < BELIEVED && apart.abs() < 2.0 * single.hypot(sure);
@@ -113,16 +116,21 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
         }
         None => (own, 2.0 * own * half_extent(&clip), fall.deviation),
     };
-    let warning = implausible(diameter, film.frames_per_s);
+    let lowest = ground::below(&clip.cameras[0], &clip.frames[0], &clip.times, &fall);
+    let height = lowest.map(|height| -metres * height);
+    let told = film.frames_per_s * film.every as f64;
+    let warning = rate::doubted(diameter, height, told);
     if let Some(warning) = warning.as_ref().filter(|_| settings.frames_per_s == 0.0) {
         let said = warning.trim_start_matches(WARNING);
         return Err(Error::new(ErrorKind::Input, "the fall does not fit the frame rate of the file")
             .at(path.display())
             .found(said)
-            .wanted(format!("an object of {} to {}", length(SIZES[0]), length(SIZES[1])))
-            .fix("give the rate at which it was filmed (--fps, as above), for slow motion above all; a given rate is believed"));
+            .wanted(rate::wanted())
+            .fix(format!(
+                "give the rate at which it was filmed, for slow motion above all: a given rate is believed (--fps {told:.0} if it is \
+                 that of the file)"
+            )));
     }
-    let lowest = ground::below(&clip.cameras[0], &clip.frames[0], &clip.times, &fall);
     // camera axes in the world: a rotation about x that makes y vertical
     let [_, cosine, sine] = fall.down.map(|x| -x);
     let rotation = [[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]];
@@ -157,7 +165,7 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
         100.0 * deviation,
         fall.frames
     ));
-    say(format!("size: the object is {} across", length(diameter)));
+    say(format!("size: the object is {} across", rate::length(diameter)));
     if let Some(warning) = warning {
         say(warning);
     }
@@ -180,8 +188,7 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
     Ok(clip)
 }
 
-/// Relative deviation between the acceleration of a point in the picture of all flights and that of the first frame's
-/// depth.
+/// Relative deviation between the acceleration in the picture of all flights and that of the first, from the depth at which they are.
 const DEPARTS: f64 = 0.05;
 
 /// Relative deviation of the metres that no fit shows: rows that are read one after the other, distortion, a camera
@@ -190,44 +197,6 @@ const UNMODELLED: f64 = 0.08;
 
 /// Relative deviation of the scale by a single flight up to which it counts beside that of all flights.
 const BELIEVED: f64 = 0.2;
-
-/// Plausible object sizes \[m\], and a typical one.
-const SIZES: [f64; 2] = [0.01, 2.0];
-const USUAL: f64 = 0.15;
-
-/// Common frame rates of cameras \[1/s\].
-const RATES: [f64; 12] = [15.0, 24.0, 25.0, 30.0, 50.0, 60.0, 100.0, 120.0, 240.0, 480.0, 960.0, 1000.0];
-
-/// Warning for an implausible object size. Lengths scale with the square of the frame interval, so a wrong frame
-/// rate yields a wrong size; a frame rate that would fit is proposed.
-fn implausible(diameter: f64, frames_per_s: f64) -> Option<String> {
-    if (SIZES[0]..=SIZES[1]).contains(&diameter) {
-        return None;
-    }
-    let of = |rate: &f64| diameter * (frames_per_s / rate).powi(2);
-    let off = |rate: &f64| (of(rate) / USUAL).ln().abs();
-    let rate = RATES
-        .into_iter()
-        .min_by(|a, b| off(a).total_cmp(&off(b)))
-        .filter(|rate| (SIZES[0]..=SIZES[1]).contains(&of(rate)) && *rate != frames_per_s);
-    let fit = match rate {
-        Some(rate) => format!("with --fps {rate:.0} it would be {}", length(of(&rate))),
-        None => format!("no usual frame rate makes it {} to {}", length(SIZES[0]), length(SIZES[1])),
-    };
-    Some(format!(
-        "{WARNING}an object of {} is hardly what falls there: is {frames_per_s:.4} 1/s the rate at which it was filmed? {fit}",
-        length(diameter)
-    ))
-}
-
-/// A length in a suitable unit.
-fn length(metres: f64) -> String {
-    match metres {
-        ..0.0995 => format!("{:.1} cm", 100.0 * metres),
-        ..1e4 => format!("{metres:.2} m"),
-        _ => format!("{metres:.2e} m"),
-    }
-}
 
 /// Minimum difference of coverage that counts.
 const DIFFERENT: f32 = 0.1;
@@ -252,23 +221,3 @@ fn complete(frames: &mut [Frame], hueless: Vec<Frame>, flight: usize) -> bool {
 
 /// Height of the ground relative to the start if contact is never seen, as a share of the distance.
 const FAR_BELOW: f64 = -2.0;
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_rate_that_would_fit_is_proposed() {
-        assert_eq!(implausible(0.01, 24.0), None);
-        assert_eq!(implausible(2.0, 24.0), None);
-        // 8 m at 24 1/s are 8 (24/240)² = 0.08 m at 240 1/s, and 0.32 m at 120 1/s
-        let told = implausible(8.0, 24.0).unwrap();
-        assert!(told.starts_with("warning: an object of 8.00 m") && told.contains("--fps 240"), "{told}");
-        assert!(told.contains("8.0 cm"), "{told}");
-        // 1 mm at 240 1/s is 0.001 (240/24)² = 0.1 m at 24 1/s
-        let told = implausible(0.001, 240.0).unwrap();
-        assert!(told.contains("0.1 cm") && told.contains("--fps 24 it would be 0.10 m"), "{told}");
-        assert!(implausible(1e9, 24.0).unwrap().contains("no usual frame rate"));
-        assert!(implausible(f64::NAN, 24.0).is_some());
-    }
-}

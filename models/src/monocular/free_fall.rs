@@ -1,11 +1,17 @@
 //! Depth of a falling object: ballistic fit to the silhouettes of one camera.
 
+use std::cell::Cell;
+
 use gradreel::Result;
 use gradreel::optim::{LevenbergMarquardt, Residuals};
 
 use super::sighting::Sighting;
 use crate::vector::{dot, times};
+use crate::video::parabola::Parabola;
 use crate::video::{Camera, Flight, PitchSpread};
+
+/// Gravity \[m/s²\].
+const GRAVITY: f64 = 9.81;
 
 /// Standard deviation of a silhouette's centroid: a share of its side, with a minimum in pixels.
 const MIDDLE: [f64; 2] = [0.003, 0.25];
@@ -13,6 +19,21 @@ const MIDDLE: [f64; 2] = [0.003, 0.25];
 /// Standard deviation of the logarithm of a silhouette's side. It covers the error of the approximate body under
 /// changing viewing directions; too small a value turns this error into spurious motion along the line of sight.
 const SIZE: f64 = 0.05;
+
+/// Standard deviation of the change of that logarithm over the fall that is not of depth: a body that turns, or is seen from elsewhere,
+/// shows another side, little by little.
+const TURNS: f64 = 0.1;
+
+/// The same for blur: so much for a body that moves by its own size from one picture to the next, at the end of the fall. Faint edges are
+/// lost, or a streak counts as the body.
+const BLURRED: f64 = 0.3;
+
+/// Standard deviation of the initial velocity along the line of sight \[m/s\] of what is let go or thrown before a camera, in films
+/// whose scale is not known otherwise.
+const TOWARDS: f64 = 0.3;
+
+/// Number of times that sightings are trusted less because of their scatter.
+const SOFTENED: usize = 3;
 
 /// Maximum growth of the cost by another ballistic frame, as a multiple of the residual variance: the 5 % level for
 /// its three residuals. Contact may displace the object by as little as half a pixel.
@@ -77,7 +98,7 @@ pub struct FreeFall {
 pub struct Prior {
     /// Direction of gravity.
     pub down: Down,
-    /// Downward acceleration in the image in the first frame \[pixels/s²\], and its standard deviation.
+    /// Downward acceleration in the image \[pixels/s²\], of the parabola through all positions of the fall, and its standard deviation.
     pub acceleration: Option<[f64; 2]>,
 }
 
@@ -91,6 +112,30 @@ impl FreeFall {
     /// Position at a time \[s\].
     pub fn at(&self, t: f64) -> [f64; 3] {
         [0, 1, 2].map(|axis| self.start[axis] + self.velocity[axis] * t + 0.5 * self.gravity * self.down[axis] * t * t)
+    }
+
+    /// The object's size by the acceleration and the width in the picture as if gravity were along it and the depth the same all the
+    /// time, in the true one: what a parabola through the picture's positions at these times \[s\] makes of the fall.
+    pub fn foreshortened(&self, camera: &Camera, times: &[f64]) -> f64 {
+        let seen = |t: &f64| {
+            let [_, y, z] = self.at(*t);
+            (camera.fy * y / z, -1.0 / z)
+        };
+        let seen: Vec<(f64, f64)> = times.iter().map(seen).collect();
+        let nearness = seen.iter().map(|(_, nearness)| nearness).sum::<f64>() / seen.len() as f64;
+        let weights = Parabola::weights(times).unwrap_or_default();
+        let down: f64 = weights.iter().zip(&seen).map(|(weight, (down, _))| weight * down).sum();
+        if down > 0.0 { self.gravity * camera.fy * nearness / down } else { 1.0 }
+    }
+
+    /// Standard deviation of the logarithm of that ratio, from those of the pitch and of the velocity along the line of sight.
+    pub fn foreshortened_deviation(&self, camera: &Camera, times: &[f64]) -> f64 {
+        let ([_, y, _], [sine, cosine]) = (self.start, [-self.down[2], -self.down[1]]);
+        let by_pitch = (sine - y * cosine) / (cosine + y * sine) * self.angle_variance.sqrt();
+        let mut nearer = self.clone();
+        nearer.velocity[2] += self.spread[2][2].max(0.0).sqrt();
+        let by_velocity = (nearer.foreshortened(camera, times) / self.foreshortened(camera, times)).ln();
+        by_pitch.hypot(if by_velocity.is_finite() { by_velocity } else { 0.0 })
     }
 
     /// How the velocity in world axes changes with the pitch \[1/s\]: the camera's axes turn about the first, to the right.
@@ -148,13 +193,20 @@ impl FreeFall {
             Down::Known(_) => None,
             Down::Tilted { angle, deviation } => Some((angle, deviation)),
         };
-        // x/d, y/d, velocity/d, gravity/d, log size at distance 1, and the angle
-        let columns = 7 + usize::from(tilt.is_some());
+        // x/d, y/d, velocity/d, gravity/d, log size at distance 1, the angle, and the change of the log size
+        let drift = 7 + usize::from(tilt.is_some());
+        let columns = drift + 1;
+        let last = sightings.last().map_or(0.0, |last| last.time - first.time).max(f64::MIN_POSITIVE);
+        let changes = TURNS.hypot(BLURRED * moved(sightings).min(1.0));
+        let weights = Parabola::weights(&sightings.iter().map(|sighting| sighting.time).collect::<Vec<_>>());
+        // residuals of the sightings count so much less where they scatter more than expected; what is known beforehand does not
+        let firm = Cell::new(1.0);
         let mut model = |p: &[f64], _: bool| {
-            let rows = 3 * sightings.len() + usize::from(tilt.is_some());
+            let firm = firm.get();
+            let rows = 3 * sightings.len() + 1 + usize::from(tilt.is_some()) + 2 * usize::from(acceleration.is_some());
             let mut all =
                 Residuals { values: Vec::with_capacity(rows), columns: vec![Vec::with_capacity(rows); columns] };
-            let (direction, turned) = down.at(p.get(7).copied().unwrap_or_default());
+            let (direction, turned) = down.at(if tilt.is_some() { p[7] } else { 0.0 });
             for (k, sighting) in sightings.iter().enumerate() {
                 let (t, half) = (sighting.time, 0.5 * sighting.time * sighting.time);
                 let x: [f64; 3] = std::array::from_fn(|axis| {
@@ -162,8 +214,9 @@ impl FreeFall {
                 });
                 let depth = if x[2] < 0.0 { -x[2] } else { f64::NAN };
                 let [du, dv, ds] = offset(k);
+                let gone = (sighting.time - first.time) / last;
                 // each residual with its derivative with respect to x
-                let rows = [
+                let rows: [(f64, [f64; 3]); 3] = [
                     (
                         (camera.cx + camera.fx * x[0] / depth + du - sighting.middle[0]) / middle,
                         [camera.fx / depth / middle, 0.0, camera.fx * x[0] / (depth * depth) / middle],
@@ -172,42 +225,72 @@ impl FreeFall {
                         (camera.cy - camera.fy * x[1] / depth + dv - sighting.middle[1]) / middle,
                         [0.0, -camera.fy / depth / middle, -camera.fy * x[1] / (depth * depth) / middle],
                     ),
-                    ((p[6] - depth.ln() + ds - sighting.size) / SIZE, [0.0, 0.0, 1.0 / depth / SIZE]),
+                    ((p[6] + gone * p[drift] - depth.ln() + ds - sighting.size) / SIZE, [0.0, 0.0, 1.0 / depth / SIZE]),
                 ];
                 for (row, (value, by)) in rows.into_iter().enumerate() {
+                    let (value, by) = (firm * value, by.map(|x| firm * x));
                     let along = |v: [f64; 3]| by[0] * v[0] + by[1] * v[1] + by[2] * v[2];
                     all.values.push(value);
                     let start = [by[0], by[1], t * by[0], t * by[1], t * by[2], half * along(direction)];
-                    let size = [if row == 2 { 1.0 / SIZE } else { 0.0 }];
+                    let size = [if row == 2 { firm / SIZE } else { 0.0 }];
                     let angle = tilt.map(|_| p[5] * half * along(turned));
-                    let derivatives = start.into_iter().chain(size).chain(angle);
+                    let change = size.map(|by| gone * by);
+                    let derivatives = start.into_iter().chain(size).chain(angle).chain(change);
                     all.columns.iter_mut().zip(derivatives).for_each(|(column, d)| column.push(d));
                 }
             }
-            if let Some((angle, deviation)) = tilt {
-                all.values.push((p[7] - angle) / deviation);
-                all.columns
-                    .iter_mut()
-                    .enumerate()
-                    .for_each(|(j, c)| c.push(if j == 7 { 1.0 / deviation } else { 0.0 }));
+            let expected = tilt.map(|(angle, deviation)| (7, angle, deviation));
+            for (index, value, deviation) in expected.into_iter().chain([(drift, 0.0, changes)]) {
+                all.values.push((p[index] - value) / deviation);
+                let by = |j: usize| if j == index { 1.0 / deviation } else { 0.0 };
+                all.columns.iter_mut().enumerate().for_each(|(j, column)| column.push(by(j)));
             }
-            if let Some([pixels, deviation]) = acceleration {
-                // of y/depth, without the motion along the line of sight
-                let along = direction[1] + p[1] * direction[2];
-                let scale = -camera.fy / deviation;
-                all.values.push(scale * p[5] * along - pixels / deviation);
-                let by_angle = scale * p[5] * (turned[1] + p[1] * turned[2]);
-                let derivatives = [0.0, scale * p[5] * direction[2], 0.0, 0.0, 0.0, scale * along, 0.0, by_angle];
-                all.columns.iter_mut().zip(derivatives).for_each(|(column, d)| column.push(d));
+            if let Some(([pixels, deviation], weights)) = acceleration.zip(weights.as_ref()) {
+                // that of the parabola through the positions, with the perspective that they have
+                let of = |rows: &[f64]| -> f64 {
+                    let down = weights.iter().enumerate().map(|(k, weight)| weight * rows[3 * k + 1]);
+                    middle / firm / deviation * down.sum::<f64>()
+                };
+                let seen = weights.iter().zip(sightings).map(|(weight, sighting)| weight * sighting.middle[1]);
+                let value = of(&all.values) + (seen.sum::<f64>() - pixels) / deviation;
+                all.values.push(value);
+                all.columns.iter_mut().for_each(|column| column.push(of(column)));
+                // the velocity in m/s: gravity is the unit of length
+                let metres = GRAVITY / p[5].abs().max(f64::MIN_POSITIVE) / TOWARDS;
+                all.values.push(metres * p[4]);
+                let by = |j: usize| match j {
+                    4 => metres,
+                    5 => -metres * p[4] / p[5],
+                    _ => 0.0,
+                };
+                all.columns.iter_mut().enumerate().for_each(|(j, column)| column.push(by(j)));
             }
             Ok(all)
         };
         let [u, v] = first.middle;
-        let mut start = vec![(u - camera.cx) / camera.fx, -(v - camera.cy) / camera.fy, 0.0, 0.0, 0.0, 0.0, first.size];
+        let pull = acceleration.map_or(0.0, |[pixels, _]| pixels / camera.fy);
+        let mut start =
+            vec![(u - camera.cx) / camera.fx, -(v - camera.cy) / camera.fy, 0.0, 0.0, 0.0, pull, first.size];
         start.extend(tilt.map(|(angle, _)| angle));
-        let fit = LevenbergMarquardt::default().minimise(&start, &mut model)?;
+        start.push(0.0);
+        let mut fit = LevenbergMarquardt::default().minimise(&start, &mut model)?;
+        let cost = fit.cost;
+        let scatter = |point: &[f64], model: &mut dyn FnMut(&[f64], bool) -> Result<Residuals>| {
+            let rows = 3 * sightings.len();
+            let sum: f64 = model(point, false)?.values[..rows].iter().map(|r| r * r).sum();
+            Ok::<_, gradreel::Error>((sum / (rows as f64 - 7.0).max(1.0)).sqrt())
+        };
+        for _ in 0..SOFTENED {
+            let more = scatter(&fit.point, &mut model)?;
+            // NaN stays as it is
+            if !(more > 1.1) {
+                break;
+            }
+            firm.set(firm.get() / more);
+            fit = LevenbergMarquardt::default().minimise(&start, &mut model)?;
+        }
         let p = &fit.point;
-        let angle = p.get(7).copied().unwrap_or_default();
+        let angle = if tilt.is_some() { p[7] } else { 0.0 };
         // residuals are normalised: their scatter rescales the covariance only if it exceeds 1
         let variance = fit.variance.unwrap_or(1.0);
         let known = fit.undetermined.is_empty();
@@ -236,7 +319,7 @@ impl FreeFall {
             with_distance: std::array::from_fn(with_distance),
             angle_variance: of_angle(7),
             with_angle: (with_angle, -of_angle(5) / p[5]),
-            cost: fit.cost,
+            cost,
         })
     }
 
@@ -263,6 +346,12 @@ impl FreeFall {
     pub fn is_sure(&self) -> bool {
         self.gravity > 0.0 && self.deviation < UNSURE
     }
+}
+
+/// By how much a body moves between the last two pictures, in its size.
+fn moved(sightings: &[Sighting]) -> f64 {
+    let [.., a, b] = sightings else { return 0.0 };
+    (b.middle[0] - a.middle[0]).hypot(b.middle[1] - a.middle[1]) / a.size.exp()
 }
 
 /// Maximum relative standard deviation of a usable depth scale.

@@ -20,6 +20,7 @@ mod film;
 mod free_fall;
 mod ground;
 mod locate;
+mod rate;
 mod sighting;
 mod story;
 mod surround;

@@ -12,6 +12,7 @@ use gradreel::optim::Params;
 use gradreel::{DType, ErrorKind, Result, Tape, Tensor};
 
 use crate::field::Field;
+use crate::vector::minus;
 
 /// Material points at rest, with opacity and colour from the field.
 #[derive(Debug, Clone)]
@@ -104,6 +105,12 @@ impl Particles {
         let mass: f64 = self.opacity.iter().sum();
         [0, 1, 2]
             .map(|axis| self.positions.iter().zip(&self.opacity).map(|(x, alpha)| alpha * x[axis]).sum::<f64>() / mass)
+    }
+
+    /// Where each particle is, relative to the centre of mass \[m\].
+    pub(crate) fn places(&self) -> Vec<[f64; 3]> {
+        let centre = self.centre_of_mass();
+        self.positions.iter().map(|x| minus(*x, centre)).collect()
     }
 
     /// Positions as a tensor `[particles, 3]` \[m\].

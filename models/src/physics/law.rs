@@ -46,7 +46,12 @@ pub struct Law {
     tangent: Arc<OnceLock<Program>>,
     /// Built on first use.
     kernels: Arc<OnceLock<LawKernels>>,
+    /// The history at rest of each particle, in the caller's order.
+    starts: Option<Arc<[Vec<f64>]>>,
 }
+
+/// A place of a body where checks look at a law whose history varies in space: nowhere in particular.
+pub(super) const SOMEWHERE: [f64; 3] = [0.03, 0.02, -0.01];
 
 impl Law {
     /// Traces a material.
@@ -57,7 +62,12 @@ impl Law {
     /// parameter to one that does not exist or is itself related to a third ([`Parameter::usually_times`]).
     #[track_caller]
     pub fn of(material: impl Material) -> Self {
-        let (parameters, history) = (material.parameters(), material.history());
+        let (parameters, mut history) = (material.parameters(), material.history());
+        if let Some(start) = material.rest(SOMEWHERE) {
+            let (found, wanted) = (start.len(), history.len());
+            assert!(found == wanted, "{}: {found} history variables at rest, {wanted} are declared", material.name());
+            history.iter_mut().zip(start).for_each(|(variable, start)| variable.start = start);
+        }
         for (what, count, limit) in
             [("parameters", parameters.len(), PARAMETER_LIMIT), ("history variables", history.len(), HISTORY_LIMIT)]
         {
@@ -102,9 +112,72 @@ impl Law {
         });
         let wanted: Vec<usize> = (0..18).chain(20..FIXED + parameters.len() + history.len()).collect();
         let reverse = forward.vjp_wrt(&wanted);
-        let (material, elastic) = (Arc::new(material), elastic.get());
+        let elastic = elastic.get() && keeps_history(&law, &parameters, &history);
+        let material = Arc::new(material);
         let (tangent, kernels) = (Arc::default(), Arc::default());
-        Self { material, parameters, history, elastic, law, forward, reverse, tangent, kernels }
+        Self { material, parameters, history, elastic, law, forward, reverse, tangent, kernels, starts: None }
+    }
+
+    /// The same law for the particles of a body, of which the places are known, relative to its middle \[m\]: what the
+    /// history starts from there stays with each particle ([`Material::rest`]). A rollout of a law that was not placed
+    /// takes the places of the particles at its start, around their mean. Nothing changes for a law that is alike everywhere.
+    ///
+    /// ```
+    /// use gradreel_models::physics::{Law, WgslLaw};
+    ///
+    /// let text = "struct Parameters {
+    ///         /// Bulk modulus below K [Pa], log10, 1e3 to 1e6
+    ///         below: f32,
+    ///         /// Bulk modulus above K [Pa], log10, 1e3 to 1e6
+    ///         above: f32,
+    ///     }
+    ///     struct History {
+    ///         /// Share of the upper region [-]
+    ///         upper: f32,
+    ///     }
+    ///     fn rest(place: vec3<f32>) -> History {
+    ///         return History(select(0.0, 1.0, place.y > 0.0));
+    ///     }
+    ///     fn stress(point: Point, p: Parameters, h: History) -> mat3x3<f32> {
+    ///         return mix(p.below, p.above, h.upper) * (trace(point.f) - 3.0) * identity();
+    ///     }";
+    /// let law = Law::of(WgslLaw::parse("layers.wgsl", text)?).placed(&[[0.0, -0.1, 0.0], [0.0, 0.1, 0.0]]);
+    /// assert_eq!(law.history_at(1), [1.0]);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    #[must_use]
+    pub fn placed(&self, places: &[[f64; 3]]) -> Self {
+        let starts: Option<Vec<Vec<f64>>> = places.iter().map(|&place| self.material.rest(place)).collect();
+        Self { starts: starts.filter(|_| self.varies()).map(Arc::from), ..self.clone() }
+    }
+
+    /// Whether the history at rest depends on the place ([`Material::rest`]).
+    pub fn varies(&self) -> bool {
+        self.material.rest(SOMEWHERE).is_some()
+    }
+
+    /// The history at rest of a particle: as it was placed, or else as [`History::start`] has it.
+    ///
+    /// # Panics
+    ///
+    /// If the law was placed for fewer particles.
+    pub fn history_at(&self, particle: usize) -> Vec<f64> {
+        match &self.starts {
+            Some(starts) => starts[particle].clone(),
+            None => self.history.iter().map(|variable| variable.start).collect(),
+        }
+    }
+
+    /// How the particles of a body start that are here: as they were placed, or by their places around their mean. `labels` are
+    /// their indices in the caller's order.
+    pub(crate) fn starts_of(&self, positions: &[[f64; 3]], labels: impl Iterator<Item = usize>) -> Vec<Vec<f64>> {
+        match &self.starts {
+            Some(_) => labels.take(positions.len()).map(|label| self.history_at(label)).collect(),
+            None => {
+                let here = self.placed(&places(positions));
+                (0..positions.len()).map(|p| here.history_at(p)).collect()
+            }
+        }
     }
 
     /// Reads and traces a law written in WGSL.
@@ -141,7 +214,7 @@ impl Law {
         &self.history
     }
 
-    /// Whether the material is elastic: it has no return map ([`Material::return_map`]).
+    /// Whether the material is elastic: it has no return map ([`Material::return_map`]), and its history, if any, stays as it is.
     ///
     /// ```
     /// use gradreel_models::physics::materials;
@@ -346,6 +419,23 @@ fn respond(material: &impl Material, previous: Mat3, c: Mat3, mut given: Given) 
         *old = *new;
     }
     Response { f, tau: material.stress(&Point { f, ..trial }, &given), history, returned: projected.is_some() }
+}
+
+/// Whether the history of a particle that is deformed stays as it is.
+fn keeps_history(law: &Program, parameters: &[Parameter], history: &[History]) -> bool {
+    let f = [1.1, 0.05, -0.02, 0.03, 0.95, 0.04, -0.06, 0.01, 1.02];
+    let c = [2.0, -1.0, 0.5, 1.5, -3.0, 0.7, -0.4, 1.2, 0.9];
+    let before: Vec<f64> = history.iter().map(|variable| variable.start).collect();
+    let values = parameters.iter().map(|p| p.start).chain(before.iter().copied());
+    let inputs: Vec<f64> = f.into_iter().chain(c).chain([1e-3]).chain(values).collect();
+    law.eval(&inputs)[18..] == before[..]
+}
+
+/// The places of particles relative to their mean \[m\].
+pub(crate) fn places(positions: &[[f64; 3]]) -> Vec<[f64; 3]> {
+    let count = positions.len().max(1) as f64;
+    let middle: [f64; 3] = std::array::from_fn(|axis| positions.iter().map(|x| x[axis]).sum::<f64>() / count);
+    positions.iter().map(|x| crate::vector::minus(*x, middle)).collect()
 }
 
 /// The first `count` arrays of a buffer.

@@ -60,6 +60,15 @@ pub trait Material: Debug + Send + Sync + 'static {
         Vec::new()
     }
 
+    /// The history of a particle that is at this place of the body at rest \[m\], relative to the middle of the body, in the
+    /// order of [`Material::history`]; `None` if all particles start alike. The direction of fibres and the region with a
+    /// stiffness of its own are such history; it is constant in derivatives. Whether it is `Some` must not depend on the
+    /// place.
+    fn rest(&self, place: [f64; 3]) -> Option<Vec<f64>> {
+        let _ = place;
+        None
+    }
+
     /// The new history variables, in order, for the trial deformation gradient `point.f`; unchanged by default. `given`
     /// holds the previous values by name; in [`Material::stress`] it holds the new ones.
     fn evolve(&self, point: &Point, given: &Given) -> Vec<Scalar> {
@@ -109,7 +118,7 @@ pub struct History {
     pub name: &'static str,
     /// The SI unit, `-` if it has none.
     pub unit: &'static str,
-    /// Its value at rest.
+    /// Its value at rest, where [`Material::rest`] does not say.
     pub start: f64,
 }
 

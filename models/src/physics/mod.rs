@@ -53,7 +53,7 @@ mod values;
 mod wgsl_law;
 mod world;
 
-pub use check::{MaterialCheck, MaterialReport, Response, check_material, responses, speed};
+pub use check::{MaterialCheck, MaterialReport, Response, check_material, responses, rollout_times, speed};
 pub use collider::{Collider, Contact, Region, RigidMotion};
 pub use gpu::GpuSimulation;
 pub(crate) use guard::{Guard, is_thin};

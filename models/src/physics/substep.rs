@@ -159,7 +159,7 @@ impl<'a, T: Number> Simulation<'a, T> {
     }
 
     /// Undeformed particles at these positions \[m\] with these velocities \[m/s\] and the initial history of their
-    /// materials.
+    /// materials, which may depend on the place ([`Law::placed`]).
     ///
     /// # Errors
     ///
@@ -173,8 +173,10 @@ impl<'a, T: Number> Simulation<'a, T> {
         assert!(positions.len() == self.particles, "at_rest: {} positions, {} wanted", positions.len(), self.particles);
         let mut history = vec![vec![T::ZERO; self.particles]; self.history];
         for Portion { law, particles, .. } in &self.portions {
-            for (values, variable) in history.iter_mut().zip(law.history()) {
-                values[particles.clone()].fill(T::from_f64(variable.start));
+            let places: Vec<[f64; 3]> = positions[particles.clone()].iter().map(|x| x.map(T::to_f64)).collect();
+            let label = |p: usize| self.labels.get(p).map_or(p, |&label| label as usize);
+            for (p, start) in particles.clone().zip(law.starts_of(&places, particles.clone().map(label))) {
+                history.iter_mut().zip(start).for_each(|(values, start)| values[p] = T::from_f64(start));
             }
         }
         Ok(State::at_rest(positions, velocities)?.with_history(&history))

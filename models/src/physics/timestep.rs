@@ -1,5 +1,7 @@
 //! Stable substeps, and the schedule of a rollout.
 
+use std::collections::BTreeSet;
+
 use gradreel::{Error, ErrorKind, Result};
 
 use super::law::Law;
@@ -122,7 +124,8 @@ impl Schedule {
             )))
     }
 
-    /// Checks that sound crosses less than a cell per substep, for each of `n` particles that is a `member`.
+    /// Checks that sound crosses less than a cell per substep, for those of `n` particles that are a `member` and have an
+    /// extreme density, parameter, or ratio of the two: a speed of sound may take milliseconds to compute.
     ///
     /// # Errors
     ///
@@ -136,9 +139,8 @@ impl Schedule {
         n: usize,
         member: impl Fn(usize) -> bool,
     ) -> Result<()> {
-        let each = std::iter::once(density).chain(parameters).any(|values| matches!(values, Values::Each(_)));
         let dt = self.dt();
-        for particle in (0..n).filter(|&p| member(p)).take(if each { n } else { 1 }) {
+        for particle in extremes(density, parameters, n, member) {
             let values: Vec<f64> = parameters.iter().map(|values| values.get(particle).to_f64()).collect();
             let density = density.get(particle).to_f64();
             let sound = law.wave_speed(&values, density);
@@ -163,6 +165,37 @@ impl Schedule {
     }
 }
 
+/// Ratios that differ by less than this share are alike.
+const ALIKE: f64 = 1e-3;
+
+/// The members with the least and the most of the density, of each parameter, and of each parameter per density.
+fn extremes<T: Number>(
+    density: &Values<T>,
+    parameters: &[Values<T>],
+    n: usize,
+    member: impl Fn(usize) -> bool,
+) -> BTreeSet<usize> {
+    let members: Vec<usize> = (0..n).filter(|&p| member(p)).collect();
+    if std::iter::once(density).chain(parameters).all(|values| matches!(values, Values::Same(_))) {
+        return members.into_iter().take(1).collect();
+    }
+    let of = |values: &Values<T>, p: usize| values.get(p).to_f64();
+    let plain = std::iter::once(density).chain(parameters).map(|values| (values, None));
+    let ratios = parameters.iter().map(|values| (values, Some(density)));
+    let mut found = BTreeSet::new();
+    for (above, below) in plain.chain(ratios) {
+        let value = |p: &usize| of(above, *p) / below.map_or(1.0, |below| of(below, *p));
+        let by = |a: &usize, b: &usize| value(a).total_cmp(&value(b));
+        let Some(least) = members.iter().copied().min_by(by) else { continue };
+        let most = members.iter().copied().max_by(by).unwrap_or(least);
+        // rounding alone makes no extremes
+        if below.is_none() || (value(&most) - value(&least)).abs() > ALIKE * value(&most).abs() {
+            found.extend([least, most]);
+        }
+    }
+    found
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -180,5 +213,23 @@ mod tests {
         assert!(counts.is_sorted());
         counts.dedup();
         assert!(counts.len() < 32, "{counts:?}");
+    }
+
+    #[test]
+    fn the_fastest_of_many_particles_is_found() {
+        let law = crate::physics::materials::find("neo_hookean").unwrap();
+        let schedule = Schedule { frames: 2, frame_dt: 1e-3, substeps: 1 };
+        let check = |young: Vec<f64>, density: Vec<f64>| {
+            let parameters = [Values::Each(young), Values::Same(0.3)];
+            schedule.check_waves(&World::new(0.02), &law, &Values::Each(density), &parameters, 5, |p| p != 4)
+        };
+        // 1e5 Pa and 1000 kg/m³ are 12 m/s
+        check(vec![1e5; 5], vec![1000.0; 5]).unwrap();
+        check(vec![1e5, 1e5, 1e5, 1e5, 1e9], vec![1000.0; 5]).unwrap();
+        let error = check(vec![1e5, 1e5, 1e6, 1e5, 1e5], vec![1000.0; 5]).unwrap_err();
+        assert!(error.to_string().contains("particle 2"), "{error}");
+        // neither the stiffest nor the lightest
+        let error = check(vec![1e5, 3e5, 1e4, 4e5, 1e5], vec![1000.0, 900.0, 100.0, 3000.0, 1000.0]).unwrap_err();
+        assert!(error.to_string().contains("particle 1"), "{error}");
     }
 }

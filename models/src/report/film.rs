@@ -46,6 +46,7 @@ pub(crate) fn option_of(assumption: &str) -> Option<&'static str> {
         ("ground", "--ground"),
         ("shape", "--imagine, --views"),
         ("the object is told", "--masks, --background, --matting"),
+        ("objects", "--object"),
         ("frames", "--first-frame, --frames"),
         ("contact", "--contact"),
     ];

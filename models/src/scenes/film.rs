@@ -134,6 +134,11 @@ impl Film {
         &self.cameras
     }
 
+    /// The first camera; colours and spacings \[m\] of the particles.
+    pub fn of_one_camera(mut self) -> (Camera, Vec<[f32; 3]>, Vec<f64>) {
+        (self.cameras.swap_remove(0), self.colours, self.spacings)
+    }
+
     /// `all_data.json` of the clip.
     pub fn list(&self) -> String {
         list(&self.cameras, self.frames, self.frame_dt)

@@ -118,6 +118,7 @@ impl Setup {
             speeds: [0.0; 2],
             precision: file.grid.precision,
         };
+        let mut places = Vec::new();
         for (index, object) in file.objects.iter().enumerate() {
             let place = format!("objects[{index}]");
             let Some(material) = names.iter().position(|name| *name == object.material) else {
@@ -142,7 +143,8 @@ impl Setup {
             let colour = object.colour.as_deref().map_or(Ok(COLOURS[index % COLOURS.len()]), colour);
             setup.colours.push(colour.map_err(|e| e.within(format!("{place}.colour")))?);
             for x in particles {
-                let r: [f64; 3] = std::array::from_fn(|axis| x[axis] - centre[axis]);
+                let r = minus(x, centre);
+                places.push(r);
                 let turning = cross(object.spin_rad_s, r);
                 setup.velocities.push(std::array::from_fn(|axis| object.velocity_m_s[axis] + turning[axis]));
                 setup.positions.push(x);
@@ -151,6 +153,7 @@ impl Setup {
                 setup.object_of.push(index as u32);
             }
         }
+        setup.materials.iter_mut().for_each(|stuff| stuff.law = stuff.law.placed(&places));
         setup.check_box()?;
         setup.note_rounding();
         setup.note_thin_obstacles(&colliders);

@@ -17,6 +17,38 @@ pub(crate) struct Parabola {
     pub leverage: f64,
 }
 
+/// Moments of times about their mean.
+#[derive(Clone, Copy)]
+struct Moments {
+    count: f64,
+    time: f64,
+    s2: f64,
+    s3: f64,
+    s4: f64,
+    /// Sum of the squares of [`Moments::curve`].
+    strength: f64,
+}
+
+impl Moments {
+    fn of(times: impl Iterator<Item = f64> + Clone) -> Self {
+        let count = times.clone().count() as f64;
+        let time = times.clone().sum::<f64>() / count;
+        let moment = |power: i32| times.clone().map(|t| (t - time).powi(power)).sum::<f64>();
+        let (s2, s3, s4) = (moment(2), moment(3), moment(4));
+        Self { count, time, s2, s3, s4, strength: 0.25 * (s4 - s2 * s2 / count - s3 * s3 / s2) }
+    }
+
+    /// The quadratic part of a parabola that is orthogonal to constant and linear parts.
+    fn curve(&self, t: f64) -> f64 {
+        0.5 * ((t - self.time).powi(2) - self.s2 / self.count - self.s3 / self.s2 * (t - self.time))
+    }
+
+    /// Whether the times determine an acceleration.
+    fn bend(&self) -> bool {
+        self.count >= 3.0 && self.s2 > 0.0 && self.strength > 1e-9 * self.s4
+    }
+}
+
 impl Parabola {
     /// Position at a time \[pixels\].
     pub fn at(&self, time: f64) -> [f64; 2] {
@@ -32,18 +64,9 @@ impl Parabola {
     /// The least squares fit of positions at times; with a given acceleration, of place and velocity alone.
     /// `None` if the times do not determine it.
     pub fn fit(points: &[(f64, [f64; 2])], acceleration: Option<[f64; 2]>) -> Option<Self> {
-        let count = points.len() as f64;
-        let time = points.iter().map(|(t, _)| t).sum::<f64>() / count;
-        // moments of time about the mean
-        let moment = |power: i32| points.iter().map(|(t, _)| (t - time).powi(power)).sum::<f64>();
-        let (s2, s3, s4) = (moment(2), moment(3), moment(4));
-        if points.len() < 2 || s2 <= 0.0 {
-            return None;
-        }
-        // the quadratic part that is orthogonal to constant and linear parts
-        let curve = |t: f64| 0.5 * ((t - time).powi(2) - s2 / count - s3 / s2 * (t - time));
-        let strength = 0.25 * (s4 - s2 * s2 / count - s3 * s3 / s2);
-        if acceleration.is_none() && (points.len() < 3 || strength <= 1e-9 * s4) {
+        let moments = Moments::of(points.iter().map(|(t, _)| *t));
+        let Moments { count, time, s2, s3, strength, .. } = moments;
+        if points.len() < 2 || s2 <= 0.0 || acceleration.is_none() && !moments.bend() {
             return None;
         }
         let mut found = Self {
@@ -59,7 +82,7 @@ impl Parabola {
             let slope = points.iter().map(|(t, p)| (t - time) * p[c]).sum::<f64>() / s2;
             let bend = match acceleration {
                 Some(given) => given[c],
-                None => points.iter().map(|(t, p)| curve(*t) * p[c]).sum::<f64>() / strength,
+                None => points.iter().map(|(t, p)| moments.curve(*t) * p[c]).sum::<f64>() / strength,
             };
             found.acceleration[c] = bend;
             found.place[c] = mean - 0.5 * bend * s2 / count;
@@ -73,6 +96,12 @@ impl Parabola {
         let free = (count - parameters).max(1.0);
         found.scatter = (points.iter().map(off).sum::<f64>() / (2.0 * free)).sqrt();
         Some(found)
+    }
+
+    /// Weights of positions at these times: their weighted sum is the acceleration of the fit. `None` if the times do not determine it.
+    pub fn weights(times: &[f64]) -> Option<Vec<f64>> {
+        let moments = Moments::of(times.iter().copied());
+        moments.bend().then(|| times.iter().map(|t| moments.curve(*t) / moments.strength).collect())
     }
 
     /// The time at which two flights of the same acceleration are at one height, and their distance then.

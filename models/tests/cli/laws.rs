@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 
 use serde_json::Value;
 
@@ -95,4 +96,68 @@ fn settings_name_a_law_beside_them() {
     scene.write("settings/own.toml", format!("{quick}[material]\nlaw = \"mine.wgsl\"\nheld = [\"poisson\"]\n"));
     scene.succeeds("reconstruct clip --out out --config settings/own.toml");
     assert!(scene.path("out/mine.wgsl").is_file());
+}
+
+#[cfg(unix)]
+#[test]
+fn a_simulation_goes_on_with_the_law_that_it_has_kept() {
+    let scene = Scene::new();
+    copy(&scene, "../examples/laws/layers.wgsl", "laws/mine.wgsl");
+    let parameters = "lower = 2e4\nupper = 6e4\nbulk = 1e5\nfibres = 2e4\n";
+    let fall = fall("laws/mine.wgsl").replace("young = 5e4\npoisson = 0.3\n", parameters);
+    scene.write("fall.toml", fall.replace("duration_s = 0.1", "duration_s = 0.42"));
+    let arguments = "simulate fall.toml --frames npy --no-gif --out";
+    scene.succeeds(&format!("{arguments} whole"));
+    // stopped after some frames
+    let mut child = scene.command(&format!("{arguments} parts")).spawn().unwrap();
+    while !scene.path("parts/frames/frame_0002.npy").is_file() && child.try_wait().unwrap().is_none() {
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(sent.success());
+    let code = child.wait().unwrap().code();
+    // the file here is another law by now
+    copy(&scene, "../examples/laws/ogden.wgsl", "laws/mine.wgsl");
+    // on a very fast machine it may have finished
+    if code == Some(130) {
+        scene.succeeds(&format!("{arguments} parts --resume"));
+    } else {
+        assert_eq!(code, Some(0));
+    }
+    let last = |out: &str| fs::read(scene.path(out).join("frames/frame_0010.npy")).unwrap();
+    assert!(last("parts") == last("whole"));
+}
+
+#[test]
+fn clips_of_a_law_are_drawn_from_its_priors_and_fitted_with_it() {
+    let scene = Scene::new();
+    copy(&scene, "../examples/laws/ogden.wgsl", "rubber.wgsl");
+    scene.succeeds("bench coverage --law rubber.wgsl --clips 1 --quick --out out -q");
+    let text = |name: &str| fs::read_to_string(scene.path("out").join(name)).unwrap();
+    let line: Value = serde_json::from_str(text("clips.jsonl").lines().next().unwrap()).unwrap();
+    assert_eq!(line["family"], "rubber");
+    for name in ["first", "second", "bulk"] {
+        assert!(line["truth"][name].as_f64().unwrap() > 0.0, "{line}");
+    }
+    assert!(text("coverage.toml").contains("law = \"rubber.wgsl\""));
+    // the folder has its own copy
+    fs::remove_file(scene.path("rubber.wgsl")).unwrap();
+    scene.succeeds("bench coverage --out out --resume -q");
+    scene.refuses("bench coverage --law rubber.wgsl --clips 1 --out other", &["rubber.wgsl"]);
+    scene.refuses("bench calibrate out", &["five families", "rubber.wgsl"]);
+}
+
+#[test]
+fn rollouts_are_compared_with_the_same_law_in_rust() {
+    let scene = Scene::new();
+    copy(&scene, "laws/neo_hookean.wgsl", "neo_hookean.wgsl");
+    let table = scene.succeeds("bench laws neo_hookean.wgsl --markdown results.md");
+    assert!(
+        table.contains("| neo_hookean |") && fs::read_to_string(scene.path("results.md")).unwrap().contains(&table)
+    );
+    let line = scene.succeeds("check-law neo_hookean.wgsl --no-plot --against neo_hookean");
+    assert!(line.contains("rollout:") && line.contains("of neo_hookean"), "{line}");
+    scene.refuses("check-law neo_hookean.wgsl --no-plot --against neo_hokean", &["did you mean `neo_hookean`"]);
+    copy(&scene, "../examples/laws/ogden.wgsl", "ogden.wgsl");
+    scene.refuses("bench laws ogden.wgsl", &["ogden.wgsl", "no law of this name"]);
 }

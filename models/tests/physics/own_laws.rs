@@ -1,9 +1,12 @@
 //! Laws in WGSL that are not shipped: checks, and that the checks see faults.
 
-use gradreel_models::physics::{Law, WgslLaw, check_material, materials, responses};
+use gradreel::{Tensor, gradcheck};
+use gradreel_models::physics::{
+    Body, Collider, Law, Remat, Rollout, Schedule, State, WgslLaw, World, check_material, materials, responses, rollout,
+};
 
 /// The laws of `examples/laws`.
-const EXAMPLES: [&str; 3] = ["ogden", "maxwell", "fibres"];
+const EXAMPLES: [&str; 4] = ["ogden", "maxwell", "fibres", "layers"];
 
 fn example(name: &str) -> Law {
     Law::read(format!("../examples/laws/{name}.wgsl")).unwrap()
@@ -16,6 +19,7 @@ fn the_examples_pass_every_check() {
         assert!(law.text().unwrap().lines().count() <= 40, "{name}");
         let report = check_material(&law).unwrap();
         assert!(report.passed(), "{report}");
+        assert_eq!(law.is_elastic(), name != "maxwell", "{name}");
     }
 }
 
@@ -90,4 +94,58 @@ fn a_law_of_one_s_own_is_found_by_its_name() {
         // `auto` never becomes a name
         assert_eq!(materials::register(Law::of(law)).is_err(), taken != "auto", "{taken}");
     }
+}
+
+/// A block of a law whose layers and fibres belong to the particles: derivatives in places, velocity, density and parameters.
+#[test]
+fn what_varies_in_space_is_differentiated_through() {
+    let block: Vec<f64> = (0..3 * 64)
+        .map(|i| [i / 3 / 16, i / 12 % 4, i / 3 % 4][i % 3] as f64 * 0.02 + [0.013, 0.021, -0.03][i % 3])
+        .collect();
+    let middle: Vec<f64> = (0..3).map(|axis| block.iter().skip(axis).step_by(3).sum::<f64>() / 64.0).collect();
+    let places: Vec<[f64; 3]> =
+        block.as_chunks::<3>().0.iter().map(|x| std::array::from_fn(|axis| x[axis] - middle[axis])).collect();
+    let law = example("layers").placed(&places);
+    let world = World { colliders: vec![Collider::ground(0.0)], ..World::new(0.04) };
+    let schedule = Schedule { frames: 3, frame_dt: 0.02, substeps: 40 };
+    let number = |value: f64| Tensor::from_vec(vec![value], [1]);
+    let inputs = [
+        ("positions", Tensor::from_vec(block, [64, 3])),
+        ("velocity", Tensor::from_vec(vec![0.3, -2.0, 0.1], [3])),
+        ("density", number(1000.0)),
+        ("lower", number(2e4)),
+        ("upper", number(8e4)),
+        ("bulk", number(1e5)),
+        ("fibres", number(5e4)),
+    ];
+    let motion = |body: Body| rollout(&world, &law, schedule, Remat::default(), &body);
+    let report = gradcheck("layers", &inputs, |_, x| {
+        let [positions, velocity, density, ..] = [0, 1, 2].map(|k| x[k].clone());
+        let moved = motion(Body { positions, velocity, density, parameters: x[3..].to_vec() })?;
+        Ok((&moved.select(0, 2) - &x[0]).square().sum_all())
+    });
+    let report = report.unwrap();
+    println!("{report}");
+    // forward mode, along each parameter, moves particles of both layers
+    let rollout = Rollout::of_one(&world, &law, schedule);
+    let tensors: Vec<Tensor> = inputs.iter().map(|(_, tensor)| tensor.clone()).collect();
+    let along = |k: usize| (0..7).map(|j| (j == k).then(|| number(1e4))).collect::<Vec<_>>();
+    let (_, changes) = rollout.jvp(&tensors, &[3, 4, 6].map(along)).unwrap();
+    assert!(changes.iter().all(|change| change.to_vec().unwrap().iter().any(|x| x.abs() > 1e-5)));
+}
+
+/// Without places the particles of a rollout start from where they are, around their mean.
+#[test]
+fn a_law_is_placed_by_its_particles() {
+    use gradreel_models::physics::{Simulation, Values};
+    let (world, law) = (World::new(0.04), example("layers"));
+    let parameters = || vec![Values::Same(2e4), Values::Same(8e4), Values::Same(1e5), Values::Same(5e4)];
+    let start = |law: &Law, x: &[[f64; 3]]| -> State<f64> {
+        let simulation = Simulation::new(&world, law, 1e-4, x.len(), &Values::Same(1000.0), parameters()).unwrap();
+        simulation.at_rest(x, &vec![[0.0; 3]; x.len()]).unwrap()
+    };
+    let x = [[1.0, 5.0, 0.0], [1.0, 5.1, 0.0], [1.1, 5.3, 0.0]];
+    assert_eq!(start(&law, &x).history(0), [0.0, 0.0, 1.0]);
+    let turned = law.placed(&[[0.0, 0.1, 0.0], [0.0, -0.1, 0.0], [0.0, -0.1, 0.0]]);
+    assert_eq!(start(&turned, &x).history(0), [1.0, 0.0, 0.0]);
 }

@@ -6,4 +6,5 @@ mod dialects;
 mod filling;
 mod gallery;
 mod meshes;
+mod own_laws;
 mod thin;

@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::cli::output::say;
 use crate::coverage::{Line, Split, Summary, fit, ranks};
 use crate::identify::Config;
+use crate::physics::{Law, law_file, name_of};
 use crate::report::results_file::{self, Measured, Section};
 use crate::runtime::interrupt;
 use crate::runtime::progress::Progress;
@@ -21,7 +22,7 @@ use crate::runtime::run_folder::RunFolder;
 #[derive(clap::Args)]
 #[command(after_long_help = HELP)]
 pub(super) struct Arguments {
-    /// Clips, a fifth of each family of materials
+    /// Clips, a fifth of each family of materials unless there is a law
     #[arg(long, value_name = "COUNT", default_value_t = 60, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     #[arg(conflicts_with = "resume")]
     clips: u64,
@@ -41,6 +42,9 @@ pub(super) struct Arguments {
     /// Go on with the bench in --out; clips that are fitted are not fitted again
     #[arg(long, requires = "out")]
     resume: bool,
+    /// A law of your own in WGSL (see docs/guide/laws.md): all clips are of it, with parameters from its priors
+    #[arg(long, value_name = "FILE.wgsl", conflicts_with = "resume")]
+    law: Option<PathBuf>,
     /// Settings of the fits, in place of the defaults
     #[arg(long, value_name = "FILE", conflicts_with_all = ["resume", "quick"])]
     config: Option<PathBuf>,
@@ -75,6 +79,7 @@ The folder holds clips.jsonl (a line a clip, as it ends), coverage.json, coverag
 Examples:
   gradreel bench coverage --clips 20                              twenty clips of the development split
   gradreel bench coverage --cameras 1 --split report --clips 200  what is reported of one camera
+  gradreel bench coverage --law foam.wgsl --clips 40              clips of a law of your own
   gradreel bench coverage --out runs/coverage --resume            go on after Ctrl-C";
 
 /// What was asked for, as the folder keeps it.
@@ -86,6 +91,9 @@ struct Plan {
     cameras: u64,
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     quick: bool,
+    /// The file in this folder with the law of all clips.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    law: Option<String>,
     /// The file of --config.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     settings: Option<String>,
@@ -124,6 +132,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let (plan, folder, lines) =
         if arguments.resume { go_on(arguments.out.as_deref().unwrap_or(Path::new(".")))? } else { begin(arguments)? };
     let waiting: Vec<u64> = (0..plan.clips).filter(|n| lines.iter().all(|line| line.clip != *n)).collect();
+    let law = plan.law.as_ref().map(|name| Law::read(folder.path(name))).transpose()?;
     let settings = match &plan.settings {
         _ if plan.quick => super::job::quick().config,
         None => Config::default(),
@@ -138,7 +147,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             interrupt::check()?;
             let place = folder.path(&format!("clips/{number:05}"));
             clear(&place)?;
-            let line = pool.install(|| fit(plan.split, number, plan.cameras as usize, &settings, &place))?;
+            let line =
+                pool.install(|| fit(plan.split, number, plan.cameras as usize, law.as_ref(), &settings, &place))?;
             if !arguments.keep {
                 clear(&place)?;
             }
@@ -187,12 +197,17 @@ fn begin(arguments: &Arguments) -> Result<(Plan, RunFolder, Vec<Line>)> {
         }
         None => None,
     };
+    let law = arguments.law.as_ref().map(Law::read).transpose()?;
     let folder = match &arguments.out {
         Some(folder) => RunFolder::create(folder)?,
         None => RunFolder::create_free(Path::new("runs"), "coverage")?,
     };
+    let kept = law.as_ref().map(|law| law_file(law.name()));
+    if let (Some(name), Some(text)) = (&kept, law.as_ref().and_then(Law::text)) {
+        folder.write(name, text.as_bytes())?;
+    }
     let Arguments { split, clips, cameras, quick, .. } = *arguments;
-    let plan = Plan { split, clips, cameras, quick, settings };
+    let plan = Plan { split, clips, cameras, quick, law: kept, settings };
     folder.write(PLAN, toml::to_string_pretty(&plan).map_err(unwritable)?.as_bytes())?;
     Ok((plan, folder, Vec::new()))
 }
@@ -219,9 +234,16 @@ fn go_on(folder: &Path) -> Result<(Plan, RunFolder, Vec<Line>)> {
     Ok((plan, folder, lines))
 }
 
-/// The lines of a folder.
+/// The lines of a folder whose clips are of the families.
 pub(super) fn lines(folder: &Path) -> Result<Vec<Line>> {
-    go_on(folder).map(|(_, _, lines)| lines)
+    let (plan, _, lines) = go_on(folder)?;
+    match plan.law {
+        None => Ok(lines),
+        Some(law) => Err(Error::new(ErrorKind::Input, "an error budget is of the five families")
+            .at(folder.display())
+            .found(format!("clips of {law}"))
+            .fix("give folders of `gradreel bench coverage` without --law")),
+    }
 }
 
 /// The file of lines, to write after what is there.
@@ -272,9 +294,11 @@ fn publish(arguments: &Arguments, plan: &Plan, folder: &RunFolder, lines: &[Line
                 ("-settings", ", other settings", told)
             }
         };
+        let own = plan.law.as_ref().map(|file| name_of(file));
+        let [of, by] = own.map_or([String::new(), String::new()], |law| [format!("-{law}"), format!(" of {law}")]);
         let section = Section {
-            name: format!("coverage-{}-{split}{name}", plan.cameras),
-            title: format!("Coverage, {cameras}, {split} clips{title}"),
+            name: format!("coverage-{}-{split}{of}{name}", plan.cameras),
+            title: format!("Coverage, {cameras}, {split} clips{by}{title}"),
             split: format!("{split}: {} random clips", plan.clips),
             body: format!("{threads} side by side.{told}\n\n{}", summary.markdown()),
         };

@@ -85,9 +85,11 @@ pub(super) fn run(arguments: &AblationArguments, (name, title): (&str, &str)) ->
             Some(_) => "development: films of examples/scenes/families",
             None => "clips that were given on the command line",
         };
-        let [name, title] = match plan.coarse {
-            true => [format!("{name}-quick"), format!("{title}, coarsely")],
-            false => [name.to_owned(), title.to_owned()],
+        let own = results.iter().any(|result| result.truth.as_ref().is_some_and(|truth| truth.law.is_some()));
+        let [name, title] = match (own, plan.coarse) {
+            (true, _) => [format!("{name}-own-laws"), "Films of laws of one's own".to_owned()],
+            (_, true) => [format!("{name}-quick"), format!("{title}, coarsely")],
+            _ => [name.to_owned(), title.to_owned()],
         };
         let split = split.to_owned();
         let section = Section { name, title, split, body: below(&plan.table(&results)) };
@@ -189,9 +191,12 @@ impl Plan {
     fn settings_of(&self, truth: Option<&Truth>) -> AblationSettings {
         let mut settings = self.settings.clone();
         if let (true, Some(truth)) = (self.material_of_truth, truth) {
-            let material = &mut settings.config.material;
-            material.name.clone_from(&truth.family);
-            if let (Some(factor), Some(law)) = (self.off, truth.law()) {
+            let law = truth.law();
+            settings.config.material.name.clone_from(&truth.family);
+            if let (Some(_), Some(law)) = (&truth.law, &law) {
+                settings.config = settings.config.with_law(law.clone());
+            }
+            if let (Some(factor), Some(law)) = (self.off, law) {
                 let held = settings.config.held(&law).unwrap_or_default();
                 settings.config.material.start = truth.off(factor, &held);
             }

@@ -2,9 +2,10 @@
 
 mod calibrate;
 mod coverage;
+mod film;
 mod films;
 mod job;
-mod real;
+mod laws;
 
 use std::path::PathBuf;
 
@@ -31,8 +32,10 @@ enum What {
     Coverage(coverage::Arguments),
     /// The error budget from clips that were fitted: what errs together, and by how much
     Calibrate(calibrate::Arguments),
-    /// Films that people made: which `check` accepts, what it finds in them, and how long it takes
-    Films(real::Arguments),
+    /// Laws in WGSL beside the same laws in Rust: the time of a rollout
+    Laws(laws::Arguments),
+    /// Films of phones, made here or by people: which `check` accepts, what it finds in them, and how long it takes
+    Films(film::Arguments),
     /// Table 1 of the paper: one view against all views, on clips of the five families of materials
     Table1(TableArguments),
     /// Table 2 of the paper: imagined views with and without the view-adaptive loss, on clips of the five families
@@ -192,7 +195,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         What::Ablation(arguments) => job::run(arguments, ("ablation", "What parts of the method are worth")),
         What::Coverage(arguments) => coverage::run(arguments),
         What::Calibrate(arguments) => calibrate::run(arguments),
-        What::Films(arguments) => real::run(arguments),
+        What::Laws(arguments) => laws::run(arguments),
+        What::Films(arguments) => film::run(arguments),
         What::Families(families) => job::run(&families.all_views(), ("families", "The five families")),
         What::Table1(table) => job::run(&table.beside(Published::Table1), ("table1", "One view against all views")),
         What::Table2(table) => job::run(&table.beside(Published::Table2), ("table2", "Imagined views")),

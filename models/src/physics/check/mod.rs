@@ -13,7 +13,7 @@ use std::fmt;
 use gradreel::Result;
 
 pub use curves::{Response, responses};
-pub use speed::speed;
+pub use speed::{rollout_times, speed};
 
 use super::law::Law;
 

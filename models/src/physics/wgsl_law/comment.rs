@@ -19,7 +19,7 @@ pub(super) const FORM: &str = "a comment such as `/// Young's modulus E [Pa], lo
 
 /// The form for history, for errors.
 pub(super) const HISTORY_FORM: &str = "a comment such as `/// Plastic volume [-], start 1` above the member: what it is, unit, \
-                                       and its value at rest, for a matrix also `start identity`";
+                                       and its value at rest, for a matrix also `start identity`; or without a start, which `fn rest` says";
 
 /// A comment in parts.
 struct Parts<'a> {
@@ -146,20 +146,29 @@ pub(super) fn parameter(member: &str, text: &str) -> Result<Parameter, String> {
     Ok(parameter)
 }
 
-/// Unit and start of a history variable; `None` for `start identity`.
+/// What a history variable starts from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Start {
+    Value(f64),
+    Identity,
+    /// `fn rest` says it.
+    Unsaid,
+}
+
+/// Unit and start of a history variable.
 ///
 /// # Errors
 ///
 /// What was found in place of the form.
-pub(super) fn history(text: &str) -> Result<(&'static str, Option<f64>), String> {
+pub(super) fn history(text: &str) -> Result<(&'static str, Start), String> {
     let Parts { unit, clauses, .. } = parts(text)?;
-    let mut start = None;
+    let mut start = Start::Unsaid;
     for clause in clauses {
         start = match clause.strip_prefix("start ").map(str::trim) {
-            Some("identity") => Some(None),
-            Some(value) => Some(Some(number(value)?)),
+            Some("identity") => Start::Identity,
+            Some(value) => Start::Value(number(value)?),
             None => return Err(format!("`{clause}`")),
         };
     }
-    Ok((name(unit), start.ok_or("no `start`")?))
+    Ok((name(unit), start))
 }

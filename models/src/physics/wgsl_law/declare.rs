@@ -5,7 +5,7 @@ use std::ops::Range;
 use gradreel::Result;
 use naga::{Function, Handle, ScalarKind, Type, TypeInner};
 
-use super::comment::{self, FORM, HISTORY_FORM};
+use super::comment::{self, FORM, HISTORY_FORM, Start};
 use super::fault::Fault;
 use super::lexer::{Kind, tokens};
 use super::module::Parsed;
@@ -21,6 +21,7 @@ pub(super) enum Role {
     Parameters,
     History,
     Density,
+    Place,
 }
 
 /// A function of the law.
@@ -58,13 +59,15 @@ pub(super) struct Declared {
     pub return_map: Option<Entry>,
     pub evolve: Option<Entry>,
     pub wave_speed: Option<Entry>,
+    pub rest: Option<Entry>,
 }
 
 /// What the functions of a law look like, for errors.
 const SIGNATURES: &str = "fn stress(point: Point, p: Parameters) -> mat3x3<f32>, \
                           fn return_map(point: Point, p: Parameters) -> mat3x3<f32>, \
                           fn evolve(point: Point, p: Parameters, h: History) -> History, \
-                          fn wave_speed(p: Parameters, density: f32) -> f32; the first three may also take `h: History`";
+                          fn wave_speed(p: Parameters, density: f32) -> f32, fn rest(place: vec3<f32>) -> History; the first three \
+                          may also take `h: History`";
 
 /// Names of the inputs of a law's programs.
 const TAKEN: [&str; 4] = ["dt", "scale", "mass", "density"];
@@ -117,6 +120,8 @@ impl Declared {
                 return Err(fail(member.range, "a usual value is no multiple of this", found, fix));
             }
         }
+        let none = |_: &TypeInner| false;
+        let rest = entry(parsed, "rest", &none)?;
         let (mut history, mut layout) = (Vec::new(), Vec::new());
         if let Some(struct_type) = structure(parsed, "History") {
             for member in members(parsed, struct_type, "History") {
@@ -133,14 +138,20 @@ impl Declared {
                     fail(member.range.clone(), "this name cannot be used", found, "choose another name")
                 })?;
                 match comment::history(&member.comment) {
-                    Ok((unit, start)) if start.is_some() || shape == Layout::Matrix => {
-                        history.extend(entries(&member.name, shape, unit, start));
+                    Ok((unit, Start::Value(start))) => history.extend(entries(&member.name, shape, unit, |_| start)),
+                    Ok((unit, Start::Identity)) if shape == Layout::Matrix => {
+                        history
+                            .extend(entries(&member.name, shape, unit, |k| f64::from(u8::from(k.is_multiple_of(4)))));
                     }
-                    Ok(_) => {
-                        let found = "`start identity` of what is no matrix".to_owned();
-                        return Err(fail(member.range, "a history variable is not described", found, HISTORY_FORM));
+                    Ok((unit, Start::Unsaid)) if rest.is_some() => {
+                        history.extend(entries(&member.name, shape, unit, |_| 0.0));
                     }
-                    Err(found) => {
+                    other => {
+                        let found = match other {
+                            Ok((_, Start::Identity)) => "`start identity` of what is no matrix".to_owned(),
+                            Ok(_) => "no `start`, and no `fn rest` that says it".to_owned(),
+                            Err(found) => found,
+                        };
                         return Err(fail(member.range, "a history variable is not described", found, HISTORY_FORM));
                     }
                 }
@@ -159,30 +170,29 @@ impl Declared {
         }
         let matrix = |inner: &TypeInner| layout_of(inner) == Some(Layout::Matrix);
         let number = |inner: &TypeInner| layout_of(inner) == Some(Layout::Number);
-        let none = |_: &TypeInner| false;
         let Some(stress) = entry(parsed, "stress", &matrix)? else {
             return Err(fail(None, "the law has no stress", "no `fn stress`".to_owned(), SIGNATURES));
         };
         let return_map = entry(parsed, "return_map", &matrix)?;
         let evolve = entry(parsed, "evolve", &none)?;
         let wave_speed = entry(parsed, "wave_speed", &number)?;
-        if evolve.is_some() == history.is_empty() {
-            let found = if history.is_empty() { "no `struct History`" } else { "no `fn evolve`" };
-            let fix = "`struct History` and `fn evolve` belong together";
+        // what only varies in space does not evolve
+        if (evolve.is_some() || rest.is_some()) == history.is_empty() {
+            let found = if history.is_empty() { "no `struct History`" } else { "no `fn evolve`, and no `fn rest`" };
+            let fix = "`struct History` belongs to `fn evolve`, or to `fn rest` if it only varies in space";
             return Err(fail(None, "the law does not say how its history evolves", found.to_owned(), fix));
         }
-        Ok(Self { parameters, history, layout, stress, return_map, evolve, wave_speed })
+        Ok(Self { parameters, history, layout, stress, return_map, evolve, wave_speed, rest })
     }
 }
 
 /// A history variable for each number of a member.
-fn entries(member: &str, shape: Layout, unit: &'static str, start: Option<f64>) -> Vec<History> {
+fn entries(member: &str, shape: Layout, unit: &'static str, start: impl Fn(usize) -> f64) -> Vec<History> {
     let at = |k: usize| match shape {
         Layout::Number => member.to_owned(),
         Layout::Vector(_) => format!("{member}{k}"),
         Layout::Matrix => format!("{member}{}{}", k / 3, k % 3),
     };
-    let start = |k: usize| start.unwrap_or(if k.is_multiple_of(4) { 1.0 } else { 0.0 });
     (0..shape.len()).map(|k| History { name: name(&at(k)), unit, start: start(k) }).collect()
 }
 
@@ -271,9 +281,12 @@ fn entry(parsed: &Parsed, name: &str, wanted: &dyn Fn(&TypeInner) -> bool) -> Re
     let mut roles = Vec::new();
     for argument in &function.arguments {
         let role = match called(argument.ty) {
-            "Point" if name != "wave_speed" => Role::Point,
-            "Parameters" => Role::Parameters,
-            "History" if name != "wave_speed" => Role::History,
+            _ if name == "rest" && layout_of(&module.types[argument.ty].inner) == Some(Layout::Vector(3)) => {
+                Role::Place
+            }
+            "Point" if !["wave_speed", "rest"].contains(&name) => Role::Point,
+            "Parameters" if name != "rest" => Role::Parameters,
+            "History" if !["wave_speed", "rest"].contains(&name) => Role::History,
             _ if name == "wave_speed" && layout_of(&module.types[argument.ty].inner) == Some(Layout::Number) => {
                 Role::Density
             }
@@ -285,7 +298,11 @@ fn entry(parsed: &Parsed, name: &str, wanted: &dyn Fn(&TypeInner) -> bool) -> Re
         roles.push(role);
     }
     let right = function.result.as_ref().is_some_and(|result| {
-        if name == "evolve" { called(result.ty) == "History" } else { wanted(&module.types[result.ty].inner) }
+        if ["evolve", "rest"].contains(&name) {
+            called(result.ty) == "History"
+        } else {
+            wanted(&module.types[result.ty].inner)
+        }
     });
     if right { Ok(Some(Entry { function: handle, roles })) } else { fail("another result") }
 }

@@ -33,6 +33,7 @@ use self::declare::{Declared, Entry, Layout, Role};
 use self::machine::{Machine, Variables};
 use self::module::Parsed;
 use self::value::Value;
+use super::law::SOMEWHERE;
 use super::material::{Given, History, Material, Point};
 use super::parameters::Parameter;
 use super::sound;
@@ -69,6 +70,8 @@ struct Body {
     declared: Declared,
     /// `parameters, density ↦ c`
     wave_speed: Option<Program>,
+    /// `place ↦ history`
+    rest: Option<Program>,
     survives_inversion: bool,
 }
 
@@ -100,7 +103,13 @@ impl WgslLaw {
     pub fn parse(path: &str, text: &str) -> Result<Self> {
         let parsed = Parsed::new(path, text)?;
         let declared = Declared::new(&parsed)?;
-        let mut body = Body { name: name_of(path), parsed, declared, wave_speed: None, survives_inversion: true };
+        let mut body =
+            Body { name: name_of(path), parsed, declared, wave_speed: None, rest: None, survives_inversion: true };
+        body.rest = body.start()?;
+        if let Some(rest) = &body.rest {
+            let start = rest.eval(&SOMEWHERE);
+            body.declared.history.iter_mut().zip(start).for_each(|(variable, start)| variable.start = start);
+        }
         body.survives_inversion = body.check()?;
         body.wave_speed = body.speed()?;
         Ok(Self(Arc::new(body)))
@@ -172,10 +181,8 @@ impl Body {
             None => point.f,
         };
         if let Some(entry) = &self.declared.evolve {
-            let value = self.run(entry, &point, &given)?;
-            let new: Option<Vec<Vec<Scalar>>> = value.parts().iter().map(Value::flat).collect();
-            let new = new.ok_or_else(|| self.broken(entry))?;
-            given.history.iter_mut().zip(new.concat()).for_each(|((_, old), new)| *old = new);
+            let new = self.entries(entry, &self.run(entry, &point, &given)?)?;
+            given.history.iter_mut().zip(new).for_each(|((_, old), new)| *old = new);
         }
         self.matrix(&self.run(&self.declared.stress, &Point { f, ..point }, &given)?)
     }
@@ -201,12 +208,34 @@ impl Body {
         outcome.map(|()| Some(program))
     }
 
+    /// The program of `rest`.
+    fn start(&self) -> Result<Option<Program>> {
+        let Some(entry) = &self.declared.rest else { return Ok(None) };
+        let names: Vec<&str> = self.declared.history.iter().map(|variable| variable.name).collect();
+        let mut outcome = Ok(());
+        let program = Program::trace("rest", &["place_x", "place_y", "place_z"], &names, |x| {
+            let place = Value::many(x.iter().map(|&x| Value::Number(x)));
+            let found = self.call(entry, vec![place]).and_then(|value| self.entries(entry, &value));
+            found.unwrap_or_else(|error| {
+                outcome = Err(error);
+                vec![0.0.into(); names.len()]
+            })
+        });
+        outcome.map(|()| Some(program))
+    }
+
+    /// The numbers of a `History` that a function returned.
+    fn entries(&self, entry: &Entry, history: &Value) -> Result<Vec<Scalar>> {
+        let members: Option<Vec<Vec<Scalar>>> = history.parts().iter().map(Value::flat).collect();
+        members.map(|members| members.concat()).ok_or_else(|| self.broken(entry))
+    }
+
     fn run(&self, entry: &Entry, point: &Point, given: &Given) -> Result<Value> {
         let arguments = entry.roles.iter().map(|role| match role {
             Role::Point => Value::many([point.f.into(), point.previous.into(), point.c.into(), given.dt.into()]),
             Role::Parameters => Value::many(self.declared.parameters.iter().map(|p| Value::Number(given[p.name]))),
             Role::History => self.remembered(given),
-            Role::Density => Value::Unknown,
+            Role::Density | Role::Place => Value::Unknown,
         });
         self.call(entry, arguments.collect())
     }
@@ -269,8 +298,11 @@ impl Material for WgslLaw {
         let Some(entry) = &self.0.declared.evolve else {
             return given.history.iter().map(|(_, value)| *value).collect();
         };
-        let value = self.0.run(entry, trial, given).expect(CHECKED);
-        value.parts().iter().flat_map(|member| member.flat().expect(CHECKED)).collect()
+        self.0.run(entry, trial, given).and_then(|value| self.0.entries(entry, &value)).expect(CHECKED)
+    }
+
+    fn rest(&self, place: [f64; 3]) -> Option<Vec<f64>> {
+        self.0.rest.as_ref().map(|rest| rest.eval(&place))
     }
 
     fn stress(&self, point: &Point, given: &Given) -> Mat3 {

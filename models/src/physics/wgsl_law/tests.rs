@@ -276,7 +276,7 @@ fn columns_come_first_as_in_wgsl() {
 }
 
 /// A body, and what its error names: the line of the file (the body begins in line 5), and words.
-const WRONG: [(&str, &str, &str); 24] = [
+const WRONG: [(&str, &str, &str); 26] = [
     ("fn stress(point: Point, p: Parameters) -> mat3x3<f32> {\n  return p.b * identity();\n}", "t.wgsl:6:12", "b"),
     ("fn stress(point: Point, p: Parameters) -> mat3x3<f32> {\n  return point.f\n}", "t.wgsl:7:1", "WGSL"),
     ("fn stress(point: Point, p: Parameters) -> mat3x3<f32> {\n  return point.f;", "t.wgsl:6", "WGSL"),
@@ -338,6 +338,17 @@ const WRONG: [(&str, &str, &str); 24] = [
         "struct History {\n/// x [-]\nx: f32,\n}\nfn stress(p: Point) -> mat3x3<f32> { return p.f; }",
         "t.wgsl:7:1",
         "start",
+    ),
+    (
+        "struct History {\n/// x [-], start 1\nx: f32,\n}\nfn rest(x: f32) -> History { return History(x); }\n\
+         fn stress(p: Point) -> mat3x3<f32> { return p.f; }",
+        "t.wgsl:9",
+        "another form",
+    ),
+    (
+        "fn rest(x: vec3<f32>) -> f32 { return x.x; }\nfn stress(p: Point) -> mat3x3<f32> { return p.f; }",
+        "t.wgsl:5",
+        "form",
     ),
     (
         "fn stress(p: Point) -> mat3x3<f32> { var x = array<f32, 100000>(); return x[0] * p.f; }",
@@ -439,4 +450,35 @@ fn the_history_of_a_law_may_be_a_tensor() {
     let found = program.eval(&inputs);
     let kept: f64 = 0.2 / (1.0 + 1e-3 / 0.01);
     assert!((found[18 + 1] - kept).abs() < 1e-15);
+}
+
+/// Direction of fibres, a region and a tensor that start from the place.
+#[test]
+fn history_starts_from_the_place() {
+    let body = "struct History {
+            /// direction [-]
+            d: vec3<f32>,
+            /// elastic part [-], start identity
+            e: mat3x3<f32>,
+            /// upper [-], start 0.5
+            upper: f32,
+        }
+        fn rest(x: vec3<f32>) -> History {
+            return History(normalize(x), diagonal(x), select(0.0, 1.0, x.y > 0.0));
+        }
+        fn stress(p: Point, h: History) -> mat3x3<f32> { return h.upper * outer(p.f * h.d, p.f * h.d) * h.e; }";
+    let law = crate::physics::Law::of(WgslLaw::parse("t.wgsl", &text(body)).unwrap());
+    let placed = law.placed(&[[0.0, 3.0, -4.0], [2.0, -1.0, 0.0]]);
+    let start = placed.history_at(0);
+    assert_eq!((&start[..3], start[12]), (&[0.0, 0.6, -0.8][..], 1.0));
+    assert_eq!(start[3..12], [0.0, 0.0, 0.0, 0.0, 3.0, 0.0, 0.0, 0.0, -4.0]);
+    assert_eq!(placed.history_at(1)[12], 0.0);
+    // what does not evolve stays
+    let identity = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+    let inputs = [&identity[..], &[0.0; 9], &[1e-4, 1e5], &start].concat();
+    assert_eq!(law.program().eval(&inputs)[18..], start);
+    // checks look somewhere in particular, and a law that is alike everywhere stays as it is
+    assert!(law.varies() && law.history()[12].start == 1.0);
+    let alike = crate::physics::materials::find("snow").unwrap();
+    assert!(!alike.varies() && alike.placed(&[[0.0; 3]]).history_at(7) == [1.0]);
 }

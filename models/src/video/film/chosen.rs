@@ -112,9 +112,13 @@ pub(super) fn read(path: &Path, source: &Source, settings: &FilmSettings, option
     };
     let given = options.first_frame.is_some() || options.max_frames.is_some();
     let last = options.max_frames.filter(|_| options.first_frame.is_some()).map(|count| first + count.max(1) - 1);
-    let mut found = survey::pass::of(source, first, last, &progress)?;
+    let object = settings.object.unwrap_or(1).saturating_sub(1);
+    let mut found = survey::pass::of(source, first, last, object, &progress)?;
+    if let Some(missing) = settings.object.and_then(|number| refuse::no_object(path, number, &found)) {
+        return Err(missing);
+    }
     // a film that was cut to the fall is used as it is
-    if found.count <= SHORT {
+    if found.count <= SHORT && settings.object.is_none() {
         found.survey = None;
     }
     let lenient = given || settings.masks.is_some() || settings.matting.is_some();

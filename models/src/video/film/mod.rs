@@ -55,6 +55,9 @@ pub struct FilmSettings {
     pub field_of_view: f64,
     /// Downward pitch of the camera \[degrees\]; if not given, fitted jointly with the free fall, starting from 10.
     pub elevation: Option<f64>,
+    /// Of several objects that fall together the one to use: 1 for the largest, which is used by itself, 2 for the next.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub object: Option<usize>,
     /// A folder with one mask per frame, white on the object.
     pub masks: Option<PathBuf>,
     /// A background plate: a picture without the object.
@@ -90,6 +93,7 @@ impl FilmSettings {
                 "0, or 1 to 150 degrees",
             ),
             (self.elevation.is_none_or(|e| (-85.0..=85.0).contains(&e)), "elevation", "-85 to 85 degrees"),
+            (self.object != Some(0), "object", "1 or more"),
             (
                 [self.masks.is_some(), self.background.is_some(), self.matting.is_some()]
                     .iter()
@@ -131,6 +135,8 @@ pub struct Film {
     pub(crate) scale: Option<Scale>,
     /// Frame rate \[1/s\].
     pub frames_per_s: f64,
+    /// One in so many frames of the file is used.
+    pub(crate) every: usize,
     /// Focal length as a share of the picture's diagonal, if the file states it.
     pub focal: Option<f64>,
     /// Foreground source.
@@ -227,6 +233,7 @@ impl Film {
             times,
             scale,
             frames_per_s: 1.0 / interval,
+            every,
             focal: source.info().focal,
             foreground,
             assumptions,
@@ -242,9 +249,9 @@ pub(crate) struct Scale {
     pub free: usize,
     /// Downward acceleration in the picture \[pixels/s²\], with its relative standard deviation.
     pub acceleration: [f64; 2],
-    /// Extent across the motion \[pixels\].
+    /// Diameter of the disc that the object covers \[pixels\].
     pub across: f64,
-    /// Diameter by all free flights \[m\], with its relative standard deviation.
+    /// Diameter by all free flights \[m\], with its relative standard deviation, as if the camera were level.
     pub diameter: [f64; 2],
 }
 
@@ -256,12 +263,15 @@ impl Scale {
         let link = survey.link(run.flight);
         let begin = survey.time_of_first(run.flight);
         let times = &chosen.times[..count];
-        let free = times.iter().filter(|time| **time < run.hit.time).count();
+        // parabolas meet in the middle of a contact, which has begun before
+        let before = |margin: f64| times.iter().filter(|time| **time < run.hit.time - margin).count();
+        let interval = (times[times.len() - 1] - times[0]) / (times.len() - 1).max(1) as f64;
+        let free = before(0.5 * interval).max(before(0.0).min(chosen::LEAST));
         (times[0] >= begin && free >= chosen::LEAST).then_some(Self {
             free,
             acceleration: [scale * link.acceleration, link.deviation],
-            across: scale * link.flight.across,
-            diameter: [survey.diameter.metres, survey.diameter.deviation],
+            across: scale * survey.disc(run.flight),
+            diameter: survey.diameter.level,
         })
     }
 }

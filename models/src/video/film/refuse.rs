@@ -51,6 +51,24 @@ pub(super) fn moves(path: &Path, found: &Found, usable: bool) -> Option<Error> {
     })
 }
 
+/// Fewer objects fall than the number that was asked for.
+pub(super) fn no_object(path: &Path, number: usize, found: &Found) -> Option<Error> {
+    let sizes = found.survey.as_ref().map_or(&[][..], |survey| &survey.objects);
+    if (1..=sizes.len()).contains(&number) {
+        return None;
+    }
+    let all: Vec<String> = sizes.iter().map(|size| format!("{:.1} cm across", 100.0 * size.metres)).collect();
+    let falls = if all.is_empty() { "nothing falls".to_owned() } else { all.join(", ") };
+    Some(
+        Error::new(ErrorKind::Input, "there is no such object in the film")
+            .at("--object")
+            .within(path.display())
+            .found(format!("{number}; {falls}"))
+            .wanted(format!("1 to {}", sizes.len().max(1)))
+            .fix("leave it out for the largest of those that fall"),
+    )
+}
+
 /// Nothing falls.
 pub(super) fn no_fall(path: &Path, found: &Found) -> Error {
     if let Some(moves) = moves(path, found, false) {

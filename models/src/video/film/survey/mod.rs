@@ -13,6 +13,7 @@ mod choose;
 mod components;
 mod flight;
 mod metres;
+mod objects;
 pub(in crate::video::film) mod pass;
 mod phases;
 mod place;
@@ -65,12 +66,15 @@ pub(in crate::video::film) struct Survey {
     /// The part to use, if there is a contact.
     pub run: Option<choose::Run>,
     pub diameter: Size,
+    /// Sizes of all that fall together; the one that is used, unless another is asked for, comes first.
+    pub objects: Vec<Size>,
     /// How the camera moves, if it does.
     pub motion: Option<Motion>,
 }
 
-/// Surveys pictures, which become those of a camera at rest; `None` if nothing falls freely.
-pub(in crate::video::film) fn survey(sequence: &mut Sequence, motion: Option<Motion>) -> Option<Survey> {
+/// Surveys pictures, which become those of a camera at rest; `None` if nothing falls freely. `object` is the place among those that fall
+/// together, 0 for the object by itself, which also stands in for one that is missing.
+pub(in crate::video::film) fn survey(sequence: &mut Sequence, motion: Option<Motion>, object: usize) -> Option<Survey> {
     if sequence.pictures.len() < choose::LEAST_FREE + 1 {
         return None;
     }
@@ -80,13 +84,20 @@ pub(in crate::video::film) fn survey(sequence: &mut Sequence, motion: Option<Mot
     let background = Background::of(sequence);
     let pieces = components::all(sequence, &background);
     let scene = Scene { pieces: &pieces, times: &sequence.times };
-    let best = |sizes: &std::ops::RangeInclusive<f64>, least: f64| {
+    let falling = |sizes: &std::ops::RangeInclusive<f64>, least: f64| {
         let flights = scene.flights(sizes);
-        chains(&scene, &flights).into_iter().next().filter(|chain| chain.score >= least)
+        let clear = chains(&scene, &flights).into_iter().filter(|chain| chain.score >= least).collect();
+        objects::apart(&scene, clear)
     };
-    let misjudged = || MISJUDGED.iter().find_map(|sizes| best(sizes, MISJUDGED_SCORE).filter(|c| c.links.len() > 1));
-    let chain = best(&SIZES, LEAST_SCORE).or_else(misjudged)?;
-    let diameter = Size::of(&scene, &chain);
+    let mut objects = falling(&SIZES, LEAST_SCORE);
+    for sizes in &MISJUDGED {
+        if objects.is_empty() {
+            objects = falling(sizes, MISJUDGED_SCORE).into_iter().filter(|(chain, _)| chain.links.len() > 1).collect();
+        }
+    }
+    let sizes = objects.iter().map(|(_, size)| *size).collect();
+    let chosen = if object < objects.len() { object } else { 0 };
+    let (chain, diameter) = (!objects.is_empty()).then(|| objects.swap_remove(chosen))?;
     let track = Track::of(&scene, chain);
     let run = choose::run(&scene, &track);
     let phases = phases::of(&scene, &track, &sequence.numbers);
@@ -99,6 +110,7 @@ pub(in crate::video::film) fn survey(sequence: &mut Sequence, motion: Option<Mot
         phases,
         run,
         diameter,
+        objects: sizes,
         pieces,
         motion,
     })
@@ -108,6 +120,12 @@ impl Survey {
     /// A flight with its acceleration.
     pub fn link(&self, flight: usize) -> &chain::Link {
         &self.track.chain.links[flight]
+    }
+
+    /// Diameter of the disc that the object covers in a flight \[pixels\].
+    pub fn disc(&self, flight: usize) -> f64 {
+        let scene = Scene { pieces: &self.pieces, times: &self.times };
+        metres::width(&scene, &self.link(flight).flight).0
     }
 
     /// Time of the first position of a flight \[s\].

@@ -26,7 +26,7 @@ pub(in crate::video::film) struct Found {
     pub camera: (f64, usize),
 }
 
-/// Surveys a film from a picture on.
+/// Surveys a film from a picture on, for the object at this place among those that fall together.
 ///
 /// # Errors
 /// Those of the source.
@@ -34,6 +34,7 @@ pub(in crate::video::film) fn of(
     source: &Source,
     first: usize,
     last: Option<usize>,
+    object: usize,
     progress: &Progress,
 ) -> Result<Found> {
     let info = source.info();
@@ -50,25 +51,25 @@ pub(in crate::video::film) fn of(
         part.push(picture.number, picture.seconds, &picture.image);
         if part.pictures.len() == PART.0 {
             let shared = part.last(PART.1);
-            if found.add(part) {
+            if found.add(part, object) {
                 return Ok(found);
             }
             part = shared;
         }
     }
-    found.add(part);
+    found.add(part, object);
     Ok(found)
 }
 
 impl Found {
     /// Surveys a part, and keeps what it shows if that is better than what is known; whether there is a contact.
-    fn add(&mut self, mut part: Sequence) -> bool {
+    fn add(&mut self, mut part: Sequence, object: usize) -> bool {
         part.begin_with_motion(HELD);
         let motion = Motion::of(&part);
         if let Some(motion) = &motion {
             self.camera = (self.camera.0.max(motion.most), self.camera.1 + motion.lost.len());
         }
-        better(&mut self.survey, survey(&mut part, motion))
+        better(&mut self.survey, survey(&mut part, motion, object))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::chain::Link;
 use super::search::{GRAVITY, Scene};
-use super::{Survey, brief};
+use super::{Size, Survey, brief};
 use crate::video::FreeFlight;
 use crate::video::story::{Curve, Sight, Story, WITHIN};
 
@@ -92,6 +92,21 @@ impl Survey {
             self.track.chain.links.len(),
             100.0 * self.diameter.metres
         ));
+        if let [used, others @ ..] = &self.objects[..]
+            && !others.is_empty()
+        {
+            let cm = |size: &Size| format!("{:.1} cm", 100.0 * size.metres);
+            let others: Vec<String> = others
+                .iter()
+                .enumerate()
+                .map(|(k, size)| format!("--object {} is {} across", k + 2, cm(size)))
+                .collect();
+            said.push(format!(
+                "objects: several fall together; the first is {} across, {}",
+                cm(used),
+                others.join(", ")
+            ));
+        }
         if let Some([value, deviation]) = self.restitution() {
             said.push(format!("bounce: it leaves with {value:.2} ± {deviation:.2} of the speed with which it hits"));
         }

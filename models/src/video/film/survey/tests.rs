@@ -179,7 +179,7 @@ impl Scene {
     fn surveyed(&self) -> Option<Survey> {
         let mut film = self.film();
         let motion = Motion::of(&film);
-        survey(&mut film, motion)
+        survey(&mut film, motion, 0)
     }
 
     /// Checks the phases and the diameter.

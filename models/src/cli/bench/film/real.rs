@@ -2,15 +2,14 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
 
 use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::Arguments;
+use super::look::{Looked, brief, holds, looked};
 use crate::cli::output::{say, tell};
 use crate::folder::{entries, name};
 use crate::report::quantity::readable;
@@ -20,50 +19,8 @@ use crate::runtime::run_folder::RunFolder;
 use crate::text;
 use crate::video::Film;
 
-/// Arguments of `gradreel bench films`.
-#[derive(clap::Args, Clone)]
-#[command(after_long_help = AFTER)]
-pub(super) struct Arguments {
-    /// Folder with films of falling things
-    #[arg(long, value_name = "FOLDER")]
-    real: PathBuf,
-    /// Folder for the pages of the accepted films [default: runs/films, runs/films-2, …]
-    #[arg(long, value_name = "FOLDER")]
-    out: Option<PathBuf>,
-    /// Write the table with the machine, the commit and the date into its section of this Markdown file
-    #[arg(long, value_name = "FILE")]
-    markdown: Option<PathBuf>,
-    /// Write everything as JSON into this file
-    #[arg(long, value_name = "FILE")]
-    json: Option<PathBuf>,
-    /// Give a film up after so many seconds
-    #[arg(long, value_name = "SECONDS", default_value_t = 300, value_parser = clap::value_parser!(u64).range(1..=86_400))]
-    limit: u64,
-    /// No progress on stderr
-    #[arg(long, short)]
-    quiet: bool,
-}
-
-const AFTER: &str = "\
-Each film is looked at by `gradreel check` in a process of its own. The table says whether it is accepted or refused and why, which
-frames are used, how large the object is and the interval of 90 %, the phases, the seconds, and the memory at its peak (of gradreel
-alone, without ffmpeg).
-
-What is known of the films may stand in films.json in the folder, by the names of their files:
-  {\"ball.mp4\": {\"diameter_m\": 0.04, \"first_hit\": 203}}
-
-Examples:
-  gradreel bench films --real my/films
-  gradreel bench films --real my/films --markdown results.md --json films.json";
-
 /// File with what is known.
 const KNOWN: &str = "films.json";
-
-/// Time between two looks at a process.
-const PAUSE: Duration = Duration::from_millis(20);
-
-/// Maximum length of a reason in the table, in characters.
-const LONGEST: usize = 200;
 
 /// Number of phases in the table.
 const MOST_PHASES: usize = 5;
@@ -96,17 +53,15 @@ struct Row {
 }
 
 /// Looks at each film.
-pub(super) fn run(arguments: &Arguments) -> Result<()> {
-    interrupt::install()?;
-    let films: Vec<PathBuf> =
-        entries(&arguments.real, "the films")?.into_iter().filter(|path| Film::is_at(path)).collect();
+pub(super) fn run(arguments: &Arguments, real: &Path) -> Result<()> {
+    let films: Vec<PathBuf> = entries(real, "the films")?.into_iter().filter(|path| Film::is_at(path)).collect();
     if films.is_empty() {
         return Err(Error::new(ErrorKind::Input, "there is no film in the folder")
-            .at(arguments.real.display())
+            .at(real.display())
             .wanted("GIFs, video files, or folders of numbered pictures")
             .fix("name another folder with --real"));
     }
-    let known = known(&arguments.real)?;
+    let known = known(real)?;
     let folder = match &arguments.out {
         Some(folder) => RunFolder::create(folder)?,
         None => RunFolder::create_free(Path::new("runs"), "films")?,
@@ -161,63 +116,9 @@ fn known(folder: &Path) -> Result<BTreeMap<String, Known>> {
 
 /// Looks at one film in a process of its own.
 fn look(film: &Path, folder: &RunFolder, known: Known, limit: u64) -> Result<Row> {
-    let program = std::env::current_exe().map_err(|e| Error::io(film, "find the program itself", &e))?;
-    let started = Instant::now();
-    let mut child = Command::new(program)
-        .arg("check")
-        .arg(film)
-        .arg("--json")
-        .arg("--out")
-        .arg(folder.path(&name(film)))
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::null())
-        .spawn()
-        .map_err(|e| Error::io(film, "look at the film", &e))?;
-    let mut stdout = child.stdout.take().expect("piped");
-    let reader = std::thread::spawn(move || {
-        let mut text = Vec::new();
-        // what came before a read error is judged below
-        let _ = stdout.read_to_end(&mut text);
-        text
-    });
-    let status = loop {
-        match child.try_wait().map_err(|e| Error::io(film, "look at the film", &e))? {
-            Some(status) => break Some(status),
-            None if started.elapsed() > Duration::from_secs(limit) || interrupt::requested() => {
-                // it may have ended in the meantime
-                let _ = child.kill();
-                let _ = child.wait();
-                break None;
-            }
-            None => std::thread::sleep(PAUSE),
-        }
-    };
-    let seconds = started.elapsed().as_secs_f64();
-    let seen: Value = serde_json::from_slice(&reader.join().unwrap_or_default()).unwrap_or(Value::Null);
-    let accepted = status.is_some_and(|status| status.success());
-    let reason = match (&status, accepted) {
-        (_, true) => None,
-        (None, _) => Some(format!("no answer within {limit} s")),
-        (Some(status), _) => {
-            let said: Vec<&str> = seen["problems"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
-            Some(if said.is_empty() { format!("no word why ({status})") } else { said.join("; ") })
-        }
-    };
-    let within = || {
-        let ends = &seen["interval_90"]["diameter_m"];
-        Some(ends[0].as_f64()? <= known.diameter_m? && known.diameter_m? <= ends[1].as_f64()?)
-    };
-    Ok(Row {
-        film: name(film),
-        accepted,
-        exit_code: status.and_then(|status| status.code()),
-        reason,
-        seconds,
-        holds: within(),
-        known,
-        seen,
-    })
+    let Looked { accepted, exit_code, reason, seconds, seen } = looked(film, &folder.path(&name(film)), limit)?;
+    let holds = known.diameter_m.and_then(|diameter| holds(&seen, diameter));
+    Ok(Row { film: name(film), accepted, exit_code, reason, seconds, holds, known, seen })
 }
 
 impl Row {
@@ -261,18 +162,6 @@ impl Row {
         let hit = self.known.first_hit.map(|frame| format!("hit {frame}"));
         let parts: Vec<String> = diameter.into_iter().chain(hit).collect();
         (!parts.is_empty()).then(|| parts.join("; "))
-    }
-}
-
-/// A reason in one line: what failed, and what was found.
-fn brief(reason: &str) -> String {
-    let mut lines = reason.lines();
-    let what = lines.next().unwrap_or_default().trim();
-    let found = lines.find_map(|line| line.trim().strip_prefix("found: "));
-    let line = found.map_or_else(|| what.to_owned(), |found| format!("{what} ({found})"));
-    match line.char_indices().nth(LONGEST) {
-        Some((end, _)) => format!("{}…", &line[..end]),
-        None => line,
     }
 }
 

@@ -1,4 +1,4 @@
-//! Background, floor and shadow of a clip that is not cut out.
+//! Floor, wall and lamp of a scene that is filmed with what is around it.
 
 use gradreel::Key;
 
@@ -6,7 +6,7 @@ use crate::vector::dot;
 use crate::views::objects::Dice;
 
 /// What stands behind and under a body: a floor at height 0 with a grainy pattern, and a wall far away.
-pub(super) struct Paint {
+pub(crate) struct Paint {
     floor: [[f64; 3]; 2],
     wall: [[f64; 3]; 2],
     waves: [f64; 4],

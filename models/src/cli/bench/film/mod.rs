@@ -1,0 +1,78 @@
+//! `gradreel bench films`: what `check` makes of films from one camera.
+
+mod look;
+mod made;
+mod real;
+
+use std::path::PathBuf;
+
+use gradreel::Result;
+
+use crate::coverage::Split;
+use crate::phone::Degradation;
+use crate::runtime::interrupt;
+
+/// Arguments of `gradreel bench films`.
+#[derive(clap::Args, Clone)]
+#[command(after_long_help = AFTER)]
+pub(super) struct Arguments {
+    /// Folder with films that people made [default: films that are made here]
+    #[arg(long, value_name = "FOLDER", conflicts_with_all = ["scenes", "split", "degrade", "resume"])]
+    real: Option<PathBuf>,
+    /// Scenes, each of which is filmed once without and once with each degradation
+    #[arg(long, value_name = "COUNT", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    #[arg(conflicts_with = "resume")]
+    scenes: u64,
+    /// Which scenes: develop on the one split, report the other
+    #[arg(long, value_name = "SPLIT", default_value = "development", conflicts_with = "resume")]
+    split: Split,
+    /// Only these degradations
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', conflicts_with = "resume")]
+    degrade: Vec<Degradation>,
+    /// Folder for films and pages [default: runs/films, runs/films-2, …]
+    #[arg(long, value_name = "FOLDER")]
+    out: Option<PathBuf>,
+    /// Go on with the films in --out
+    #[arg(long, requires = "out")]
+    resume: bool,
+    /// Write the table with the machine, the commit and the date into its section of this Markdown file
+    #[arg(long, value_name = "FILE")]
+    markdown: Option<PathBuf>,
+    /// Write everything as JSON into this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Give a film up after so many seconds
+    #[arg(long, value_name = "SECONDS", default_value_t = 300, value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    limit: u64,
+    /// No progress on stderr
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+const AFTER: &str = "\
+Each film is looked at by `gradreel check` in a process of its own.
+
+By itself it makes the films: something elastic falls onto a floor, filmed by one camera, once as in a studio and once with each of
+thirteen things that films of phones have (see `gradreel simulate --help`, --degrade). The table says for each how many films are
+accepted, how far the diameter is off and how often its interval of 90 % holds it, and how often the first hit is found within two
+frames. With slow motion that the file does not tell and with a second object, a film may be refused with the option that decides.
+
+With --real, the table says of each film whether it is accepted or refused and why, which frames are used, how large the object is and
+the interval of 90 %, the phases, the seconds, and the memory at its peak (of gradreel alone, without ffmpeg). What is known of the
+films may stand in films.json in the folder, by the names of their files:
+  {\"ball.mp4\": {\"diameter_m\": 0.04, \"first_hit\": 203}}
+
+Examples:
+  gradreel bench films --scenes 3 --degrade shake,blur
+  gradreel bench films --split report --markdown results.md
+  gradreel bench films --out runs/films --resume               go on after Ctrl-C
+  gradreel bench films --real my/films --json films.json";
+
+/// Looks at films.
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    interrupt::install()?;
+    match &arguments.real {
+        Some(folder) => real::run(arguments, folder),
+        None => made::run(arguments),
+    }
+}
