@@ -99,12 +99,12 @@ pub fn clip_of_film(path: &Path, settings: &FilmSettings, options: &OpenOptions,
     let own = strength / fall.gravity;
     let (metres, diameter, deviation) = match scale {
         Some(scale) => {
-            let [size, sure] = scale.diameter;
-            let camera = &clip.cameras[0];
-            let since: Vec<f64> = film.times[..fall.frames].iter().map(|time| time - film.times[0]).collect();
-            let (first, all) = (own, size * camera.fx / scale.across / fall.foreshortened(camera, &since));
-            let sure = sure.hypot(fall.foreshortened_deviation(camera, &since));
-            let (single, apart) = (fall.deviation.hypot(UNMODELLED), (first / all).ln());
+            let [size, sure] = match settings.elevation {
+                Some(angle) => [scale.level[0] * angle.to_radians().cos(), scale.level[1]],
+                None => scale.diameter,
+            };
+            let (first, all) = (own, size * clip.cameras[0].fx / scale.across);
+            let (single, apart) = (fall.deviation.hypot(SINGLE), (first / all).ln());
             // one flight that is short, or says something else, does not count beside all of them
             let believed = single < BELIEVED && apart.abs() < 2.0 * single.hypot(sure);
             let weights = [if believed { single.powi(-2) } else { 0.0 }, sure.powi(-2)];
@@ -195,8 +195,11 @@ const DEPARTS: f64 = 0.05;
 /// that is rolled.
 const UNMODELLED: f64 = 0.08;
 
+/// The same of a single flight: a few pictures whose blur and mattes err alike.
+const SINGLE: f64 = 0.15;
+
 /// Relative deviation of the scale by a single flight up to which it counts beside that of all flights.
-const BELIEVED: f64 = 0.2;
+const BELIEVED: f64 = 0.3;
 
 /// Minimum difference of coverage that counts.
 const DIFFERENT: f32 = 0.1;

@@ -114,30 +114,6 @@ impl FreeFall {
         [0, 1, 2].map(|axis| self.start[axis] + self.velocity[axis] * t + 0.5 * self.gravity * self.down[axis] * t * t)
     }
 
-    /// The object's size by the acceleration and the width in the picture as if gravity were along it and the depth the same all the
-    /// time, in the true one: what a parabola through the picture's positions at these times \[s\] makes of the fall.
-    pub fn foreshortened(&self, camera: &Camera, times: &[f64]) -> f64 {
-        let seen = |t: &f64| {
-            let [_, y, z] = self.at(*t);
-            (camera.fy * y / z, -1.0 / z)
-        };
-        let seen: Vec<(f64, f64)> = times.iter().map(seen).collect();
-        let nearness = seen.iter().map(|(_, nearness)| nearness).sum::<f64>() / seen.len() as f64;
-        let weights = Parabola::weights(times).unwrap_or_default();
-        let down: f64 = weights.iter().zip(&seen).map(|(weight, (down, _))| weight * down).sum();
-        if down > 0.0 { self.gravity * camera.fy * nearness / down } else { 1.0 }
-    }
-
-    /// Standard deviation of the logarithm of that ratio, from those of the pitch and of the velocity along the line of sight.
-    pub fn foreshortened_deviation(&self, camera: &Camera, times: &[f64]) -> f64 {
-        let ([_, y, _], [sine, cosine]) = (self.start, [-self.down[2], -self.down[1]]);
-        let by_pitch = (sine - y * cosine) / (cosine + y * sine) * self.angle_variance.sqrt();
-        let mut nearer = self.clone();
-        nearer.velocity[2] += self.spread[2][2].max(0.0).sqrt();
-        let by_velocity = (nearer.foreshortened(camera, times) / self.foreshortened(camera, times)).ln();
-        by_pitch.hypot(if by_velocity.is_finite() { by_velocity } else { 0.0 })
-    }
-
     /// How the velocity in world axes changes with the pitch \[1/s\]: the camera's axes turn about the first, to the right.
     fn turning(&self, turn: &[[f64; 3]; 3]) -> [f64; 3] {
         if self.angle_variance == 0.0 {

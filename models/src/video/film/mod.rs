@@ -251,8 +251,10 @@ pub(crate) struct Scale {
     pub acceleration: [f64; 2],
     /// Diameter of the disc that the object covers \[pixels\].
     pub across: f64,
-    /// Diameter by all free flights \[m\], with its relative standard deviation, as if the camera were level.
+    /// Diameter by all free flights \[m\], with its relative standard deviation.
     pub diameter: [f64; 2],
+    /// The same for a camera that is known to be level.
+    pub level: [f64; 2],
 }
 
 impl Scale {
@@ -271,7 +273,8 @@ impl Scale {
             free,
             acceleration: [scale * link.acceleration, link.deviation],
             across: scale * survey.disc(run.flight),
-            diameter: survey.diameter.level,
+            diameter: [survey.diameter.metres, survey.diameter.deviation],
+            level: survey.diameter.level,
         })
     }
 }
