@@ -64,11 +64,8 @@ fn main() -> Result<()> {
     let truth = [young / (2.0 * (1.0 + poisson)), young / (3.0 * (1.0 - 2.0 * poisson))];
     for ((parameter, value), truth) in found.law.parameters().iter().zip(&found.unknowns.parameters).zip(truth) {
         let interval = run.state.intervals.iter().find(|interval| interval.name == parameter.name);
-        println!(
-            "  {} {value:.3e} Pa, 90 % {:.3e?}, true {truth:.3e}",
-            parameter.symbol,
-            interval.map(|i| i.interval_90)
-        );
+        let [low, high] = interval.map_or([f64::NAN; 2], |interval| interval.interval_90);
+        println!("  {} {value:.3e} Pa, 90 % {low:.3e} to {high:.3e}, true {truth:.3e}", parameter.symbol);
         // on so coarse a grid, the order of magnitude
         assert!((value / truth).log10().abs() < 0.7);
     }

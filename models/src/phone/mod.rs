@@ -96,7 +96,8 @@ mod tests {
         let first = run("ffmpeg", &["-i", name, "-frames:v", "1", "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]);
         let times = run("ffprobe", &["-show_entries", "frame=best_effort_timestamp_time", "-of", "csv=p=0", name]);
         let times = String::from_utf8(times).unwrap();
-        (first, times.lines().map(|line| line.trim_end_matches(',').parse().unwrap()).collect())
+        let times = times.lines().map(|line| line.trim_end_matches(',')).filter(|line| !line.is_empty());
+        (first, times.map(|line| line.parse().unwrap()).collect())
     }
 
     /// What is shown is what was seen, at the times at which it was seen, upright too.
@@ -132,20 +133,20 @@ mod tests {
     /// A hand is before the background where it holds the object, and a longer exposure blurs what falls.
     #[test]
     fn degradations_are_seen() {
-        let picture = |degradations: &[Degradation], number: usize| {
+        let last = |degradations: &[Degradation]| {
             let mut file = small();
             let settings = file.film.take().unwrap();
             let key = Key::new(2);
             let plan = Plan::new(&file, degradations, key);
             let motion = Motion::simulate(&file, Path::new("."), &settings, &Progress::new(true)).unwrap();
-            Studio::new(&motion, &plan, key).picture(number).unwrap()
+            Studio::new(&motion, &plan, key).picture(plan.times.len() - 1).unwrap()
         };
-        let clean = picture(&[], 3);
-        assert_eq!(clean, picture(&[], 3));
+        let clean = last(&[]);
+        assert_eq!(clean, last(&[]));
         let kinds = [Degradation::Blur, Degradation::RollingShutter, Degradation::Shake, Degradation::MovingShadows];
         for degradation in kinds.into_iter().chain([Degradation::HandRelease]) {
-            let other = picture(&[degradation], 3);
-            let changed = clean.iter().zip(&other).filter(|(a, b)| a.abs_diff(**b) > 20).count();
+            let other = last(&[degradation]);
+            let changed = clean.iter().zip(&other).filter(|(a, b)| a.abs_diff(**b) > 8).count();
             assert!(changed > 10, "{degradation:?}: {changed} bytes");
         }
     }

@@ -8,6 +8,7 @@ use gif::{ColorOutput, DecodeOptions, Decoder, DecodingError, DisposalMethod, Me
 use gradreel::{Error, ErrorKind, Result};
 
 use super::area::{shrunk, within};
+use super::blocks::check_frames;
 use super::limits::{Budget, check_size, halvings_of};
 use super::pictures::{Decoded, Undated};
 use super::{Info, Kind, Pass, absent};
@@ -36,6 +37,7 @@ impl Delays {
 
 /// Reads the delays of a GIF. Of a truncated file, the complete frames count.
 pub(super) fn open(path: &Path) -> Result<(Info, Kind)> {
+    check_frames(path)?;
     let mut decoder = decoder(path, true)?;
     let size = (usize::from(decoder.width()), usize::from(decoder.height()));
     check_size(path, size)?;

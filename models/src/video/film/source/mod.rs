@@ -4,6 +4,7 @@
 //! pictures between the decoder and the reader are in memory, whatever the length of the film.
 
 mod area;
+mod blocks;
 mod brightness;
 mod capture;
 mod drawn;
