@@ -258,8 +258,7 @@ impl FreeFall {
         };
         for _ in 0..SOFTENED {
             let more = scatter(&fit.point, &mut model)?;
-            // NaN stays as it is
-            if !(more > 1.1) {
+            if more.is_nan() || more <= 1.1 {
                 break;
             }
             firm.set(firm.get() / more);

@@ -76,10 +76,9 @@ impl Encoder {
     /// Adds a picture.
     pub fn add(&mut self, rgb: &[u8]) -> Result<()> {
         let input = self.child.stdin.as_mut().expect("piped");
-        input.write_all(rgb).or_else(|e| {
-            let said = self.said();
-            Err(failed(&self.out, if said.is_empty() { e.to_string() } else { said }))
-        })
+        let Err(error) = input.write_all(rgb) else { return Ok(()) };
+        let said = self.said();
+        Err(failed(&self.out, if said.is_empty() { error.to_string() } else { said }))
     }
 
     /// Ends the file.

@@ -137,7 +137,7 @@ fn contacts(heights: &[f64], dt: f64, gravity: f64, times: &[f64]) -> Vec<Contac
         Contact {
             frame: times.partition_point(|time| *time < begin_s),
             begin_s,
-            end_s: leaves.then(|| last as f64 * dt),
+            end_s: leaves.then_some(last as f64 * dt),
             restitution,
         }
     };
