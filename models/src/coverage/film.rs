@@ -129,8 +129,7 @@ fn behind(paint: &Paint, shown: Option<(&Shown<'_>, f64)>, origin: [f64; 3], alo
         let from = std::array::from_fn(|axis| foot[axis] + lift * paint.lamp[axis]);
         shown.hit(from, paint.lamp).is_some()
     });
-    let light = paint.light([0.0, 1.0, 0.0], shadow);
-    paint.floor(foot).map(|c| (light * c).clamp(0.0, 1.0))
+    paint.lit_floor(foot, shadow).map(|c| c.clamp(0.0, 1.0))
 }
 
 fn store(path: &Path, camera: &Camera, rgba: &[u8]) -> Result<()> {

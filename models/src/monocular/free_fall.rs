@@ -7,11 +7,8 @@ use gradreel::optim::{LevenbergMarquardt, Residuals};
 
 use super::sighting::Sighting;
 use crate::vector::{dot, times};
-use crate::video::parabola::Parabola;
+use crate::video::parabola::{GRAVITY, Parabola};
 use crate::video::{Camera, Flight, PitchSpread};
-
-/// Gravity \[m/s²\].
-const GRAVITY: f64 = 9.81;
 
 /// Standard deviation of a silhouette's centroid: a share of its side, with a minimum in pixels.
 const MIDDLE: [f64; 2] = [0.003, 0.25];

@@ -58,7 +58,7 @@ pub(crate) fn film(
     let mut encoder = Encoder::new(out, settings.pixels, &plan)?;
     let stage = progress.stage("filming", plan.times.len() as u64);
     for number in 0..plan.times.len() {
-        interrupt::check().map_err(|error| error.fix("begin again: a film takes seconds to minutes"))?;
+        go_on()?;
         encoder.add(&studio.picture(number)?)?;
         stage.set(number as u64 + 1, "");
     }
@@ -66,6 +66,11 @@ pub(crate) fn film(
     stage.finish(&out.display().to_string());
     truth.write(&out.with_extension("json"))?;
     Ok(truth)
+}
+
+/// Whether the film may go on: an error where it was interrupted.
+fn go_on() -> Result<()> {
+    interrupt::check().map_err(|error| error.fix("begin again: a film takes seconds to minutes"))
 }
 
 #[cfg(test)]

@@ -20,8 +20,6 @@ pub(super) struct Motion {
     dt: f64,
     /// Positions \[m\] in each state, by particle.
     states: Vec<Vec<[f32; 3]>>,
-    /// Number of the particles of the first object, which come first.
-    pub first: usize,
     /// Particles of each object.
     pub objects: Vec<std::ops::Range<usize>>,
     pub colours: Vec<[f32; 3]>,
@@ -63,7 +61,7 @@ impl Motion {
         let mut states = vec![runner.frame().positions];
         while states.len() < setup.schedule.frames {
             if !runner.advance(|| !interrupt::requested())? {
-                interrupt::check().map_err(|error| error.fix("begin again: a film takes seconds to minutes"))?;
+                super::go_on()?;
             }
             states.push(runner.frame().positions);
             stage.set(states.len() as u64 - 1, "");
@@ -77,17 +75,7 @@ impl Motion {
         }
         let (camera, colours, spacings) = film.of_one_camera();
         let gravity = -setup.world.gravity[1];
-        Ok(Self {
-            dt: setup.schedule.frame_dt,
-            states,
-            first: objects[0].len(),
-            objects,
-            colours,
-            spacings,
-            floor,
-            camera,
-            gravity,
-        })
+        Ok(Self { dt: setup.schedule.frame_dt, states, objects, colours, spacings, floor, camera, gravity })
     }
 
     /// Positions at a time \[m\]: at rest before the beginning, and after the end.
@@ -100,10 +88,15 @@ impl Motion {
         a.iter().zip(b).map(|(a, b)| [0, 1, 2].map(|axis| a[axis] + share * (b[axis] - a[axis]))).collect()
     }
 
+    /// Number of the particles of the first object, which come first.
+    pub fn first(&self) -> usize {
+        self.objects[0].len()
+    }
+
     /// Height of the first object's centre in each state \[m\], and the time between states \[s\].
     pub fn heights(&self) -> (Vec<f64>, f64) {
         let mean = |state: &Vec<[f32; 3]>| {
-            state[..self.first].iter().map(|x| f64::from(x[1])).sum::<f64>() / self.first as f64
+            state[..self.first()].iter().map(|x| f64::from(x[1])).sum::<f64>() / self.first() as f64
         };
         (self.states.iter().map(mean).collect(), self.dt)
     }
@@ -112,6 +105,6 @@ impl Motion {
     pub fn centre(&self, seconds: f64) -> [f64; 3] {
         let positions = self.at(seconds);
         [0, 1, 2]
-            .map(|axis| positions[..self.first].iter().map(|x| f64::from(x[axis])).sum::<f64>() / self.first as f64)
+            .map(|axis| positions[..self.first()].iter().map(|x| f64::from(x[axis])).sum::<f64>() / self.first() as f64)
     }
 }

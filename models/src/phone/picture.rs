@@ -50,7 +50,7 @@ impl<'a> Studio<'a> {
         let hand = plan.has_hand.then(|| {
             let centre = motion.centre(0.0);
             let held = motion.at(0.0);
-            let reach = held[..motion.first].iter().map(|x| norm(minus(x.map(f64::from), centre)));
+            let reach = held[..motion.first()].iter().map(|x| norm(minus(x.map(f64::from), centre)));
             let away = minus(centre, camera.centre());
             let forward = scaled(away, 1.0 / norm(away));
             let side = camera.c2w.map(|row| row[0]);
@@ -97,9 +97,9 @@ impl<'a> Studio<'a> {
 
     /// Number of pixels that the first object covers at a time, seen by the camera at rest.
     pub fn covered(&self, seconds: f64) -> Result<f64> {
-        let Motion { camera, first, .. } = self.motion;
+        let camera = &self.motion.camera;
         let alone = self.motion.at(seconds);
-        let surface = self.surface(&alone[..*first])?;
+        let surface = self.surface(&alone[..self.motion.first()])?;
         let row = |row: usize| {
             let inside = |column: usize, part: usize| {
                 let (origin, along) = ray(camera, [column, row], part);
@@ -123,7 +123,7 @@ impl<'a> Studio<'a> {
         for part in 0..RAYS * RAYS {
             let (origin, along) = ray(camera, at, part);
             let foot = self.scenery.foot(origin, along);
-            let empty = foot.map_or_else(|| self.scenery.wall(along), |foot| self.scenery.floor(foot, false));
+            let empty = foot.map_or_else(|| self.scenery.wall(along), |foot| self.scenery.paint.lit_floor(foot, false));
             for instant in instants {
                 let touched = |area: &&[f64; 4]| u >= area[0] && v >= area[1] && u <= area[2] && v <= area[3];
                 let seen = match instant.areas.iter().find(touched) {
@@ -152,7 +152,7 @@ impl<'a> Studio<'a> {
                 let from = plus(foot?, scaled(lamp, LIFT * self.motion.spacings[0]));
                 let is_dark = instant.surface.hit(from, lamp).is_some()
                     || instant.hand.iter().any(|ball| ball.hit(from, lamp).is_some());
-                is_dark.then(|| self.scenery.floor(foot.expect("a foot"), true))
+                is_dark.then(|| self.scenery.paint.lit_floor(foot.expect("a foot"), true))
             })
     }
 

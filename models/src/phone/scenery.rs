@@ -62,12 +62,6 @@ impl Scenery {
         Some([foot[0], foot[1] + self.floor, foot[2]])
     }
 
-    /// The colour of the floor at a place, lit or in shadow.
-    pub fn floor(&self, foot: [f64; 3], shadow: bool) -> [f64; 3] {
-        let light = self.paint.light([0.0, 1.0, 0.0], shadow);
-        self.paint.floor(foot).map(|c| light * c)
-    }
-
     /// The colour of what a ray that misses the floor meets.
     pub fn wall(&self, along: [f64; 3]) -> [f64; 3] {
         let at = angles(along);

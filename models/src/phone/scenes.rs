@@ -8,12 +8,11 @@ use crate::physics::CFL;
 use crate::scenes::{
     Camera, FilmSettings, Grid, Ground, Object, Precision, SceneFile, Shape, Substance, Surroundings, Time, Touch,
 };
+use crate::video::parabola::GRAVITY;
 use crate::views::objects::Dice;
 
 /// Cells of the grid in a body's size.
 const CELLS: f64 = 9.0;
-/// Gravity \[m/s²\].
-const GRAVITY: f64 = 9.81;
 /// Longer side of a picture \[pixels\].
 const LONGER: usize = 320;
 /// Share of the picture's height that fall and object take.

@@ -56,6 +56,12 @@ impl Paint {
         std::array::from_fn(|k| self.floor[0][k] + wave * (self.floor[1][k] - self.floor[0][k]) + grain)
     }
 
+    /// The same lit by the lamp, or in shadow.
+    pub fn lit_floor(&self, place: [f64; 3], shadow: bool) -> [f64; 3] {
+        let light = self.light([0.0, 1.0, 0.0], shadow);
+        self.floor(place).map(|c| light * c)
+    }
+
     /// The colour of the wall in a direction.
     pub fn wall(&self, along: [f64; 3]) -> [f64; 3] {
         let around = along[0].atan2(along[2]);

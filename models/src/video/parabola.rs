@@ -1,5 +1,8 @@
 //! A parabola in time, as a body in free flight moves in the picture.
 
+/// Gravity \[m/s²\].
+pub(crate) const GRAVITY: f64 = 9.81;
+
 /// A parabola `x(t) = x₀ + v τ + ½ a τ²` with `τ = t − t₀`, in pixels and seconds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Parabola {

@@ -6,6 +6,7 @@ use gradreel::{Error, ErrorKind, Result};
 
 use super::camera::Camera;
 use super::clip::WARNING;
+use super::parabola::GRAVITY;
 
 /// Maximum coordinate of a camera \[m\]; further from the origin, single precision loses the object's motion.
 const FARTHEST: f64 = 1e4;
@@ -18,9 +19,6 @@ const OFF_CENTRE: f64 = 10.0;
 
 /// Time between frames \[s\]: values outside the first range are errors, outside the second warnings.
 const INTERVALS: [(f64, f64); 2] = [(1e-6, 1.0), (1e-4, 0.2)];
-
-/// Standard gravity \[m/s²\].
-const GRAVITY: f64 = 9.81;
 
 /// Checks the position and field of view of a camera; returns a warning for doubtful values.
 ///

@@ -5,7 +5,7 @@ use gradreel::optim::{LevenbergMarquardt, Residuals};
 use super::dual::{Dual, MOST};
 use super::path::{Begin, GRAVITY, GROUND, PITCH, ROLL, SHARED, SIZE, SLOPE, Struck, Way};
 use crate::monocular::free_fall::Down;
-use crate::video::parabola::Parabola;
+use crate::video::parabola::{GRAVITY as EARTH, Parabola};
 use crate::video::{Camera, FreeFlight, Sight};
 
 /// Standard deviations of the camera's roll and of the slope of a floor \[rad\].
@@ -34,9 +34,6 @@ const FITS: f64 = 16.0;
 
 /// Deviations by which a restitution may be above 1.
 const LIKELY: f64 = 3.0;
-
-/// Gravity \[m/s²\].
-pub(super) const EARTH: f64 = 9.81;
 
 /// Evaluations of a fit.
 const EVALUATIONS: usize = 60;

@@ -10,10 +10,11 @@ mod path;
 mod tests;
 
 use self::dual::Dual;
-use self::fit::{EARTH, Task};
+use self::fit::Task;
 use self::path::Way;
 use super::free_fall::Down;
 use crate::vector::{minus, times};
+use crate::video::parabola::GRAVITY;
 use crate::video::{Bounces, Camera, FreeFlight, Hit, Known};
 
 /// Relative standard deviation of a restitution that no fit shows: drag of the air, which takes speed from a light ball on
@@ -59,7 +60,7 @@ pub(super) fn of(
     let all = (0..=own).filter_map(fitted);
     let (task, found) = all.reduce(|best, other| if other.1.flights > best.1.flights { other } else { best })?;
     let (way, covariance) = (&found.way, &found.covariance);
-    let metres = EARTH / way.gravity.value;
+    let metres = GRAVITY / way.gravity.value;
     let deviation = |x: Dual| x.variance(covariance).max(0.0).sqrt();
     let hit = |struck: &path::Struck| {
         let value = struck.restitution.value;
@@ -81,7 +82,7 @@ pub(super) fn of(
     let tangential: Vec<Known> = hits.iter().filter_map(|hit| hit.tangential).collect();
     let begin = task.since(shown.seconds[0]);
     let in_metres = |v: Dual| {
-        let v = v / way.gravity * EARTH;
+        let v = v / way.gravity * GRAVITY;
         Known { value: v.value, deviation: deviation(v) }
     };
     Some(Bounces {

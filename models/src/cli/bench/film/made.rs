@@ -7,12 +7,12 @@ use gradreel::{Error, ErrorKind, Key, Result};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::Arguments;
 use super::look::{Looked, brief, holds, looked};
+use super::{Arguments, json};
 use crate::cli::output::{say, tell};
 use crate::coverage::Split;
 use crate::phone::{self, Degradation, Truth};
-use crate::report::results_file::{Measured, Section, replace};
+use crate::report::results_file::Section;
 use crate::runtime::interrupt;
 use crate::runtime::progress::Progress;
 use crate::runtime::run_folder::RunFolder;
@@ -71,25 +71,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         }
     }
     let table = table(&rows);
-    folder.write("films.md", table.as_bytes())?;
-    if let Some(file) = &arguments.json {
-        std::fs::write(file, json(&rows)?)
-            .map_err(|e| Error::io(file, "write the results", &e).fix("name another file with --json"))?;
-    }
-    if let Some(file) = &arguments.markdown {
-        let split = match plan.split {
-            Split::Development => "development",
-            Split::Report => "report",
-        };
-        let section = Section {
-            name: format!("films-{split}"),
-            title: "Films as phones make them".into(),
-            split: format!("{split}, {} scenes", plan.scenes),
-            body: table.clone(),
-        };
-        replace(file, &section, &Measured::here("gradreel"))?;
-    }
-    say!("{table}");
+    let split = match plan.split {
+        Split::Development => "development",
+        Split::Report => "report",
+    };
+    let section = Section {
+        name: format!("films-{split}"),
+        title: "Films as phones make them".into(),
+        split: format!("{split}, {} scenes", plan.scenes),
+        body: table,
+    };
+    arguments.leave(&folder, &section, &json(&rows)?)?;
     say!("  films and pages: {}", folder.root().display());
     Ok(())
 }
@@ -102,10 +94,7 @@ fn begin(arguments: &Arguments) -> Result<(Plan, RunFolder)> {
     degrade.sort();
     degrade.dedup();
     let plan = Plan { scenes: arguments.scenes, split: arguments.split, degrade };
-    let folder = match &arguments.out {
-        Some(folder) => RunFolder::create(folder)?,
-        None => RunFolder::create_free(Path::new("runs"), "films")?,
-    };
+    let folder = arguments.folder()?;
     folder.write(PLAN, &json(&plan)?)?;
     Ok((plan, folder))
 }
@@ -122,11 +111,6 @@ fn damaged(path: &Path, error: &serde_json::Error) -> Error {
         .at(path.display())
         .found(error)
         .fix("remove it, or begin again in another folder")
-}
-
-fn json(value: &impl Serialize) -> Result<Vec<u8>> {
-    serde_json::to_vec_pretty(value)
-        .map_err(|e| Error::new(ErrorKind::Io, "cannot write what was seen as JSON").found(e))
 }
 
 /// Makes a film and looks at it.

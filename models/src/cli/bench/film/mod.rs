@@ -4,13 +4,17 @@ mod look;
 mod made;
 mod real;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use gradreel::Result;
+use gradreel::{Error, ErrorKind, Result};
+use serde::Serialize;
 
+use crate::cli::output::say;
 use crate::coverage::Split;
 use crate::phone::Degradation;
+use crate::report::results_file::{Measured, Section, replace};
 use crate::runtime::interrupt;
+use crate::runtime::run_folder::RunFolder;
 
 /// Arguments of `gradreel bench films`.
 #[derive(clap::Args, Clone)]
@@ -75,4 +79,34 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         Some(folder) => real::run(arguments, folder),
         None => made::run(arguments),
     }
+}
+
+impl Arguments {
+    /// A new folder for films and pages.
+    fn folder(&self) -> Result<RunFolder> {
+        match &self.out {
+            Some(folder) => RunFolder::create(folder),
+            None => RunFolder::create_free(Path::new("runs"), "films"),
+        }
+    }
+
+    /// Leaves a table and what was seen where they are wanted, and prints the table.
+    fn leave(&self, folder: &RunFolder, section: &Section, json: &[u8]) -> Result<()> {
+        folder.write("films.md", section.body.as_bytes())?;
+        if let Some(file) = &self.json {
+            std::fs::write(file, json)
+                .map_err(|e| Error::io(file, "write the results", &e).fix("name another file with --json"))?;
+        }
+        if let Some(file) = &self.markdown {
+            replace(file, section, &Measured::here("gradreel"))?;
+        }
+        say!("{}", section.body);
+        Ok(())
+    }
+}
+
+/// What was seen, as JSON.
+fn json(value: &impl Serialize) -> Result<Vec<u8>> {
+    serde_json::to_vec_pretty(value)
+        .map_err(|e| Error::new(ErrorKind::Io, "cannot write what was seen as JSON").found(e))
 }

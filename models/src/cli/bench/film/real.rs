@@ -8,12 +8,12 @@ use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::Arguments;
 use super::look::{Looked, brief, holds, looked};
+use super::{Arguments, json};
 use crate::cli::output::{say, tell};
 use crate::folder::{entries, name};
 use crate::report::quantity::readable;
-use crate::report::results_file::{Measured, Section, replace};
+use crate::report::results_file::Section;
 use crate::runtime::interrupt;
 use crate::runtime::run_folder::RunFolder;
 use crate::text;
@@ -62,10 +62,7 @@ pub(super) fn run(arguments: &Arguments, real: &Path) -> Result<()> {
             .fix("name another folder with --real"));
     }
     let known = known(real)?;
-    let folder = match &arguments.out {
-        Some(folder) => RunFolder::create(folder)?,
-        None => RunFolder::create_free(Path::new("runs"), "films")?,
-    };
+    let folder = arguments.folder()?;
     let mut rows = Vec::new();
     for film in &films {
         interrupt::check().map_err(|error| error.fix("start again; films take seconds each"))?;
@@ -76,24 +73,15 @@ pub(super) fn run(arguments: &Arguments, real: &Path) -> Result<()> {
         rows.push(row);
     }
     let table = table(&rows);
-    folder.write("films.md", table.as_bytes())?;
-    let json = serde_json::to_vec_pretty(&rows)
-        .map_err(|e| Error::new(ErrorKind::Io, "cannot write what was seen as JSON").found(e))?;
+    let json = json(&rows)?;
     folder.write("films.json", &json)?;
-    if let Some(file) = &arguments.json {
-        std::fs::write(file, &json)
-            .map_err(|e| Error::io(file, "write the results", &e).fix("name another file with --json"))?;
-    }
-    if let Some(file) = &arguments.markdown {
-        let section = Section {
-            name: "films".into(),
-            title: "Films of one camera".into(),
-            split: format!("report, {} films that people made", rows.len()),
-            body: table.clone(),
-        };
-        replace(file, &section, &Measured::here("gradreel"))?;
-    }
-    say!("{table}");
+    let section = Section {
+        name: "films".into(),
+        title: "Films of one camera".into(),
+        split: format!("report, {} films that people made", rows.len()),
+        body: table,
+    };
+    arguments.leave(&folder, &section, &json)?;
     say!("  pages: {}", folder.root().display());
     Ok(())
 }

@@ -119,8 +119,8 @@ pub(super) fn longest(hits: &[Around], interval: f64) -> Option<f64> {
 mod tests {
     use super::super::chain::chains;
     use super::super::components::Component;
-    use super::super::search::GRAVITY;
     use super::*;
+    use crate::video::parabola::GRAVITY;
 
     fn hit(between: usize, seen: usize, moves: f64) -> Around {
         Around { gap: 0.02 * (between + 1) as f64, room: 0.06, between, seen, hidden: between - seen, moves }

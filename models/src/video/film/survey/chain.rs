@@ -1,6 +1,6 @@
 //! All flights of one object: each begins where the one before ends, with nearly the same acceleration.
 
-use super::flight::Flight;
+use super::flight::{Flight, LEAST_SCATTER};
 use super::search::{Model, Scene};
 use crate::video::parabola::Parabola;
 
@@ -95,7 +95,7 @@ fn of(scene: &Scene<'_>, leader: &Flight, all: &[Flight]) -> Chain {
 fn linked(scene: &Scene<'_>, flight: Flight, neighbour: Option<&Link>) -> Link {
     let points: Vec<_> = flight.members.iter().map(|spot| (scene.times[spot.0], scene.piece(*spot).middle)).collect();
     let own = Parabola::fit(&points, None).filter(|path| path.acceleration[1] > 0.0);
-    let own = own.map(|path| (path.acceleration[1], path.scatter.max(0.25) * path.leverage));
+    let own = own.map(|path| (path.acceleration[1], path.scatter.max(LEAST_SCATTER) * path.leverage));
     let prior = neighbour.map(|link| (link.acceleration, link.acceleration * link.deviation.hypot(NEARER)));
     let (mut weight, mut sum) = (0.0, 0.0);
     for (value, sigma) in own.into_iter().chain(prior) {

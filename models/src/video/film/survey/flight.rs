@@ -4,6 +4,9 @@ use super::components::Component;
 use super::search::Scene;
 use crate::video::parabola::Parabola;
 
+/// Least standard deviation of a place \[pixels of the survey\].
+pub(super) const LEAST_SCATTER: f64 = 0.25;
+
 /// Components that lie on one parabola.
 #[derive(Debug, Clone)]
 pub(in crate::video::film) struct Flight {

@@ -2,7 +2,8 @@
 
 use super::chain::Chain;
 use super::flight::{Flight, middle};
-use super::search::{GRAVITY, Scene};
+use super::search::Scene;
+use crate::video::parabola::GRAVITY;
 
 /// Relative deviation of the scale that a camera leaves whose pitch is known: distortion, and rows that are read one after the other
 /// while the object moves along them.

@@ -11,10 +11,7 @@ use rayon::prelude::*;
 
 use super::components::Component;
 use super::flight::{Flight, middle};
-use crate::video::parabola::Parabola;
-
-/// Gravity \[m/s²\].
-pub(super) const GRAVITY: f64 = 9.81;
+use crate::video::parabola::{GRAVITY, Parabola};
 
 /// Distances in time of the positions of a triple: pictures at least, and seconds.
 const STRIDES: [(usize, f64); 4] = [(1, 0.0), (2, 0.04), (3, 0.07), (4, 0.1)];

@@ -1,13 +1,12 @@
 //! What is told of a survey.
 
 use super::chain::Link;
-use super::search::{GRAVITY, Scene};
+use super::flight::LEAST_SCATTER;
+use super::search::Scene;
 use super::{Size, Survey, brief};
 use crate::video::FreeFlight;
+use crate::video::parabola::GRAVITY;
 use crate::video::story::{Curve, Sight, Story, WITHIN};
-
-/// Least standard deviation of a place \[pixels of the survey\].
-const LEAST_SCATTER: f64 = 0.25;
 
 /// Relative error of a speed at a hit for an error of one interval in its time is bounded by this share of it.
 const SPEED: f64 = 0.03;
@@ -55,7 +54,7 @@ impl Survey {
         let links = &self.track.chain.links;
         let error = |link: &Link| {
             let time = self.times[link.flight.last()] - self.times[link.flight.first()];
-            let slope = link.flight.path.scatter.max(0.25) / time.max(1e-9) * 2.0;
+            let slope = link.flight.path.scatter.max(LEAST_SCATTER) / time.max(1e-9) * 2.0;
             slope / run.hit.before[1]
         };
         let fits = error(&links[run.flight]).hypot(error(links.get(run.flight + 1)?));
