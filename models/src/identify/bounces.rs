@@ -5,16 +5,13 @@ use std::time::Instant;
 
 use gradreel::{Error, ErrorKind, Result, Tensor};
 
-use crate::identify::reconstruct::Stages;
+use crate::identify::reconstruct::Context;
 use crate::identify::run::Run;
-use crate::identify::{Interval, MaterialConfig, Unknowns};
+use crate::identify::{Interval, MaterialConfig, Stage, Unknowns};
 use crate::particles::Particles;
 use crate::physics::materials::FAMILIES;
 use crate::physics::{Law, Map, NINETY};
 use crate::video::{Bounces, Clip, ContactModel};
-
-/// The stage that reads the hits from the flights.
-const STAGE: &str = "free flights";
 
 /// What the flights of a clip tell, unless its contact is to be simulated.
 pub(super) fn of<'a>(clip: &'a Clip, run: &Run) -> Option<&'a Bounces> {
@@ -35,13 +32,13 @@ fn plausible(law: &Law, number: usize, parameters: &[f64]) -> (f64, [f64; 2]) {
     (mean, ends)
 }
 
-impl Stages<'_> {
+impl Context<'_> {
     /// Takes over what the flights tell, and what is plausible of the material.
     ///
     /// # Errors
     /// What writing returns.
     pub(super) fn by_flights(&self, run: &mut Run, bounces: &Bounces, start: &Unknowns) -> Result<()> {
-        if run.has_finished(STAGE) {
+        if run.has_finished(Stage::FreeFlights) {
             return Ok(());
         }
         let since = Instant::now();
@@ -67,7 +64,7 @@ impl Stages<'_> {
         run.state.intervals = intervals;
         run.state.bounces = Some(bounces.clone());
         run.note(bounces.why());
-        run.finish_at(&unknowns, STAGE, since)
+        run.finish_at(&unknowns, Stage::FreeFlights, since)
     }
 }
 

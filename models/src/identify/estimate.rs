@@ -3,7 +3,7 @@
 use gradreel::optim::Lbfgs;
 use gradreel::{ErrorKind, Result};
 
-use crate::identify::{Free, Problem, Unknowns};
+use crate::identify::{Free, Problem, Substeps, Unknowns};
 
 /// One evaluation of the forward model.
 #[derive(Debug, Clone, PartialEq)]
@@ -17,8 +17,8 @@ pub struct Evaluation {
 /// Minimises the loss of the first `frames` frames over the free unknowns by reverse mode, within a number of evaluations, and
 /// returns the best of them: for laws with many parameters, of which least squares would simulate each.
 ///
-/// `each` sees every evaluation; an error from it (an interruption, say) ends the estimate and is returned. `notes` hears of
-/// retries with smaller steps.
+/// `each` sees every evaluation; an error from it (an interruption, say) ends the estimate and is returned. Retries with smaller steps
+/// are noted with the `substeps`.
 ///
 /// # Errors
 /// What the problem returns at the start; later break-downs count as an infinite loss.
@@ -29,16 +29,16 @@ pub fn estimate(
     frames: usize,
     evaluations: usize,
     each: &mut dyn FnMut(&Evaluation) -> Result<()>,
-    notes: &mut dyn FnMut(String),
+    substeps: &mut Substeps,
 ) -> Result<Evaluation> {
     let mut best: Option<Evaluation> = None;
-    let (mut substeps, mut scale) = (0, None);
+    let mut scale = None;
     // the loss is a mean of squared residuals of order 0.01: scaled so that the optimiser's unit step is of order 1
     let mut objective = |x: &[f64]| {
         let unknowns = start.moved(&problem.law, free, x);
-        let (loss, gradient) = match problem.evaluate(&unknowns, free, frames, &mut substeps, notes) {
+        let (loss, gradient) = match problem.evaluate(&unknowns, free, frames, substeps) {
             Err(error) if error.kind() == ErrorKind::Physics && best.is_some() => {
-                notes(format!("a trial was given up: {error}"));
+                substeps.notes.push(format!("a trial was given up: {error}"));
                 (f64::INFINITY, vec![0.0; x.len()])
             }
             found => found?,

@@ -8,9 +8,9 @@ use gradreel::{Result, Tensor};
 use serde::{Deserialize, Serialize};
 
 use crate::field::Field;
-use crate::identify::Run;
 use crate::identify::run::damaged;
 use crate::identify::with_voxels::UNKNOWNS;
+use crate::identify::{Run, Stage};
 
 pub(super) const FIELD: &str = "field.safetensors";
 const KEPT_FIELD: &str = "field_before_motion.safetensors";
@@ -19,7 +19,7 @@ const KEPT_FIELD: &str = "field_before_motion.safetensors";
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Reached {
     /// The stage that wrote them.
-    pub stage: String,
+    pub stage: Stage,
     /// Iterations of its fit that are done.
     pub iterations: usize,
     /// Whether the fit has ended.
@@ -50,8 +50,8 @@ impl Run {
     ///
     /// # Errors
     /// [`ErrorKind::Input`](gradreel::ErrorKind::Input) when the file is damaged.
-    pub fn reached(&self, stage: &str) -> Result<Reached> {
-        let nothing = Reached { stage: stage.to_owned(), ..Reached::default() };
+    pub fn reached(&self, stage: Stage) -> Result<Reached> {
+        let nothing = Reached { stage, ..Reached::default() };
         if !self.folder.has(FIELD) {
             return Ok(nothing);
         }

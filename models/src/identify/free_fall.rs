@@ -16,7 +16,7 @@ impl Problem<'_> {
     pub(super) fn free_fall(&self, unknowns: &Unknowns, turns: bool, schedule: Schedule) -> usize {
         let Schedule { frames, frame_dt, .. } = schedule;
         let (rise, dx) = (self.world.gravity[1], self.world.dx);
-        let body = self.leaning(unknowns.lean);
+        let body = self.sheared(unknowns.depth);
         let lowest = body.positions.iter().fold(f64::INFINITY, |low, x| low.min(x[1])) - unknowns.contact * dx;
         let height = |frame: usize| {
             let fallen = displacement(unknowns.velocity, self.world.gravity, frame as f64 * frame_dt);
@@ -37,7 +37,7 @@ impl Problem<'_> {
             velocity: std::array::from_fn(|axis| velocity[axis]),
             parameters: parameters?.into_iter().map(|values| values[0]).collect(),
             contact: bound.contact,
-            lean: bound.lean,
+            depth: bound.depth,
             ..Unknowns::default()
         };
         Ok(self.free_fall(&unknowns, bound.spin.is_some(), schedule))

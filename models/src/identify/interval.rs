@@ -9,7 +9,7 @@ use crate::physics::{Law, Map};
 /// What is known of one unknown.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Interval {
-    /// Name of the parameter, or `velocity_x`, `spin_x` and so on, `contact`, `lean_right`, `lean_up`, `farther`.
+    /// Name of the parameter, or `velocity_x`, `spin_x` and so on, `contact`, `depth_shear_right`, `depth_shear_up`, `depth_scale`, `pitch`.
     pub name: String,
     /// Ends of the interval that holds the truth in nine of ten cases, in the unknown's unit.
     pub interval_90: [f64; 2],

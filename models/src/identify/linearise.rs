@@ -11,7 +11,7 @@ use crate::identify::problem::is_stress;
 use crate::identify::spin::Gyration;
 use crate::identify::uncertainty::prior::Prior;
 use crate::identify::unknowns::Unknown;
-use crate::identify::{Free, Problem, Unknowns};
+use crate::identify::{Free, Problem, Substeps, Unknowns};
 use crate::physics::{Rollout, Schedule};
 use crate::render::trajectory::Middle;
 use crate::render::{Splat, render_jvp};
@@ -133,20 +133,14 @@ impl Problem<'_> {
     ///
     /// # Errors
     /// As [`Problem::evaluate`].
-    pub fn misfit(
-        &self,
-        unknowns: &Unknowns,
-        frames: usize,
-        substeps: &mut usize,
-        notes: &mut dyn FnMut(String),
-    ) -> Result<f64> {
-        self.linearise(unknowns, Free::NOTHING, frames, substeps, notes).map(|at| at.loss)
+    pub fn misfit(&self, unknowns: &Unknowns, frames: usize, substeps: &mut Substeps) -> Result<f64> {
+        self.linearise(unknowns, Free::NOTHING, frames, substeps).map(|at| at.loss)
     }
 
     /// The loss of the first `frames` frames, averaged over them, with its derivatives along the free unknowns.
     ///
     /// All tangents are carried through one rollout and one rendering of each frame; normal equations are summed picture by
-    /// picture, so that the Jacobian is never in memory as a whole. `substeps` and `notes` as in [`Problem::with_step`].
+    /// picture, so that the Jacobian is never in memory as a whole. `substeps` as in [`Problem::with_step`].
     ///
     /// # Errors
     /// As [`Problem::evaluate`]; [`gradreel::ErrorKind::NonFinite`] when a tangent becomes infinite.
@@ -155,10 +149,9 @@ impl Problem<'_> {
         unknowns: &Unknowns,
         free: Free,
         frames: usize,
-        substeps: &mut usize,
-        notes: &mut dyn FnMut(String),
+        substeps: &mut Substeps,
     ) -> Result<Linearised> {
-        let each = self.linearise_frames(unknowns, free, 0..frames, Derivatives::Exact, substeps, notes)?;
+        let each = self.linearise_frames(unknowns, free, 0..frames, Derivatives::Exact, substeps)?;
         let mut total = Linearised::zero(free.list(&self.law).len());
         let share = 1.0 / each.len().max(1) as f64;
         each.iter().for_each(|frame| total.add_share(frame, share));
@@ -179,12 +172,11 @@ impl Problem<'_> {
         free: Free,
         frames: Range<usize>,
         derivatives: Derivatives,
-        substeps: &mut usize,
-        notes: &mut dyn FnMut(String),
+        substeps: &mut Substeps,
     ) -> Result<Vec<Linearised>> {
         let frames = frames.start..frames.end.min(self.observed.targets.len());
         let derivatives = if self.flying { Derivatives::Exact } else { derivatives };
-        let moved = self.with_step(unknowns, frames.end, substeps, notes, &mut |schedule| match derivatives {
+        let moved = self.with_step(unknowns, frames.end, substeps, &mut |schedule| match derivatives {
             Derivatives::Exact => {
                 let (motion, tangents) = self.tangents(unknowns, free, schedule)?;
                 Ok(Moved { motion, along: Along::Tangents(tangents) })
@@ -277,10 +269,10 @@ impl Problem<'_> {
     pub fn tangents(&self, unknowns: &Unknowns, free: Free, schedule: Schedule) -> Result<(Tensor, Vec<Tensor>)> {
         let (motion, tangents) = self.tangents_in_world(unknowns, free, schedule)?;
         let list = free.list(&self.law);
-        let Some(sight) = self.observed.sight.filter(|_| unknowns.lean[3] != 0.0 || free.pitch()) else {
+        let Some(sight) = self.observed.sight.filter(|_| unknowns.depth[3] != 0.0 || free.pitch()) else {
             return Ok((motion, tangents));
         };
-        let stand = sight.pitch(unknowns.lean, self.ground);
+        let stand = sight.pitch(unknowns.depth, self.ground);
         let (by, from) = stand.seen();
         let mapped = |points: &Tensor, of: &dyn Fn(usize, [f64; 3]) -> [f64; 3]| {
             let values = points.to_vec()?;
@@ -316,7 +308,7 @@ impl Problem<'_> {
         };
         let list = free.list(&self.law);
         let spins = unknowns.spins() || list.iter().any(|unknown| matches!(unknown, Unknown::Spin(_)));
-        let field = spins.then(|| self.spin_field(unknowns.lean)?.to_vec()).transpose()?;
+        let field = spins.then(|| self.spin_field(unknowns.depth)?.to_vec()).transpose()?;
         // of each particle if the body turns, `[3]` if all are alike
         let velocity = |common: [f64; 3], spin: [f64; 3]| -> Result<Tensor> {
             let Some(field) = &field else { return tensor(common.to_vec()) };
@@ -330,7 +322,7 @@ impl Problem<'_> {
             _ => Some(self.flight_tangents(unknowns, free, Schedule { frames: fall + 1, ..schedule })?),
         };
         let begin = match &falling {
-            None => self.placed(unknowns.contact, unknowns.lean)?,
+            None => self.placed(unknowns.contact, unknowns.depth)?,
             Some((motion, _)) => raised(row(motion, fall), -unknowns.contact * self.world.dx),
         };
         // half a substep before the simulation begins
@@ -365,7 +357,7 @@ impl Problem<'_> {
                 // what is free without a ground that has friction moves nothing
                 Unknown::Friction if rough => direction[3] = Some(tensor(vec![slope])?),
                 Unknown::Friction => {}
-                Unknown::Lean(axis) => direction[0] = Some(self.lean_field(axis, unknowns.lean)?),
+                Unknown::Depth(axis) => direction[0] = Some(self.depth_field(axis, unknowns.depth)?),
             }
             directions.push(direction);
         }
@@ -448,7 +440,7 @@ impl Problem<'_> {
         let (frames, positions) = (schedule.frames, &self.particles.positions);
         let tensor = |values: Vec<f64>| Tensor::from_vec(values, [frames, positions.len(), 3]).cast(self.dtype);
         let turned =
-            |spin| self.turned(spin, unknowns.lean, schedule).into_iter().flatten().flatten().collect::<Vec<f64>>();
+            |spin| self.turned(spin, unknowns.depth, schedule).into_iter().flatten().flatten().collect::<Vec<f64>>();
         let times = || (0..frames).flat_map(|frame| vec![frame as f64 * schedule.frame_dt; 3 * positions.len()]);
         let (v, g) = (unknowns.velocity, self.world.gravity);
         let fallen = times().enumerate().map(|(i, t)| displacement(v, g, t)[i % 3]);
@@ -468,7 +460,7 @@ impl Problem<'_> {
                 let share = unknowns.slope(&self.law, unknown) / (2.0 * NEARBY);
                 tensor(beside(1.0).into_iter().zip(beside(-1.0)).map(|(high, low)| share * (high - low)).collect())
             }
-            Unknown::Lean(axis) => tensor(self.lean_field(axis, unknowns.lean)?.to_vec()?.repeat(frames)),
+            Unknown::Depth(axis) => tensor(self.depth_field(axis, unknowns.depth)?.to_vec()?.repeat(frames)),
             Unknown::Parameter(_) | Unknown::Contact | Unknown::Friction => {
                 tensor(vec![0.0; 3 * frames * positions.len()])
             }
@@ -478,8 +470,8 @@ impl Problem<'_> {
     }
 
     /// The particles at each frame as far as they are turned, not as they fall.
-    pub(super) fn turned(&self, spin: [f64; 3], lean: [f64; 4], schedule: Schedule) -> Vec<Vec<[f64; 3]>> {
-        let body = self.leaning(lean);
+    pub(super) fn turned(&self, spin: [f64; 3], depth: [f64; 4], schedule: Schedule) -> Vec<Vec<[f64; 3]>> {
+        let body = self.sheared(depth);
         let (positions, frames) = (&body.positions, schedule.frames);
         if spin == [0.0; 3] {
             return vec![positions.clone(); frames];
@@ -490,18 +482,18 @@ impl Problem<'_> {
     }
 
     /// The velocities of all particles for a spin of 1 rad/s about each axis, `[3, 3 particles]` \[m/s\].
-    pub(super) fn spin_field(&self, lean: [f64; 4]) -> Result<Tensor> {
-        let body = self.leaning(lean);
+    pub(super) fn spin_field(&self, depth: [f64; 4]) -> Result<Tensor> {
+        let body = self.sheared(depth);
         Gyration::of(&body).velocities(&body, self.world.dx, self.dtype)
     }
 
-    /// How the particles move in the world for each unit of the lean to the right (0), upwards (1), in distance (2), or of the camera's
+    /// How the particles move in the world for each unit of depth shear to the right (0) and upwards (1), of depth scale (2), or of the camera's
     /// pitch (3), `[particles, 3]` \[m\].
-    fn lean_field(&self, axis: usize, lean: [f64; 4]) -> Result<Tensor> {
-        let stands = self.observed.sight.map(|sight| (sight, sight.pitch(lean, self.ground)));
+    fn depth_field(&self, axis: usize, depth: [f64; 4]) -> Result<Tensor> {
+        let stands = self.observed.sight.map(|sight| (sight, sight.pitch(depth, self.ground)));
         let rate = |x: &[f64; 3]| match stands {
             None => [0.0; 3],
-            Some((sight, pitch)) if axis == 3 => pitch.rate(sight.leant(*x, lean)),
+            Some((sight, pitch)) if axis == 3 => pitch.rate(sight.sheared_at(*x, depth)),
             Some((sight, pitch)) => pitch.along(sight.rates(*x)[axis]),
         };
         let values = self.particles.positions.iter().flat_map(rate).collect();

@@ -18,7 +18,7 @@
 //! [`Changes`] makes a reconstructed object move under other conditions. Where the particles themselves were tracked,
 //! [`Tracks`] finds velocity and material without pictures.
 
-mod again;
+mod resimulate;
 mod bounces;
 mod config;
 mod contact;
@@ -32,7 +32,7 @@ mod ground;
 mod ground_contact;
 mod hypotheses;
 mod interval;
-mod lean;
+mod depth_shear;
 mod pitch;
 mod linearise;
 mod loss;
@@ -47,7 +47,9 @@ mod settings_file;
 mod sharpness;
 mod solve;
 mod spin;
+mod stage;
 mod stages;
+mod substeps;
 mod temporal_start;
 mod tracks;
 mod uncertainty;
@@ -58,17 +60,16 @@ mod with_voxels;
 mod tests;
 
 pub use crate::physics::materials::FAMILIES;
-pub use again::Changes;
 pub use config::{ClipConfig, Config, EstimateConfig, GeometryConfig, ImagineConfig, MaterialConfig, WorldConfig};
 pub(crate) use config::{law_of, no_such_parameter};
 pub use contact::first_contact;
+pub use depth_shear::Sight;
 pub use estimate::{Evaluation, estimate};
 pub(crate) use field_file::Reached;
 pub(crate) use flight::velocity_of_silhouettes;
 pub use flowing::FlowingConfig;
 pub use ground_contact::GroundContact;
 pub use interval::Interval;
-pub use lean::Sight;
 pub use linearise::Linearised;
 pub use loss::LossConfig;
 pub use own_law::OwnLaw;
@@ -78,7 +79,10 @@ pub use pixels::{FramePixels, MotionLoss, MotionSettings, body_of, dynamic_step}
 pub use problem::{Observed, Problem};
 pub(crate) use reconstruct::half_of_imagined;
 pub use reconstruct::{Reconstruction, reconstruct};
+pub use resimulate::Changes;
 pub use run::{HistoryRow, Run, Standing, State};
+pub use stage::Stage;
+pub use substeps::Substeps;
 pub use temporal_start::TemporalConfig;
 pub use tracks::{TANGENT_COST, Tracks, TracksFit};
 pub(crate) use uncertainty::error_budget::{Discrepancy, ErrorBudget, OneCamera, Outliers};

@@ -6,9 +6,9 @@ use std::sync::Arc;
 use gradreel::{DType, ErrorKind, Result, Tape, Tensor, Var};
 
 use crate::field::bounding_sphere;
+use crate::identify::depth_shear::Sight;
 use crate::identify::flight::displacement;
-use crate::identify::lean::Sight;
-use crate::identify::{Bound, Config, Free, RangePenalty, Unknowns};
+use crate::identify::{Bound, Config, Free, RangePenalty, Substeps, Unknowns};
 use crate::particles::Particles;
 use crate::physics::{Contact, Law, Parameter, Remat, Scene, Schedule, Substance, World, simulate};
 use crate::render::{Rays, Robust, Splat, Surface, Target, Trajectory, render};
@@ -173,13 +173,13 @@ impl<'a> Problem<'a> {
     /// # Errors
     /// What the rollout returns.
     pub fn motion_of(&self, opacity: &Var, bound: &Bound, schedule: Schedule) -> Result<Var> {
-        self.seen(&self.motion_in_world(opacity, bound, schedule)?, bound.lean)
+        self.seen(&self.motion_in_world(opacity, bound, schedule)?, bound.depth)
     }
 
     /// Positions in the world as the camera that was taken to look in another direction sees them.
-    fn seen(&self, motion: &Var, lean: [f64; 4]) -> Result<Var> {
-        let Some(sight) = self.observed.sight.filter(|_| lean[3] != 0.0) else { return Ok(motion.clone()) };
-        let (by, from) = sight.pitch(lean, self.ground).seen();
+    fn seen(&self, motion: &Var, depth: [f64; 4]) -> Result<Var> {
+        let Some(sight) = self.observed.sight.filter(|_| depth[3] != 0.0) else { return Ok(motion.clone()) };
+        let (by, from) = sight.pitch(depth, self.ground).seen();
         // positions are rows
         let by = Tensor::from_vec(transposed(by).as_flattened().to_vec(), [3, 3]).cast(self.dtype)?;
         let shape: Vec<usize> = motion.dims().to_vec();
@@ -203,7 +203,7 @@ impl<'a> Problem<'a> {
         };
         let lower = self.constant(tape, [0.0, bound.contact * self.world.dx, 0.0])?;
         let positions = match &falling {
-            None => tape.constant(self.placed(bound.contact, bound.lean)?),
+            None => tape.constant(self.placed(bound.contact, bound.depth)?),
             Some(falling) => &falling.select(0, fall) - &lower,
         };
         // the speed of the fall, half a substep before the simulation begins
@@ -211,7 +211,7 @@ impl<'a> Problem<'a> {
         let velocity = &bound.velocity + &self.constant(tape, self.world.gravity.map(|g| early * g))?;
         let velocity = match &bound.spin {
             Some(spin) => {
-                let turning = spin.reshape([1, 3]).matmul(&tape.constant(self.spin_field(bound.lean)?));
+                let turning = spin.reshape([1, 3]).matmul(&tape.constant(self.spin_field(bound.depth)?));
                 &velocity + &turning.reshape([self.particles.len(), 3])
             }
             None => velocity,
@@ -247,15 +247,15 @@ impl<'a> Problem<'a> {
             Ok(&tape.constant(turned) + &(&bound.velocity * t) + fallen)
         };
         let frames =
-            self.turned(spin, bound.lean, schedule).into_iter().enumerate().map(frame).collect::<Result<Vec<_>>>()?;
+            self.turned(spin, bound.depth, schedule).into_iter().enumerate().map(frame).collect::<Result<Vec<_>>>()?;
         let others: Vec<&Var> = frames.iter().skip(1).collect();
         Ok(frames[0].stack(&others, 0))
     }
 
-    /// The body with this lean.
-    pub(super) fn leaning(&self, lean: [f64; 4]) -> Cow<'_, Particles> {
+    /// The body with these depth modes.
+    pub(super) fn sheared(&self, depth: [f64; 4]) -> Cow<'_, Particles> {
         match &self.observed.sight {
-            Some(sight) => sight.leaning(self.particles, lean, self.ground),
+            Some(sight) => sight.sheared(self.particles, depth, self.ground),
             None => Cow::Borrowed(self.particles),
         }
     }
@@ -265,8 +265,8 @@ impl<'a> Problem<'a> {
     ///
     /// # Errors
     /// Never for `f32` and `f64`.
-    pub(crate) fn placed(&self, contact: f64, lean: [f64; 4]) -> Result<Tensor> {
-        let (shift, body) = (contact * self.world.dx, self.leaning(lean));
+    pub(crate) fn placed(&self, contact: f64, depth: [f64; 4]) -> Result<Tensor> {
+        let (shift, body) = (contact * self.world.dx, self.sheared(depth));
         let lower = body.positions.iter().flat_map(|x| [x[0], x[1] - shift, x[2]]);
         Tensor::from_vec(lower.collect(), [self.particles.len(), 3]).cast(self.dtype)
     }
@@ -282,7 +282,9 @@ impl<'a> Problem<'a> {
 
     /// The same of the first frames.
     pub(super) fn positions_of_first(&self, unknowns: &Unknowns, frames: usize) -> Result<Tensor> {
-        self.with_step(unknowns, frames, &mut 0, &mut |_| (), &mut |schedule| self.positions_at(unknowns, schedule))
+        self.with_step(unknowns, frames, &mut Substeps::default(), &mut |schedule| {
+            self.positions_at(unknowns, schedule)
+        })
     }
 
     /// The same with this schedule.
@@ -360,7 +362,7 @@ impl<'a> Problem<'a> {
 
     /// Loss and gradient in the coordinates of the free unknowns, on the tape; with what implausible parameters cost.
     ///
-    /// `substeps` and `notes` as in [`Problem::with_step`].
+    /// `substeps` as in [`Problem::with_step`].
     ///
     /// # Errors
     /// As [`Problem::with_step`]; what the renderer returns.
@@ -369,10 +371,9 @@ impl<'a> Problem<'a> {
         unknowns: &Unknowns,
         free: Free,
         frames: usize,
-        substeps: &mut usize,
-        notes: &mut dyn FnMut(String),
+        substeps: &mut Substeps,
     ) -> Result<(f64, Vec<f64>)> {
-        self.with_step(unknowns, frames, substeps, notes, &mut |schedule| {
+        self.with_step(unknowns, frames, substeps, &mut |schedule| {
             let tape = Tape::new();
             let bound = unknowns.bind(&tape, &self.law, free, self.dtype)?;
             let mut loss = self.loss(&self.motion(&tape, &bound, schedule)?, frames)?;
@@ -385,9 +386,8 @@ impl<'a> Problem<'a> {
 
     /// Does something with a schedule that is stable for these unknowns.
     ///
-    /// `substeps` is the least number of substeps a frame and is raised when the unknowns need more, never lowered: a loss
-    /// that an optimiser with exact derivatives follows must not jump with the step. When the rollout breaks down, it is retried with up to eight
-    /// times the substeps; `notes` is told.
+    /// `substeps` is raised when the unknowns need more, never lowered. When the rollout breaks down, it is retried with up to eight times
+    /// as many, which is noted there.
     ///
     /// # Errors
     /// [`ErrorKind::Physics`] when it still breaks down then; what `attempt` returns.
@@ -395,21 +395,21 @@ impl<'a> Problem<'a> {
         &self,
         unknowns: &Unknowns,
         frames: usize,
-        substeps: &mut usize,
-        notes: &mut dyn FnMut(String),
+        substeps: &mut Substeps,
         attempt: &mut dyn FnMut(Schedule) -> Result<R>,
     ) -> Result<R> {
         let mut schedule = self.schedule(unknowns, frames);
-        if schedule.substeps as f64 > SLACK * *substeps as f64 {
-            *substeps = schedule.substeps;
+        if schedule.substeps as f64 > SLACK * substeps.count as f64 {
+            substeps.count = schedule.substeps;
         }
-        schedule.substeps = *substeps;
+        schedule.substeps = substeps.count;
         for retry in 0.. {
             match attempt(schedule) {
                 Err(error) if error.kind() == ErrorKind::Physics && retry < 3 => {
                     schedule.substeps *= 2;
-                    *substeps = schedule.substeps;
-                    notes(format!("retrying with {} substeps a frame: {error}", schedule.substeps));
+                    substeps.count = schedule.substeps;
+                    let note = format!("retrying with {} substeps a frame: {error}", schedule.substeps);
+                    substeps.notes.push(note);
                 }
                 done => return done,
             }

@@ -11,8 +11,11 @@ use crate::field::{Faces, Field, Hull, Sphere, bounding_sphere, fill_gaps, fit, 
 use crate::identify::bounces;
 use crate::identify::ground::find_ground;
 use crate::identify::run::Run;
+use crate::identify::stage::Course;
 use crate::identify::with_voxels::{UNKNOWNS, WithVoxels};
-use crate::identify::{Observed, Problem, Reached, Sight, Unknowns, first_contact, velocity_of_silhouettes};
+use crate::identify::{
+    Observed, Problem, Reached, Sight, Stage, Substeps, Unknowns, first_contact, velocity_of_silhouettes,
+};
 use crate::particles::Particles;
 use crate::physics::Law;
 use crate::runtime::interrupt;
@@ -57,15 +60,17 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     let around =
         around.map(|around| Ok::<_, Error>((Observed::of(&around, &run.config, DTYPE)?, around))).transpose()?;
     let around = around.as_ref().map(|(observed, around)| (around, observed));
-    let stages = Stages { clip, observed: &observed, around, law: &law, spacing, progress };
+    let stages = Context { clip, observed: &observed, around, law: &law, spacing, progress };
 
     let frames = clip.frame_count();
     let iterations = run.config.geometry.fit.iterations;
-    if !run.has_finished("shape") {
+    let stages_to_come = stages.course(run).stages();
+    progress.plan(stages_to_come.into_iter().map(|stage| (stage.to_string(), stage.share())));
+    if !run.has_finished(Stage::Shape) {
         // a family that was chosen since says nothing of how the first shape was drawn
         stages.choose_surface(run)?;
     }
-    stages.shape(run, "shape", iterations, Moved::Flying { frames: 1, velocity: [0.0; 3], spin: [0.0; 3] })?;
+    stages.shape(run, Stage::Shape, iterations, Moved::Flying { frames: 1, velocity: [0.0; 3], spin: [0.0; 3] })?;
     let few = frames.min(3);
     if let Some(bounces) = bounces::of(clip, run) {
         stages.by_flights(run, bounces, &unknowns)?;
@@ -75,13 +80,13 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
         Some(velocity) => velocity,
         None => velocity_of_silhouettes(clip, run.config.world.gravity, few).unwrap_or_default(),
     };
-    stages.velocity(run, "velocity", few, &mut unknowns)?;
+    stages.velocity(run, Stage::Velocity, few, &mut unknowns)?;
     stages.contact(run, &unknowns)?;
     let flight = run.state.contact.unwrap_or(frames).clamp(1, frames);
     let flying = Moved::Flying { frames: flight, velocity: unknowns.velocity, spin: unknowns.spin };
     // the shape is nearly there
-    stages.shape(run, "shape in flight", iterations.div_ceil(2), flying)?;
-    stages.velocity(run, IN_FLIGHT, flight.max(2).min(frames), &mut unknowns)?;
+    stages.shape(run, Stage::ShapeInFlight, iterations.div_ceil(2), flying)?;
+    stages.velocity(run, Stage::VelocityInFlight, flight.max(2).min(frames), &mut unknowns)?;
     stages.by_pool(run, &unknowns)?;
     stages.concluded(run, whole, flight >= frames)
 }
@@ -98,7 +103,7 @@ pub(super) enum Moved<'a> {
 
 /// What all stages share.
 #[derive(Clone, Copy)]
-pub(super) struct Stages<'a> {
+pub(super) struct Context<'a> {
     pub clip: &'a Clip,
     pub observed: &'a Observed,
     /// The first frame from all around, and its pixels.
@@ -108,9 +113,9 @@ pub(super) struct Stages<'a> {
     pub progress: &'a Progress,
 }
 
-impl Stages<'_> {
+impl Context<'_> {
     /// Keeps the voxels as they are before a stage changes them; once some of the new shape is written there is nothing to keep.
-    pub(super) fn keep_before(&self, run: &Run, stage: &str) -> Result<()> {
+    pub(super) fn keep_before(&self, run: &Run, stage: Stage) -> Result<()> {
         let reached = run.reached(stage)?;
         if run.has_finished(stage) || reached.ended || reached.iterations > 0 {
             return Ok(());
@@ -120,7 +125,7 @@ impl Stages<'_> {
 
     /// Fits the voxels to some frames, moved as the stage says; starts from the hull if there is no field yet. Where they are simulated, the
     /// material is fitted with them; what moves them in the end is returned.
-    pub(super) fn shape(&self, run: &mut Run, stage: &str, iterations: usize, moved: Moved<'_>) -> Result<Unknowns> {
+    pub(super) fn shape(&self, run: &mut Run, stage: Stage, iterations: usize, moved: Moved<'_>) -> Result<Unknowns> {
         let (simulated, start, weights) = match moved {
             Moved::Simulated { unknowns, weights } => (true, unknowns.clone(), weights.to_vec()),
             Moved::Flying { frames, velocity, spin } => {
@@ -159,7 +164,7 @@ impl Stages<'_> {
         let substeps = problem.schedule(&with.start, frames).substeps;
         let loss = |bound: &Bound, opacity: &Var, colour: &Var| {
             let (here, values) = with.bound(bound, opacity.tape(), DTYPE)?;
-            problem.with_step(&values, frames, &mut { substeps }, &mut |_| (), &mut |schedule| {
+            problem.with_step(&values, frames, &mut Substeps::least(substeps), &mut |schedule| {
                 let motion = problem.motion_of(opacity, &here, schedule)?;
                 let loss = problem.loss_of(&motion, [opacity, colour], &|frame| self.seen(frame), &weights)?;
                 let penalty = problem.ranges.as_ref().and_then(|ranges| ranges.on_tape(self.law, &here.parameters));
@@ -186,9 +191,9 @@ impl Stages<'_> {
         loss: &dyn Fn(&Bound, &Var, &Var) -> Result<Var>,
         said: &dyn Fn(&Params) -> Result<String>,
     ) -> Result<Params> {
-        let bar = self.progress.stage(&reached.stage, iterations as u64);
+        let bar = self.progress.stage(&reached.stage.to_string(), iterations as u64);
         let mut last = String::new();
-        let at = |iterations: usize, ended: bool| Reached { stage: reached.stage.clone(), iterations, ended };
+        let at = |iterations: usize, ended: bool| Reached { stage: reached.stage, iterations, ended };
         let fitted =
             fit(field, params, adam, reached.iterations..iterations, self.smoothness(run, field), &loss, |s| {
                 last = format!("loss {:.5}, {} voxels{}", s.loss, field.len(), said(s.params)?);
@@ -233,6 +238,18 @@ impl Stages<'_> {
             _ => field.faces(),
         };
         Some((faces, run.config.smoothness_of(self.law))).filter(|(_, counts)| *counts > 0.0)
+    }
+
+    /// How the run will go.
+    fn course(&self, run: &Run) -> Course {
+        Course {
+            by_flights: bounces::of(self.clip, run).is_some(),
+            fallen: self.clip.flight.is_some(),
+            spin: run.config.estimate.spin,
+            temporal: run.config.temporal.enabled,
+            flows: run.config.flows(self.law),
+            rounds: run.config.estimate.rounds,
+        }
     }
 
     pub(super) fn hull(&self, run: &mut Run) -> Result<(Field, Params)> {
@@ -329,20 +346,17 @@ pub(crate) fn describe(law: &Law, unknowns: &Unknowns) -> String {
             format!("{} {value:.3}{unit}", p.symbol)
         }
     });
-    let lean = match unknowns.lean {
-        lean @ [right, up, farther, pitch] if lean != [0.0; 4] => {
-            format!("  lean ({right:.2}, {up:.2}, {farther:.3})  pitch {:+.1}°", pitch.to_degrees())
+    let depth = match unknowns.depth {
+        depth @ [right, up, scale, pitch] if depth != [0.0; 4] => {
+            format!("  depth shear ({right:.2}, {up:.2})  scale {scale:+.3}  pitch {:+.1}°", pitch.to_degrees())
         }
         _ => String::new(),
     };
-    format!("v ({x:.3}, {y:.3}, {z:.3}) m/s{spin}  {}{lean}", parameters.collect::<Vec<_>>().join("  "))
+    format!("v ({x:.3}, {y:.3}, {z:.3}) m/s{spin}  {}{depth}", parameters.collect::<Vec<_>>().join("  "))
 }
 
 /// How much deeper than wide an object may be of which views were imagined.
 const DEEPER: f64 = 1.5;
-
-/// The stage that finds the velocity from all frames of flight.
-pub(super) const IN_FLIGHT: &str = "velocity in flight";
 
 /// Iterations of a fit between two savings.
 const SAVE_EVERY: usize = 5;

@@ -14,7 +14,7 @@ use crate::identify::pipeline::Survey;
 use crate::identify::settings_file;
 use crate::identify::solve;
 use crate::identify::uncertainty::mixture::Marginal;
-use crate::identify::{Config, Interval, MaterialConfig, Unknowns, unknowns};
+use crate::identify::{Config, Interval, MaterialConfig, Stage, Unknowns, unknowns};
 use crate::physics::Law;
 use crate::runtime::run_folder::RunFolder;
 use crate::video::{Bounces, Clip};
@@ -28,12 +28,12 @@ pub struct State {
     #[serde(default)]
     pub clip_path: Option<PathBuf>,
     /// Stages that are finished.
-    pub finished: Vec<String>,
+    pub finished: Vec<Stage>,
     /// Seconds that each finished stage took.
     pub seconds: Vec<f64>,
     /// Where each finished stage that moves unknowns left them.
     #[serde(default)]
-    pub ends: BTreeMap<String, Unknowns>,
+    pub ends: BTreeMap<Stage, Unknowns>,
     /// The best unknowns so far.
     pub unknowns: Option<Unknowns>,
     /// What the temporal field says of the flight, if it was asked.
@@ -62,7 +62,7 @@ pub struct State {
     pub(super) batches: Option<Batches>,
     /// Which hypotheses each finished stage left.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub(super) survivors: BTreeMap<String, Vec<Hypothesis>>,
+    pub(super) survivors: BTreeMap<Stage, Vec<Hypothesis>>,
     /// What the clip says of each hypothesis that survived.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(super) surveys: Vec<Survey>,
@@ -106,7 +106,7 @@ pub struct Standing {
     /// Its name.
     pub family: String,
     /// That stage.
-    pub stage: String,
+    pub stage: Stage,
     /// The loss of its most probable hypothesis there.
     pub loss: f64,
     /// How much less probable that is than the most probable one of all \[nat\].
@@ -117,7 +117,7 @@ pub struct Standing {
 /// and ends as if it had not been.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Batches {
-    stage: String,
+    stage: Stage,
     answers: Vec<solve::Answer>,
 }
 
@@ -156,7 +156,7 @@ impl std::fmt::Display for ClipIdentity {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct HistoryRow {
     /// The stage it belongs to.
-    pub stage: String,
+    pub stage: Stage,
     /// The loss; nothing when the physics broke down there.
     pub loss: Option<f64>,
     /// Where.
@@ -325,12 +325,12 @@ impl Run {
     }
 
     /// Whether a stage is finished.
-    pub fn has_finished(&self, stage: &str) -> bool {
-        self.state.finished.iter().any(|done| done == stage)
+    pub fn has_finished(&self, stage: Stage) -> bool {
+        self.state.finished.contains(&stage)
     }
 
     /// The answers that a stage has had before it was interrupted.
-    pub(super) fn answers_of(&self, stage: &str) -> Vec<solve::Answer> {
+    pub(super) fn answers_of(&self, stage: Stage) -> Vec<solve::Answer> {
         let batches = self.state.batches.as_ref().filter(|batches| batches.stage == stage);
         batches.map(|batches| batches.answers.clone()).unwrap_or_default()
     }
@@ -339,9 +339,9 @@ impl Run {
     ///
     /// # Errors
     /// What writing returns.
-    pub(super) fn keep_answers(&mut self, stage: &str, answers: &[solve::Answer]) -> Result<()> {
+    pub(super) fn keep_answers(&mut self, stage: Stage, answers: &[solve::Answer]) -> Result<()> {
         self.state.batches.take_if(|batches| batches.stage != stage);
-        let empty = || Batches { stage: stage.to_owned(), answers: Vec::new() };
+        let empty = || Batches { stage, answers: Vec::new() };
         self.state.batches.get_or_insert_with(empty).answers.extend_from_slice(answers);
         self.save()
     }
@@ -350,9 +350,9 @@ impl Run {
     ///
     /// # Errors
     /// [`ErrorKind::Input`] if the run does not say.
-    pub(super) fn survivors_of(&self, stage: &str) -> Result<Vec<Hypothesis>> {
-        let lost = || damaged(&self.folder, STATE, &format!("no survivors of the stage {stage:?}"));
-        self.state.survivors.get(stage).filter(|all| !all.is_empty()).cloned().ok_or_else(lost)
+    pub(super) fn survivors_of(&self, stage: Stage) -> Result<Vec<Hypothesis>> {
+        let lost = || damaged(&self.folder, STATE, &format!("no survivors of the stage \"{stage}\""));
+        self.state.survivors.get(&stage).filter(|all| !all.is_empty()).cloned().ok_or_else(lost)
     }
 
     /// What the clip says of each hypothesis that survived.
@@ -372,8 +372,8 @@ impl Run {
     ///
     /// # Errors
     /// What writing returns.
-    pub fn finish(&mut self, stage: &str, since: Instant) -> Result<()> {
-        self.state.finished.push(stage.to_owned());
+    pub fn finish(&mut self, stage: Stage, since: Instant) -> Result<()> {
+        self.state.finished.push(stage);
         self.state.seconds.push(since.elapsed().as_secs_f64());
         self.state.batches = None;
         self.save()
@@ -383,8 +383,8 @@ impl Run {
     ///
     /// # Errors
     /// What writing returns.
-    pub fn finish_at(&mut self, unknowns: &Unknowns, stage: &str, since: Instant) -> Result<()> {
-        self.state.ends.insert(stage.to_owned(), unknowns.clone());
+    pub fn finish_at(&mut self, unknowns: &Unknowns, stage: Stage, since: Instant) -> Result<()> {
+        self.state.ends.insert(stage, unknowns.clone());
         self.state.unknowns = Some(unknowns.clone());
         self.finish(stage, since)
     }
@@ -400,9 +400,9 @@ impl Run {
     ///
     /// # Errors
     /// [`ErrorKind::Input`] if the run does not say.
-    pub fn end_of(&self, stage: &str) -> Result<Unknowns> {
-        let lost = || damaged(&self.folder, STATE, &format!("no end of the stage {stage:?}"));
-        self.state.ends.get(stage).cloned().ok_or_else(lost)
+    pub fn end_of(&self, stage: Stage) -> Result<Unknowns> {
+        let lost = || damaged(&self.folder, STATE, &format!("no end of the stage \"{stage}\""));
+        self.state.ends.get(&stage).cloned().ok_or_else(lost)
     }
 }
 

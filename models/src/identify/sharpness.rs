@@ -4,7 +4,7 @@ use gradreel::optim::{Bound, Params};
 use gradreel::{Result, Var};
 
 use crate::field::{Field, fit};
-use crate::identify::reconstruct::{DTYPE, Stages};
+use crate::identify::reconstruct::{Context, DTYPE};
 use crate::identify::run::Run;
 use crate::identify::{Problem, Unknowns};
 use crate::particles::Particles;
@@ -18,7 +18,7 @@ const TRIAL: usize = 40;
 /// halves; of bodies that are round it falls by a quarter at most, or grows.
 const SHARPER: f64 = 2.0 / 3.0;
 
-impl Stages<'_> {
+impl Context<'_> {
     /// Draws a body that keeps its shape with a sharpened surface, if its first frame asks for that. A blunt surface loses
     /// what is sharp, and what is lost on one side only moves the body.
     pub(super) fn choose_surface(&self, run: &mut Run) -> Result<()> {

@@ -5,17 +5,17 @@ use std::time::Instant;
 use gradreel::{Error, ErrorKind, Result};
 
 use crate::identify::fall::Fallen;
-use crate::identify::reconstruct::{DTYPE, Stages};
+use crate::identify::reconstruct::{Context, DTYPE};
 use crate::identify::run::Run;
 use crate::identify::solve::{GaussNewton, Setting};
 use crate::identify::uncertainty::prior::Prior;
-use crate::identify::{Free, Problem, Unknowns, WorldConfig};
+use crate::identify::{Free, Problem, Stage, Unknowns, WorldConfig};
 
-impl Stages<'_> {
+impl Context<'_> {
     /// The velocity and, if it may have one, the spin, from frames of free flight. The velocity of what a single camera saw is known
     /// from its fall already: a shape that was seen from one side only says less of how it comes nearer than the size of its
     /// silhouette does.
-    pub fn velocity(&self, run: &mut Run, stage: &str, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
+    pub fn velocity(&self, run: &mut Run, stage: Stage, frames: usize, unknowns: &mut Unknowns) -> Result<()> {
         let fallen = self.clip.flight.is_some();
         if fallen && !run.config.estimate.spin {
             return Ok(());
@@ -44,7 +44,7 @@ impl Stages<'_> {
 
     /// Whether it is not known how the body lies along the line of sight. That the spin of a body depends on it is not differentiated,
     /// so that one that may spin is taken to lie as it was taken to.
-    pub fn leans(&self, run: &Run) -> bool {
+    pub fn depth_is_open(&self, run: &Run) -> bool {
         self.observed.sight.is_some() && !run.config.estimate.spin
     }
 
@@ -66,12 +66,12 @@ impl Stages<'_> {
     /// Whether only the fall says how far away the body is, in a world that is known. Where the world's metres follow from the fall as
     /// well, nothing is seen to be nearer or farther than it was taken to be.
     pub fn distance_is_open(&self, run: &Run) -> bool {
-        self.leans(run) && self.clip.flight.is_some_and(|flight| !flight.scales_world)
+        self.depth_is_open(run) && self.clip.flight.is_some_and(|flight| !flight.scales_world)
     }
 
     /// Whether only the fall, and what follows it, says how far down the camera looks.
     pub fn pitch_is_open(&self, run: &Run) -> bool {
-        self.leans(run) && self.clip.flight.is_some_and(|flight| flight.pitch.deviation > 0.0)
+        self.depth_is_open(run) && self.clip.flight.is_some_and(|flight| flight.pitch.deviation > 0.0)
     }
 
     /// The standard deviation of all lengths, as a share, that the fall of what a single camera saw leaves: at a given pitch, if that is

@@ -6,8 +6,9 @@ use gradreel::{ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
 use crate::field::temporal::{FirstFrames, Flight};
+use crate::identify::Stage;
 use crate::identify::config::outside_range;
-use crate::identify::reconstruct::Stages;
+use crate::identify::reconstruct::Context;
 use crate::identify::run::Run;
 use crate::runtime::interrupt;
 
@@ -48,18 +49,16 @@ impl TemporalConfig {
     }
 }
 
-const STAGE: &str = "temporal field";
-
-impl Stages<'_> {
+impl Context<'_> {
     /// The velocity that the temporal field of the first frames shows, if it is to be used and shows one.
     pub(super) fn flight_of_field(&self, run: &mut Run) -> Result<Option<[f64; 3]>> {
         if !run.config.temporal.enabled {
             return Ok(None);
         }
-        if !run.has_finished(STAGE) {
+        if !run.has_finished(Stage::TemporalField) {
             let since = Instant::now();
             let settings = run.config.temporal.first.clone();
-            let bar = self.progress.stage(STAGE, settings.fit.iterations as u64);
+            let bar = self.progress.stage(&Stage::TemporalField.to_string(), settings.fit.iterations as u64);
             let first = settings.of(self.clip)?;
             let rays = first.rays(&run.config.loss.views);
             let fit = settings.fit(&first, &rays, &settings.field, |state| {
@@ -81,7 +80,7 @@ impl Stages<'_> {
                 ));
                 bar.finish(&format!("v ({x:.3}, {y:.3}, {z:.3}) m/s"));
             }
-            run.finish(STAGE, since)?;
+            run.finish(Stage::TemporalField, since)?;
         }
         Ok(run.state.flight.map(|flight| flight.velocity))
     }

@@ -29,8 +29,8 @@ pub const VELOCITY: [&str; 3] = ["velocity_x", "velocity_y", "velocity_z"];
 /// Names of the spin's components.
 pub const SPIN: [&str; 3] = ["spin_x", "spin_y", "spin_z"];
 
-/// Names of the lean's components.
-pub(super) const LEAN: [&str; 4] = ["lean_right", "lean_up", "farther", "pitch"];
+/// Names of the components of the depth modes.
+pub(super) const DEPTH: [&str; 4] = ["depth_shear_right", "depth_shear_up", "depth_scale", "pitch"];
 
 /// Name of the coefficient of friction of the ground.
 pub const FRICTION: &str = "ground_friction";
@@ -54,8 +54,8 @@ pub struct Unknowns {
     pub friction: f64,
     /// How otherwise than it was taken to a body lies that a single camera saw: how much deeper, in metres for each metre to the right,
     /// upwards, and of its distance; and how much further down the camera looks \[rad\].
-    #[serde(default)]
-    pub lean: [f64; 4],
+    #[serde(default, alias = "lean")]
+    pub depth: [f64; 4],
 }
 
 /// The coordinate of the unknown of this name at a value in its unit, and how fast it changes with the value.
@@ -107,8 +107,8 @@ pub struct Chosen {
     /// Whether the friction of the ground is.
     #[serde(default)]
     pub friction: bool,
-    /// Whether the lean of the body to the right and upwards is.
-    pub lean: bool,
+    /// Whether the depth shear of the body to the right and upwards is.
+    pub depth: bool,
     /// Whether its distance is.
     pub distance: bool,
     /// Whether the pitch of the camera is.
@@ -151,16 +151,16 @@ pub enum Unknown {
     Contact,
     /// The coefficient of friction of the ground, as a decimal logarithm.
     Friction,
-    /// A component of the lean: to the right, upwards, the distance, or the camera's pitch.
-    Lean(usize),
+    /// A depth mode: the shear to the right and upwards, the scale of the distance, or the camera's pitch.
+    Depth(usize),
 }
 
 impl Unknown {
     /// The distance of what a single camera saw.
-    pub const DISTANCE: Self = Self::Lean(2);
+    pub const DISTANCE: Self = Self::Depth(2);
 
     /// The pitch of a single camera.
-    pub const PITCH: Self = Self::Lean(3);
+    pub const PITCH: Self = Self::Depth(3);
 
     /// Its name in results.
     pub fn name(self, law: &Law) -> String {
@@ -170,7 +170,7 @@ impl Unknown {
             Self::Parameter(k) => law.parameters()[k].name.to_owned(),
             Self::Contact => "contact".to_owned(),
             Self::Friction => FRICTION.to_owned(),
-            Self::Lean(axis) => LEAN[axis].to_owned(),
+            Self::Depth(axis) => DEPTH[axis].to_owned(),
         }
     }
 
@@ -182,7 +182,7 @@ impl Unknown {
             Self::Parameter(k) => unknowns.parameters[k],
             Self::Contact => unknowns.contact,
             Self::Friction => unknowns.friction,
-            Self::Lean(axis) => unknowns.lean[axis],
+            Self::Depth(axis) => unknowns.depth[axis],
         }
     }
 }
@@ -194,7 +194,7 @@ const NONE: Chosen = Chosen {
     parameters: 0,
     contact: Ground::Held,
     friction: false,
-    lean: false,
+    depth: false,
     distance: false,
     pitch: false,
 };
@@ -252,10 +252,10 @@ impl Free {
         Self::Chosen(Chosen { friction: true, ..self.chosen(law) })
     }
 
-    /// The same with the lean of the body.
+    /// The same with the depth shear of the body.
     #[must_use]
-    pub fn with_lean(self, law: &Law) -> Self {
-        Self::Chosen(Chosen { lean: true, ..self.chosen(law) })
+    pub fn with_depth_shear(self, law: &Law) -> Self {
+        Self::Chosen(Chosen { depth: true, ..self.chosen(law) })
     }
 
     /// The same with the distance of the body.
@@ -281,7 +281,7 @@ impl Free {
             parameters,
             contact,
             friction: self.friction(),
-            lean: self.lean(),
+            depth: self.depth(),
             distance: self.distance(),
             pitch: self.pitch(),
         }
@@ -299,8 +299,8 @@ impl Free {
         matches!(self, Self::Chosen(Chosen { friction: true, .. }))
     }
 
-    fn lean(self) -> bool {
-        matches!(self, Self::Chosen(Chosen { lean: true, .. }))
+    fn depth(self) -> bool {
+        matches!(self, Self::Chosen(Chosen { depth: true, .. }))
     }
 
     /// Whether the distance is free.
@@ -320,12 +320,12 @@ impl Free {
         let parameters = law.parameters().iter().enumerate().filter(|(k, p)| self.parameter(*k, p.map));
         let contact = (self.contact() != Ground::Held).then_some(Unknown::Contact);
         let friction = self.friction().then_some(Unknown::Friction);
-        let lean = (0..2).filter(|_| self.lean()).map(Unknown::Lean);
+        let depth = (0..2).filter(|_| self.depth()).map(Unknown::Depth);
         let distance = self.distance().then_some(Unknown::DISTANCE);
         let body = contact
             .into_iter()
             .chain(friction)
-            .chain(lean)
+            .chain(depth)
             .chain(distance)
             .chain(self.pitch().then_some(Unknown::PITCH));
         velocity.chain(spin).chain(parameters.map(|(k, _)| Unknown::Parameter(k))).chain(body).collect()
@@ -347,15 +347,15 @@ pub struct Bound {
     pub friction: Var,
     /// How much higher than it is the ground is felt, in grid spacings; never a leaf.
     pub contact: f64,
-    /// The lean; never a leaf.
-    pub lean: [f64; 4],
+    /// The depth modes; never leaves.
+    pub depth: [f64; 4],
 }
 
 impl Unknowns {
     /// Depth shear to the right and upwards \[m/m\], depth scale, a share of the distance, and how much further down than it was taken
     /// to the camera looks \[rad\]: the modes of what a single camera saw.
     pub fn depth_modes(&self) -> [f64; 4] {
-        self.lean
+        self.depth
     }
 
     /// The coordinates of the free unknowns.
@@ -369,7 +369,7 @@ impl Unknowns {
             }
             Unknown::Contact => self.contact,
             Unknown::Friction => self.friction.max(LEAST_FRICTION).log10(),
-            Unknown::Lean(axis) => self.lean[axis],
+            Unknown::Depth(axis) => self.depth[axis],
         };
         free.list(law).into_iter().map(coordinate).collect()
     }
@@ -393,7 +393,7 @@ impl Unknowns {
                 }
                 Unknown::Contact => moved.contact = *coordinate,
                 Unknown::Friction => moved.friction = 10f64.powf(*coordinate),
-                Unknown::Lean(axis) => moved.lean[axis] = *coordinate,
+                Unknown::Depth(axis) => moved.depth[axis] = *coordinate,
             }
         }
         moved
@@ -409,7 +409,7 @@ impl Unknowns {
                 p.map.derivative(p.map.raw(self.parameters[k])) * unit(p)
             }
             Unknown::Friction => std::f64::consts::LN_10 * self.friction.max(LEAST_FRICTION),
-            Unknown::Contact | Unknown::Lean(_) => 1.0,
+            Unknown::Contact | Unknown::Depth(_) => 1.0,
         }
     }
 
@@ -433,7 +433,7 @@ impl Unknowns {
             parameters,
             friction,
             contact: self.contact,
-            lean: self.lean,
+            depth: self.depth,
         })
     }
 
@@ -488,7 +488,7 @@ impl Unknowns {
             false => make(tensor(vec![self.friction])?, false),
         };
         let turning = (self.spin, free.spin());
-        Ok(Bound { leaves, turning, velocity, spin, parameters, friction, contact: self.contact, lean: self.lean })
+        Ok(Bound { leaves, turning, velocity, spin, parameters, friction, contact: self.contact, depth: self.depth })
     }
 }
 

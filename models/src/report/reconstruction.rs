@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use gradreel::{Result, Tape, Tensor};
 
-use crate::identify::{FRICTION, GroundContact, HistoryRow, Reconstruction, Run, Standing};
+use crate::identify::{FRICTION, GroundContact, HistoryRow, Reconstruction, Run, Stage, Standing};
 use crate::render::{Rays, Splat, render};
 use crate::report::animation::{Picture, gif};
 use crate::report::film;
@@ -105,7 +105,7 @@ pub fn publish(found: &Reconstruction, run: &Run, clip: &Clip, progress: &Progre
         }),
         plots,
         notes: notes(found, run, &quantities, &assumed, &quality),
-        timings: run.state.finished.iter().cloned().zip(run.state.seconds.iter().copied()).collect(),
+        timings: run.state.finished.iter().map(Stage::to_string).zip(run.state.seconds.iter().copied()).collect(),
         config_toml: run.config.to_toml()?,
         files: files(run),
     };
@@ -388,23 +388,23 @@ fn notes(
 
 fn plots(found: &Reconstruction, run: &Run) -> Vec<Plot> {
     let history = &run.state.history;
-    let mut stages: Vec<&str> = Vec::new();
+    let mut stages: Vec<Stage> = Vec::new();
     history.iter().for_each(|row| {
-        if !stages.contains(&row.stage.as_str()) {
-            stages.push(&row.stage);
+        if !stages.contains(&row.stage) {
+            stages.push(row.stage);
         }
     });
-    let series = |of: &dyn Fn(&HistoryRow) -> Option<f64>, keep: &dyn Fn(&str) -> bool| -> Vec<Series> {
-        let one = |stage: &&str| Series {
-            label: (*stage).to_owned(),
+    let series = |of: &dyn Fn(&HistoryRow) -> Option<f64>, keep: &dyn Fn(Stage) -> bool| -> Vec<Series> {
+        let one = |stage: &Stage| Series {
+            label: stage.to_string(),
             points: history
                 .iter()
                 .enumerate()
-                .filter(|(_, row)| row.stage == **stage)
+                .filter(|(_, row)| row.stage == *stage)
                 .filter_map(|(i, row)| Some((i as f64 + 1.0, of(row)?)))
                 .collect(),
         };
-        stages.iter().filter(|stage| keep(stage)).map(one).collect()
+        stages.iter().filter(|stage| keep(**stage)).map(one).collect()
     };
     let plot = |title: &str, y_label: String, log_y: bool, series: Vec<Series>| Plot {
         title: title.into(),
@@ -419,19 +419,14 @@ fn plots(found: &Reconstruction, run: &Run) -> Vec<Plot> {
         let log = p.map == crate::physics::Map::Log10;
         let y_label = if p.unit == "-" { p.symbol.to_owned() } else { format!("{} [{}]", p.symbol, p.unit) };
         let of = |row: &HistoryRow| row.unknowns.parameters.get(index).copied();
-        plots.push(plot(
-            &label(p.name),
-            y_label,
-            log,
-            series(&of, &|stage| !stage.starts_with("velocity") && !stage.starts_with("auto")),
-        ));
+        plots.push(plot(&label(p.name), y_label, log, series(&of, &|stage| !stage.is_of_velocity())));
     }
     let axis = |a: usize, name: &str| Series {
         label: name.into(),
         points: history
             .iter()
             .enumerate()
-            .filter(|(_, row)| row.stage.starts_with("velocity"))
+            .filter(|(_, row)| row.stage.is_of_velocity())
             .map(|(i, row)| (i as f64 + 1.0, row.unknowns.velocity[a]))
             .collect(),
     };

@@ -10,7 +10,7 @@ use super::rung::{Family, Level, place};
 use crate::identify::hypotheses::Hypothesis;
 use crate::identify::interval::within;
 use crate::identify::linearise::Derivatives;
-use crate::identify::reconstruct::Stages;
+use crate::identify::reconstruct::Context;
 use crate::identify::run::Run;
 use crate::identify::solve::{Answer, Evaluations, Request, Setting, Threads};
 use crate::identify::uncertainty::covariance::{Expansion, Laplace};
@@ -19,7 +19,7 @@ use crate::identify::uncertainty::error_budget::ErrorBudget;
 use crate::identify::uncertainty::mixture::Marginal;
 use crate::identify::uncertainty::prior::{Normal, Prior};
 use crate::identify::uncertainty::profile::{self, Profile};
-use crate::identify::{Free, Interval, Unknowns};
+use crate::identify::{Free, Interval, Stage, Unknowns};
 use crate::physics::{Law, NINETY};
 
 /// What the clip says of one hypothesis, before the covariance and the prior are counted.
@@ -154,12 +154,12 @@ fn profiles(setting: &Setting<'_>, survey: &Survey) -> Result<Vec<Profile>> {
     Ok(lines.into_iter().map(profile).collect())
 }
 
-impl Stages<'_> {
+impl Context<'_> {
     /// Looks at each survivor with everything free that the clip can tell.
     pub fn survey(
         &self,
         run: &mut Run,
-        stage: &str,
+        stage: Stage,
         families: &[Family],
         level: &Level<'_>,
         survivors: &[Hypothesis],
@@ -176,7 +176,7 @@ impl Stages<'_> {
             let problem = family.problem(level, run);
             settings.push(Setting { problem, free, frames: 0..frames, floor });
         }
-        let bar = self.progress.stage(stage, survivors.len() as u64);
+        let bar = self.progress.stage(&stage.to_string(), survivors.len() as u64);
         let derivatives = Derivatives::reaching(run.config.estimate.reach);
         let request = |survivor: &Hypothesis| Request {
             setting: place(families, &survivor.family),

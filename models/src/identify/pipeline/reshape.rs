@@ -6,18 +6,18 @@ use gradreel::optim::{Bound, Params};
 use gradreel::{Result, Tensor, Var};
 
 use super::rung::Level;
-use crate::identify::reconstruct::{DTYPE, Moved, Stages};
+use crate::identify::reconstruct::{Context, DTYPE, Moved};
 use crate::identify::run::Run;
-use crate::identify::{Problem, Unknowns};
+use crate::identify::{Problem, Stage, Unknowns};
 use crate::particles::Particles;
 
-impl Stages<'_> {
+impl Context<'_> {
     /// Fits the voxels to all frames, moved as the body was simulated with them before the fit; how the motion depends on the shape is for
     /// the next search to say. Only pictures are differentiated, no rollout. A frame counts by how well its motion is explained.
     ///
     /// # Errors
     /// What the simulation, the renderer and writing return.
-    pub fn reshape(&self, run: &mut Run, stage: &str, unknowns: &Unknowns) -> Result<()> {
+    pub fn reshape(&self, run: &mut Run, stage: Stage, unknowns: &Unknowns) -> Result<()> {
         self.keep_before(run, stage)?;
         let reached = run.reached(stage)?;
         if run.has_finished(stage) || reached.ended {
@@ -46,8 +46,8 @@ impl Stages<'_> {
     /// where the motion was held few iterations are needed, and a rollout of the fewest substeps is enough.
     ///
     /// # Errors
-    /// As [`Stages::reshape`].
-    pub fn reshape_and_follow(&self, run: &mut Run, stage: &str, unknowns: &Unknowns) -> Result<Unknowns> {
+    /// As [`Context::reshape`].
+    pub fn reshape_and_follow(&self, run: &mut Run, stage: Stage, unknowns: &Unknowns) -> Result<Unknowns> {
         self.keep_before(run, stage)?;
         let weights = if run.has_finished(stage) { vec![] } else { self.explained(run, unknowns)?.2 };
         let moved = Moved::Simulated { unknowns, weights: &weights };

@@ -6,29 +6,24 @@ use gradreel::{ErrorKind, Result};
 
 use super::rung::{Family, Fidelity, Level, Rung, place};
 use crate::identify::hypotheses::Hypothesis;
-use crate::identify::reconstruct::{DTYPE, Stages};
+use crate::identify::reconstruct::{Context, DTYPE};
 use crate::identify::run::Run;
-use crate::identify::{MaterialConfig, Observed, Unknowns};
+use crate::identify::stage::number;
+use crate::identify::{MaterialConfig, Observed, Stage, Unknowns};
 
 /// The rungs before the full forward model; of each, so many times as many hypotheses go on as are searched at last. A coarse body tells good
 /// from bad, but not the best from the second best, so that it is searched little and hands on many.
-const RUNGS: [Rung<'static>; 4] = [
-    Rung { stage: "what is plausible", fidelity: Fidelity::Coarse, world: false, steps: 0, keep: (8, 4.0) },
-    Rung { stage: "material, coarse", fidelity: Fidelity::Coarse, world: false, steps: 1, keep: (4, 3.0) },
-    Rung { stage: "material, few substeps", fidelity: Fidelity::FewSubsteps, world: false, steps: 0, keep: (2, 2.0) },
-    Rung {
-        stage: "material, few substeps, on",
-        fidelity: Fidelity::FewSubsteps,
-        world: false,
-        steps: 1,
-        keep: (1, 1.5),
-    },
+const RUNGS: [Rung; 4] = [
+    Rung { stage: Stage::Plausible, fidelity: Fidelity::Coarse, world: false, steps: 0, keep: (8, 4.0) },
+    Rung { stage: Stage::Coarse, fidelity: Fidelity::Coarse, world: false, steps: 1, keep: (4, 3.0) },
+    Rung { stage: Stage::FewSubsteps, fidelity: Fidelity::FewSubsteps, world: false, steps: 0, keep: (2, 2.0) },
+    Rung { stage: Stage::FewSubstepsOn, fidelity: Fidelity::FewSubsteps, world: false, steps: 1, keep: (1, 1.5) },
 ];
 
 /// A hypothesis goes on whose loss is at most so many times that of the best: on the full grid, and once the shape is fitted to the motion.
 const GO_ON: [f64; 2] = [1.5, 1.3];
 
-impl Stages<'_> {
+impl Context<'_> {
     /// From a body in flight to the posterior: the pool on a coarse body, the better ones on the full one, and in rounds the shape from the
     /// whole motion and the material with the velocity and the height of the ground.
     pub fn by_pool(&self, run: &mut Run, start: &Unknowns) -> Result<()> {
@@ -36,19 +31,24 @@ impl Stages<'_> {
         let survivors = self.halve(run, &families, start)?;
         let families = decide(run, families, &survivors)?;
         let law = run.config.law()?;
-        let stages = Stages { law: &law, ..*self };
+        let stages = Context { law: &law, ..*self };
         let mut survivors: Vec<Hypothesis> =
             survivors.into_iter().filter(|one| families.iter().any(|family| family.name == one.family)).collect();
-        for round in 1..=run.config.estimate.rounds {
+        for round in (1..=run.config.estimate.rounds).map(number) {
             survivors = stages.body(run, round, &families, survivors)?;
             let full = Level { particles: stages.particles(run)?, observed: self.observed };
-            let stage = format!("material {round}");
             let (steps, most) = (run.config.estimate.steps.div_ceil(2), run.config.estimate.survivors);
-            let rung = Rung { stage: &stage, fidelity: Fidelity::Full, world: true, steps, keep: (most, GO_ON[1]) };
+            let rung = Rung {
+                stage: Stage::MaterialAgain(round),
+                fidelity: Fidelity::Full,
+                world: true,
+                steps,
+                keep: (most, GO_ON[1]),
+            };
             survivors = stages.rung(run, rung, &families, &full, survivors)?;
         }
         let full = Level { particles: stages.particles(run)?, observed: self.observed };
-        stages.survey(run, "posterior", &families, &full, &survivors)?;
+        stages.survey(run, Stage::Posterior, &families, &full, &survivors)?;
         stages.conclude(run, &families)
     }
 
@@ -57,11 +57,11 @@ impl Stages<'_> {
     fn body(
         &self,
         run: &mut Run,
-        round: usize,
+        round: u16,
         families: &[Family],
         mut survivors: Vec<Hypothesis>,
     ) -> Result<Vec<Hypothesis>> {
-        let cost = |run: &mut Run, stage: &str, best: &Hypothesis| {
+        let cost = |run: &mut Run, stage: Stage, best: &Hypothesis| {
             let full = Level { particles: self.particles(run)?, observed: self.observed };
             let rung = Rung { stage, fidelity: Fidelity::Full, world: true, steps: 0, keep: (1, f64::INFINITY) };
             let since = Instant::now();
@@ -70,7 +70,7 @@ impl Stages<'_> {
                 // what cannot be simulated is as improbable as can be; the run knows it when it goes on with the shape from before
                 Err(error) if error.kind() == ErrorKind::Physics => {
                     let broken = vec![Hypothesis::new(&best.family, best.unknowns.clone())];
-                    run.state.survivors.insert(stage.to_owned(), broken.clone());
+                    run.state.survivors.insert(stage, broken.clone());
                     run.finish(stage, since)?;
                     broken
                 }
@@ -78,21 +78,20 @@ impl Stages<'_> {
             };
             Ok::<_, gradreel::Error>(found[0].cost.unwrap_or(f64::INFINITY))
         };
-        self.reshape(run, &format!("shape in motion {round}"), &survivors[0].unknowns)?;
+        self.reshape(run, Stage::ShapeInMotion(round), &survivors[0].unknowns)?;
         if run.config.flows(self.law) {
             // what flows forgets its shape
             return Ok(survivors);
         }
-        let stage = format!("shape and material {round}");
-        let undone = format!("{stage}: undone");
-        if run.has_finished(&undone) {
+        let (stage, undone) = (Stage::Together(round), Stage::Undone(round));
+        if run.has_finished(undone) {
             return Ok(survivors);
         }
-        let held = cost(run, &format!("shape in motion {round}: agreement"), &survivors[0])?;
-        match self.reshape_and_follow(run, &stage, &survivors[0].unknowns) {
+        let held = cost(run, Stage::HeldAgreement(round), &survivors[0])?;
+        match self.reshape_and_follow(run, stage, &survivors[0].unknowns) {
             Ok(unknowns) => {
                 let followed = Hypothesis { unknowns, ..survivors[0].clone() };
-                if cost(run, &format!("{stage}: agreement"), &followed)? < held {
+                if cost(run, Stage::TogetherAgreement(round), &followed)? < held {
                     survivors[0] = followed;
                     return Ok(survivors);
                 }
@@ -104,7 +103,7 @@ impl Stages<'_> {
         }
         let since = Instant::now();
         run.restore_field()?;
-        run.finish(&undone, since)?;
+        run.finish(undone, since)?;
         Ok(survivors)
     }
 
@@ -121,7 +120,8 @@ impl Stages<'_> {
             let (times, worse) = rung.keep;
             survivors = self.rung(run, Rung { keep: (times * most, worse), ..rung }, families, level, survivors)?;
         }
-        let last = Rung { stage: "material", fidelity: Fidelity::Full, world: false, steps, keep: (most, GO_ON[0]) };
+        let last =
+            Rung { stage: Stage::Material, fidelity: Fidelity::Full, world: false, steps, keep: (most, GO_ON[0]) };
         self.rung(run, last, families, &full, survivors)
     }
 }

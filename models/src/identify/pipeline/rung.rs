@@ -6,14 +6,14 @@ use std::time::Instant;
 use gradreel::{Error, ErrorKind, Result};
 
 use crate::identify::hypotheses::{Hypothesis, apart};
-use crate::identify::reconstruct::{DTYPE, IN_FLIGHT, Stages, describe};
+use crate::identify::reconstruct::{Context, DTYPE, describe};
 use crate::identify::run::{HistoryRow, Run, Standing};
 use crate::identify::solve::{Answer, GaussNewton, Request, Setting, Threads, drive};
 use crate::identify::stages::LEAST;
 use crate::identify::uncertainty::prior::{FRICTION, Prior};
 use crate::identify::unknowns::Ground;
 use crate::identify::{
-    Config, FAMILIES, Free, GroundContact, MaterialConfig, Observed, Problem, Unknowns, WorldConfig,
+    Config, FAMILIES, Free, GroundContact, MaterialConfig, Observed, Problem, Stage, Substeps, Unknowns, WorldConfig,
 };
 use crate::particles::Particles;
 use crate::physics::Law;
@@ -32,9 +32,9 @@ pub(crate) enum Fidelity {
 
 /// What a rung of the halving has to spend.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Rung<'a> {
-    /// The name of its stage.
-    pub stage: &'a str,
+pub(crate) struct Rung {
+    /// Its stage.
+    pub stage: Stage,
     /// How faithful its forward model is.
     pub fidelity: Fidelity,
     /// Whether the velocity and the height of the ground are free, too.
@@ -61,7 +61,7 @@ pub(crate) struct Family {
     pub config: Config,
 }
 
-impl Stages<'_> {
+impl Context<'_> {
     /// The families that the material may be of.
     pub fn families(&self, run: &Run) -> Result<Vec<Family>> {
         let materials: Vec<MaterialConfig> = match run.config.chooses_family() {
@@ -91,7 +91,7 @@ impl Stages<'_> {
         let free = if rough { free.with_friction(law) } else { free };
         let free = if self.freedom_of_flight(world) { free.with_velocity(law) } else { free };
         let free = free.with_spin(law, run.config.estimate.spin);
-        let free = if self.leans(run) { free.with_lean(law) } else { free };
+        let free = if self.depth_is_open(run) { free.with_depth_shear(law) } else { free };
         let free = if self.distance_is_open(run) { free.with_distance(law) } else { free };
         Ok(if self.pitch_is_open(run) { free.with_pitch(law) } else { free })
     }
@@ -102,12 +102,12 @@ impl Stages<'_> {
         let flight = run.state.contact.unwrap_or(1).clamp(1, level.observed.targets.len());
         let velocity = match &self.clip.flight {
             Some(flight) => flight.velocity,
-            None => run.end_of(IN_FLIGHT)?.velocity,
+            None => run.end_of(Stage::VelocityInFlight)?.velocity,
         };
         let parameters = run.config.starting_values(law)?;
         let unknowns = Unknowns { velocity, parameters, ..Unknowns::default() };
         let problem = Problem::new(&level.particles, level.observed, law.clone(), &run.config, DTYPE).flying();
-        Ok(problem.misfit(&unknowns, flight, &mut 0, &mut |_| ())?.max(LEAST))
+        Ok(problem.misfit(&unknowns, flight, &mut Substeps::default())?.max(LEAST))
     }
 
     /// Whether the velocity is free where this is said of the world.
@@ -135,8 +135,8 @@ impl Stages<'_> {
     /// The same with the velocity that is seen where the camera looks down by its pitch, as it was seen where it was taken to.
     fn seen_to_move(&self, run: &Run, unknowns: Unknowns) -> Unknowns {
         match self.observed.sight {
-            Some(sight) if unknowns.lean[3] != 0.0 => {
-                let velocity = sight.pitch(unknowns.lean, run.config.world.ground).along(unknowns.velocity);
+            Some(sight) if unknowns.depth[3] != 0.0 => {
+                let velocity = sight.pitch(unknowns.depth, run.config.world.ground).along(unknowns.velocity);
                 Unknowns { velocity, ..unknowns }
             }
             _ => unknowns,
@@ -147,7 +147,7 @@ impl Stages<'_> {
     pub fn rung(
         &self,
         run: &mut Run,
-        rung: Rung<'_>,
+        rung: Rung,
         families: &[Family],
         level: &Level<'_>,
         hypotheses: Vec<Hypothesis>,
@@ -201,11 +201,11 @@ impl Stages<'_> {
             let survivors = apart(ended, rung.keep.0, rung.keep.1, &of);
             let Some(best) = survivors.first() else {
                 return Err(Error::new(ErrorKind::Physics, "the simulation breaks down with every plausible material")
-                    .at(rung.stage)
+                    .at(rung.stage.to_string())
                     .fix("check world.ground, world.density and the size of the object with `gradreel check`"));
             };
             run.state.unknowns = (families.len() == 1).then(|| best.unknowns.clone());
-            run.state.survivors.insert(rung.stage.to_owned(), survivors);
+            run.state.survivors.insert(rung.stage, survivors);
             run.finish(rung.stage, since)?;
         }
         run.survivors_of(rung.stage)
@@ -215,13 +215,13 @@ impl Stages<'_> {
     pub fn searched(
         &self,
         run: &mut Run,
-        stage: &str,
+        stage: Stage,
         steps: usize,
         settings: &[Setting<'_>],
         searches: &mut [GaussNewton<'_>],
     ) -> Result<()> {
         let expected = searches.len() as u64 * if steps == 0 { 1 } else { 1 + 2 * steps as u64 };
-        let bar = self.progress.stage(stage, expected);
+        let bar = self.progress.stage(&stage.to_string(), expected);
         let known = run.answers_of(stage);
         let (mut done, mut said) = (0, String::new());
         let mut least = f64::INFINITY;
@@ -236,7 +236,7 @@ impl Stages<'_> {
                 answer.notes.iter().for_each(|note| run.note(format!("{stage}: {note}")));
                 // parameters of several families have no common plot
                 if settings.len() == 1 {
-                    run.state.history.push(HistoryRow { stage: stage.to_owned(), loss, unknowns: request.at.clone() });
+                    run.state.history.push(HistoryRow { stage, loss, unknowns: request.at.clone() });
                 }
             }
             if let Some(answers) = answers {
@@ -266,7 +266,7 @@ pub(crate) fn place(families: &[Family], name: &str) -> usize {
 }
 
 /// How families stand after a rung: those that took part by their best hypothesis, the others as they stood when they went.
-fn standings(mut before: Vec<Standing>, stage: &str, ended: &[Hypothesis]) -> Vec<Standing> {
+fn standings(mut before: Vec<Standing>, stage: Stage, ended: &[Hypothesis]) -> Vec<Standing> {
     let mut now: Vec<Standing> = Vec::new();
     for hypothesis in ended {
         let (Some(loss), Some(cost)) = (hypothesis.loss, hypothesis.cost) else { continue };
@@ -275,7 +275,7 @@ fn standings(mut before: Vec<Standing>, stage: &str, ended: &[Hypothesis]) -> Ve
             Some(standing) => (standing.loss, standing.behind) = (loss, cost),
             None => {
                 let family = hypothesis.family.clone();
-                now.push(Standing { family, stage: stage.to_owned(), loss, behind: cost });
+                now.push(Standing { family, stage, loss, behind: cost });
             }
         }
     }

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::identify::linearise::Derivatives;
-use crate::identify::{Free, Linearised, Problem, Unknowns};
+use crate::identify::{Free, Linearised, Problem, Substeps, Unknowns};
 use crate::runtime::interrupt;
 
 /// What a search asks for.
@@ -73,13 +73,11 @@ impl Evaluations for Threads<'_, '_> {
 impl Setting<'_> {
     fn answer(&self, request: &Request) -> Result<Answer> {
         interrupt::check()?;
-        let (mut substeps, mut notes) = (request.substeps, Vec::new());
+        let mut substeps = Substeps::least(request.substeps);
         let free = if request.derivatives.is_some() { self.free } else { Free::NOTHING };
         let how = request.derivatives.unwrap_or(Derivatives::Exact);
-        let mut note = |note| notes.push(note);
-        let mut frames = |free, how| {
-            self.problem.linearise_frames(&request.at, free, self.frames.clone(), how, &mut substeps, &mut note)
-        };
+        let mut frames =
+            |free, how| self.problem.linearise_frames(&request.at, free, self.frames.clone(), how, &mut substeps);
         let found = match frames(free, how) {
             // tangents grow beyond all numbers where the motion itself does not
             Err(error) if error.kind() == ErrorKind::NonFinite && request.derivatives.is_some() => {
@@ -87,6 +85,7 @@ impl Setting<'_> {
             }
             found => found,
         };
+        let Substeps { count: substeps, mut notes } = substeps;
         match found {
             Ok(frames) => {
                 let loss = frames.iter().map(|frame| frame.loss).sum::<f64>() / frames.len().max(1) as f64;

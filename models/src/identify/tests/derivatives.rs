@@ -2,7 +2,7 @@
 
 use crate::identify::linearise::Derivatives;
 use crate::identify::unknowns::Unknown;
-use crate::identify::{Config, Free, Ground, GroundContact, Linearised, Observed, Problem, Sight, Unknowns};
+use crate::identify::{Config, Free, Ground, GroundContact, Linearised, Observed, Problem, Sight, Substeps, Unknowns};
 use crate::particles::Particles;
 use gradreel::DType;
 
@@ -25,9 +25,9 @@ fn forward_mode_agrees_with_the_tape_and_with_differences_of_pictures() {
     let problem = problem(&particles, &observed, &config, DType::F64);
     contact_height(&problem, &truth, FRAMES);
     let unknowns = Unknowns { velocity: [0.25, -1.1, 0.15], parameters: vec![4e4, 0.22], ..Unknowns::default() };
-    let mut substeps = 128;
-    let (loss, gradient) = problem.evaluate(&unknowns, Free::Both, FRAMES, &mut substeps, &mut |_| ()).unwrap();
-    let at = problem.linearise(&unknowns, Free::Both, FRAMES, &mut substeps, &mut |_| ()).unwrap();
+    let mut substeps = Substeps::least(128);
+    let (loss, gradient) = problem.evaluate(&unknowns, Free::Both, FRAMES, &mut substeps).unwrap();
+    let at = problem.linearise(&unknowns, Free::Both, FRAMES, &mut substeps).unwrap();
     assert!((at.loss - loss).abs() < 1e-12 * loss, "{} by forward mode, {loss} on the tape", at.loss);
     for k in 0..5 {
         let relative = (at.gradient[k] - gradient[k]).abs() / gradient[k].abs().max(1e-3);
@@ -36,7 +36,7 @@ fn forward_mode_agrees_with_the_tape_and_with_differences_of_pictures() {
     // Differences over a finite step become derivatives as it becomes small, in proportion to it.
     let mut ahead = |share: f64| {
         let how = Derivatives::Ahead(share);
-        let frames = problem.linearise_frames(&unknowns, Free::Both, 0..FRAMES, how, &mut substeps, &mut |_| ());
+        let frames = problem.linearise_frames(&unknowns, Free::Both, 0..FRAMES, how, &mut substeps);
         let frames: Vec<Linearised> = frames.unwrap();
         let mean = |of: &dyn Fn(&Linearised) -> f64| frames.iter().map(of).sum::<f64>() / FRAMES as f64;
         let off = |k: usize| (mean(&|frame| frame.curvature[k][k]) / at.curvature[k][k] - 1.0).abs();
@@ -50,12 +50,12 @@ fn forward_mode_agrees_with_the_tape_and_with_differences_of_pictures() {
         }
     }
     // At the truth residuals vanish, and the curvature is that of the loss itself.
-    let best = problem.linearise(&truth, Free::Both, FRAMES, &mut 0, &mut |_| ()).unwrap();
+    let best = problem.linearise(&truth, Free::Both, FRAMES, &mut Substeps::default()).unwrap();
     assert!(best.loss < 1e-20, "{}", best.loss);
     let x = truth.coordinates(&problem.law, Free::Both);
     let slope = |x: &[f64]| {
         let at = truth.moved(&problem.law, Free::Both, x);
-        problem.linearise(&at, Free::Both, FRAMES, &mut 0, &mut |_| ()).unwrap().gradient
+        problem.linearise(&at, Free::Both, FRAMES, &mut Substeps::default()).unwrap().gradient
     };
     for (k, step) in [(3, 1e-5), (4, 1e-5), (1, 1e-5)] {
         let moved = |sign: f64| {
@@ -81,11 +81,11 @@ fn forward_mode_agrees_with_the_tape_and_with_differences_of_pictures() {
 fn contact_height(problem: &Problem<'_>, truth: &Unknowns, frames: usize) {
     let at = |contact: f64| Unknowns { contact, ..truth.clone() };
     let free = Free::NOTHING.with_ground(&problem.law, Ground::Known);
-    let loss = |contact| problem.linearise(&at(contact), free, frames, &mut 0, &mut |_| ()).unwrap();
+    let loss = |contact| problem.linearise(&at(contact), free, frames, &mut Substeps::default()).unwrap();
     let (here, plus, minus) = (loss(-0.1), loss(-0.1 + 1e-6), loss(-0.1 - 1e-6));
     let difference = (plus.loss - minus.loss) / 2e-6;
     assert!((here.gradient[0] - difference).abs() < 1e-5 * difference.abs(), "{} {difference}", here.gradient[0]);
-    let taped = problem.evaluate(&at(-0.1), Free::Velocity, frames, &mut 0, &mut |_| ()).unwrap().0;
+    let taped = problem.evaluate(&at(-0.1), Free::Velocity, frames, &mut Substeps::default()).unwrap().0;
     assert!((here.loss - taped).abs() < 1e-12 * taped && here.loss > 1e-4, "{} {taped}", here.loss);
 }
 
@@ -99,11 +99,11 @@ fn friction_of_the_ground() {
     let problem = problem(&particles, &observed, &config, DType::F64);
     let free = Free::Both.with_friction(&problem.law);
     assert_eq!(free.list(&problem.law).last(), Some(&Unknown::Friction));
-    assert!(problem.misfit(&truth, FRAMES, &mut 0, &mut |_| ()).unwrap() < 1e-20);
-    let mut substeps = 128;
+    assert!(problem.misfit(&truth, FRAMES, &mut Substeps::default()).unwrap() < 1e-20);
+    let mut substeps = Substeps::least(128);
     let unknowns = Unknowns { friction: 0.2, parameters: vec![4e4, 0.22], ..truth };
-    let (loss, gradient) = problem.evaluate(&unknowns, free, FRAMES, &mut substeps, &mut |_| ()).unwrap();
-    let at = problem.linearise(&unknowns, free, FRAMES, &mut substeps, &mut |_| ()).unwrap();
+    let (loss, gradient) = problem.evaluate(&unknowns, free, FRAMES, &mut substeps).unwrap();
+    let at = problem.linearise(&unknowns, free, FRAMES, &mut substeps).unwrap();
     assert!((at.loss - loss).abs() < 1e-12 * loss && loss > 1e-6, "{} by forward mode, {loss} on the tape", at.loss);
     for k in 0..6 {
         let relative = (at.gradient[k] - gradient[k]).abs() / gradient[k].abs().max(1e-3);
@@ -114,17 +114,17 @@ fn friction_of_the_ground() {
         let mut x = x.clone();
         x[5] += sign * 1e-6;
         let there = unknowns.moved(&problem.law, free, &x);
-        problem.evaluate(&there, free, FRAMES, &mut { substeps }, &mut |_| ()).unwrap().0
+        problem.evaluate(&there, free, FRAMES, &mut substeps.clone()).unwrap().0
     };
     let difference = (moved(1.0) - moved(-1.0)) / 2e-6;
     assert!((difference - gradient[5]).abs() < 1e-4 * difference.abs(), "{difference} and {}", gradient[5]);
     // a ground without friction has none to find
     let sticky = super::scene::problem(&particles, &observed, &quick(), DType::F64);
-    let at = sticky.linearise(&unknowns, free, FRAMES, &mut substeps, &mut |_| ()).unwrap();
+    let at = sticky.linearise(&unknowns, free, FRAMES, &mut substeps).unwrap();
     assert_eq!(at.gradient[5], 0.0);
 }
 
-/// What leans away from its only camera, or is farther away, looks the same in the first frame and falls another way; derivatives along that against
+/// A body that is sheared in depth, or is more distant, looks the same in the first frame and falls another way; derivatives along that against
 /// differences, simulated and in flight, and forward mode against the tape there.
 #[test]
 fn a_body_leans_along_the_rays_of_its_camera() {
@@ -133,35 +133,37 @@ fn a_body_leans_along_the_rays_of_its_camera() {
     let sight = Sight::at(&camera(1, 2.5, 20), middle).map(|sight| sight.growing(0.3));
     let observed = Observed { sight, ..seen_by_three };
     let problem = problem(&particles, &observed, &config, DType::F64);
-    let leaning = |lean: [f64; 4]| Unknowns { lean, ..truth.clone() };
-    let positions = |lean| problem.positions(&leaning(lean)).unwrap().slice::<f64>().to_vec();
-    let (upright, leans) = (positions([0.0; 4]), positions([0.4, -0.3, 0.1, 0.0]));
+    let sheared = |depth: [f64; 4]| Unknowns { depth, ..truth.clone() };
+    let positions = |depth| problem.positions(&sheared(depth)).unwrap().slice::<f64>().to_vec();
+    let (upright, moved) = (positions([0.0; 4]), positions([0.4, -0.3, 0.1, 0.0]));
     let own = camera(1, 2.5, 20);
-    for (x, moved) in upright.chunks_exact(3).zip(leans.chunks_exact(3)).take(particles.len()) {
+    for (x, at) in upright.chunks_exact(3).zip(moved.chunks_exact(3)).take(particles.len()) {
         let of = |x: &[f64]| own.project([x[0], x[1], x[2]]).unwrap();
-        let ([u, v, depth], [u2, v2, deeper]) = (of(x), of(moved));
+        let ([u, v, depth], [u2, v2, deeper]) = (of(x), of(at));
         assert!((u - u2).abs() < 1e-9 && (v - v2).abs() < 1e-9, "({u}, {v}) became ({u2}, {v2})");
         // tangents of angles, right and up
         let [mu, mv, _] = own.project(middle).unwrap();
         let wanted = depth * (1.1 + 0.4 * (u - mu) / own.fx + 0.3 * (v - mv) / own.fy);
         assert!((deeper - wanted).abs() < 1e-9, "{deeper}, not {wanted} m away");
     }
-    let free = Free::NOTHING.with_lean(&problem.law).with_distance(&problem.law).with_pitch(&problem.law);
+    let free = Free::NOTHING.with_depth_shear(&problem.law).with_distance(&problem.law).with_pitch(&problem.law);
     for problem in [&problem, &problem.flying()] {
-        let at = |lean| problem.linearise(&leaning(lean), free, FRAMES, &mut 0, &mut |_| ()).unwrap();
+        let at = |depth| problem.linearise(&sheared(depth), free, FRAMES, &mut Substeps::default()).unwrap();
         let here = at([0.2, -0.1, 0.05, 0.15]);
         for axis in 0..4 {
             let [plus, minus] = [1e-6, -1e-6].map(|step| {
-                let mut lean = [0.2, -0.1, 0.05, 0.15];
-                lean[axis] += step;
-                at(lean).loss
+                let mut depth = [0.2, -0.1, 0.05, 0.15];
+                depth[axis] += step;
+                at(depth).loss
             });
             let difference = (plus - minus) / 2e-6;
             let found = here.gradient[axis];
             assert!((found - difference).abs() < 1e-5 * difference.abs(), "axis {axis}: {found}, {difference}");
         }
-        let taped =
-            problem.evaluate(&leaning([0.2, -0.1, 0.05, 0.15]), Free::Velocity, FRAMES, &mut 0, &mut |_| ()).unwrap().0;
+        let taped = problem
+            .evaluate(&sheared([0.2, -0.1, 0.05, 0.15]), Free::Velocity, FRAMES, &mut Substeps::default())
+            .unwrap()
+            .0;
         assert!((here.loss - taped).abs() < 1e-12 * taped && here.loss > 1e-4, "{} {taped}", here.loss);
     }
 }

@@ -1,6 +1,6 @@
 //! The gradient of the image loss against central differences in `f64`, through contact.
 
-use crate::identify::{Config, Free, Unknowns};
+use crate::identify::{Config, Free, Substeps, Unknowns};
 use crate::particles::Particles;
 use gradreel::{DType, Tape, Tensor};
 
@@ -31,7 +31,10 @@ fn image_loss_gradient_through_contact_agrees_with_central_differences() {
     assert_eq!(x.len(), 5);
     let loss = |x: &[f64]| {
         let at = unknowns.moved(&problem.law, Free::Both, x);
-        problem.evaluate(&at, Free::Both, FRAMES, &mut 128, &mut |note| panic!("{note}")).unwrap()
+        let mut substeps = Substeps::least(128);
+        let found = problem.evaluate(&at, Free::Both, FRAMES, &mut substeps).unwrap();
+        assert!(substeps.notes.is_empty(), "{:?}", substeps.notes);
+        found
     };
     let (_, gradient) = loss(&x);
     for (i, name) in ["v_x", "v_y", "v_z", "log10 E", "raw ν"].iter().enumerate() {
@@ -97,7 +100,10 @@ fn single_precision_gives_the_same_gradient() {
     let gradient = |dtype| {
         let observed = film(&particles, &truth, &config, FRAMES, 20, dtype);
         let problem = problem(&particles, &observed, &config, dtype);
-        problem.evaluate(&unknowns, Free::Both, FRAMES, &mut 96, &mut |note| panic!("{note}")).unwrap().1
+        let mut substeps = Substeps::least(96);
+        let found = problem.evaluate(&unknowns, Free::Both, FRAMES, &mut substeps).unwrap();
+        assert!(substeps.notes.is_empty(), "{:?}", substeps.notes);
+        found.1
     };
     let (wide, narrow) = (gradient(DType::F64), gradient(DType::F32));
     let norm = wide.iter().map(|g| g * g).sum::<f64>().sqrt();

@@ -6,7 +6,7 @@ use super::scene::{block, film, problem, quick, search};
 use crate::identify::linearise::Derivatives;
 use crate::identify::uncertainty::covariance::Expansion;
 use crate::identify::uncertainty::prior::Prior;
-use crate::identify::{Free, Linearised, Observed, Problem, Unknowns};
+use crate::identify::{Free, Linearised, Observed, Problem, Substeps, Unknowns};
 
 /// Adds an independent error to every value of every pixel.
 fn noisy(mut observed: Observed, deviation: f32, seed: u64) -> Observed {
@@ -28,7 +28,7 @@ const FLOOR: f64 = 1e-7;
 
 /// The expansion of the likelihood at a point.
 fn expanded(problem: &Problem<'_>, at: &Unknowns, free: Free, frames: usize) -> Expansion {
-    let each = problem.linearise_frames(at, free, 0..frames, Derivatives::Exact, &mut 0, &mut |_| ()).unwrap();
+    let each = problem.linearise_frames(at, free, 0..frames, Derivatives::Exact, &mut Substeps::default()).unwrap();
     let Linearised { loss, gradient, curvature } = Linearised::mean_log(&each, FLOOR);
     let pictures = frames * problem.observed.views.len();
     Expansion { x: at.coordinates(&problem.law, free), log_loss: loss, gradient, curvature, pictures }
@@ -64,14 +64,7 @@ fn the_width_of_a_posterior_is_that_of_a_walk_through_it() {
             let x = [at.x[0] + off];
             let there = bottom.moved(&problem.law, free, &x);
             let each = problem
-                .linearise_frames(
-                    &there,
-                    Free::NOTHING,
-                    0..FRAMES,
-                    Derivatives::Exact,
-                    &mut substeps.clone(),
-                    &mut |_| (),
-                )
+                .linearise_frames(&there, Free::NOTHING, 0..FRAMES, Derivatives::Exact, &mut Substeps::least(substeps))
                 .unwrap();
             let log_loss = Linearised::mean_log(&each, FLOOR).loss;
             0.5 * residuals * at.pictures as f64 * log_loss + prior.cost(&x).0

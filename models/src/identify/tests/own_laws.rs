@@ -4,7 +4,7 @@ use gradreel::DType;
 
 use super::scene::{block, film, quick};
 use super::tracks::thrown_of;
-use crate::identify::{Free, Problem, Unknowns};
+use crate::identify::{Free, Problem, Substeps, Unknowns};
 use crate::physics::{Law, WgslLaw};
 
 /// Fits the parameters, all but those that stay; each is found within 1 %.
@@ -64,8 +64,8 @@ fn what_varies_in_space_has_derivatives() {
     let problem = Problem::new(&particles, &observed, law, &config, DType::F64);
     let unknowns =
         Unknowns { velocity: [0.25, -1.1, 0.15], parameters: vec![2e4, 5e4, 1e5, 3e4], ..Unknowns::default() };
-    let (loss, gradient) = problem.evaluate(&unknowns, Free::Both, FRAMES, &mut 128, &mut |_| ()).unwrap();
-    let forward = problem.linearise(&unknowns, Free::Both, FRAMES, &mut 128, &mut |_| ()).unwrap();
+    let (loss, gradient) = problem.evaluate(&unknowns, Free::Both, FRAMES, &mut Substeps::least(128)).unwrap();
+    let forward = problem.linearise(&unknowns, Free::Both, FRAMES, &mut Substeps::least(128)).unwrap();
     assert!((forward.loss - loss).abs() < 1e-12 * loss);
     let x = unknowns.coordinates(&problem.law, Free::Both);
     for k in 3..x.len() {
@@ -73,7 +73,7 @@ fn what_varies_in_space_has_derivatives() {
             let mut x = x.clone();
             x[k] += step;
             let moved = unknowns.moved(&problem.law, Free::Both, &x);
-            problem.misfit(&moved, FRAMES, &mut 128, &mut |_| ()).unwrap()
+            problem.misfit(&moved, FRAMES, &mut Substeps::least(128)).unwrap()
         };
         let difference = (at(2e-6) - at(-2e-6)) / 4e-6;
         for found in [gradient[k], forward.gradient[k]] {

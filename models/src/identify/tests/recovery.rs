@@ -1,6 +1,6 @@
 //! Known unknowns are recovered from rendered frames, and break-downs of the physics are said.
 
-use crate::identify::{Free, Unknowns, estimate, first_contact};
+use crate::identify::{Free, Substeps, Unknowns, estimate, first_contact};
 use gradreel::{DType, ErrorKind};
 
 use super::scene::{block, film, problem, quick};
@@ -15,7 +15,7 @@ fn velocity_and_stiffness_are_recovered_from_rendered_frames() {
     let problem = problem(&particles, &observed, &config, DType::F32);
     let start = Unknowns { velocity: [0.0; 3], parameters: vec![1e4, 0.3], ..Unknowns::default() };
     let run = |start: &Unknowns, free, frames| {
-        estimate(&problem, start, free, frames, 20, &mut |_| Ok(()), &mut |_| ()).unwrap().unknowns
+        estimate(&problem, start, free, frames, 20, &mut |_| Ok(()), &mut Substeps::default()).unwrap().unknowns
     };
     let flying = run(&start, Free::Velocity, 4);
     assert_eq!(first_contact(&particles, &problem.world, 0.0, &flying, observed.frame_dt, FRAMES), 4);
@@ -35,11 +35,12 @@ fn a_step_that_is_too_large_is_halved_and_said() {
     let unknowns = Unknowns { velocity: [0.0, -1.0, 0.0], parameters: vec![1e6, 0.3], ..Unknowns::default() };
     let observed = film(&particles, &unknowns, &config, 3, 16, DType::F32);
     let mut problem = problem(&particles, &observed, &config, DType::F32);
-    let mut notes = Vec::new();
+    let mut substeps = Substeps::least(1);
     // as if the stage had begun with a much softer material
     problem.cfl = 8.0;
-    let (loss, _) = problem.evaluate(&unknowns, Free::Material, 3, &mut 1, &mut |note| notes.push(note)).unwrap();
+    let (loss, _) = problem.evaluate(&unknowns, Free::Material, 3, &mut substeps).unwrap();
     assert!(loss.is_finite());
+    let notes = substeps.notes;
     assert!(!notes.is_empty() && notes[0].contains("substeps a frame") && notes[0].contains("particle"), "{notes:?}");
 }
 
@@ -52,7 +53,7 @@ fn physics_that_stays_broken_is_an_error_with_numbers() {
     let observed = film(&particles, &soft, &config, 3, 16, DType::F32);
     let mut problem = problem(&particles, &observed, &config, DType::F32);
     problem.cfl = 1e6;
-    let error = problem.evaluate(&unknowns, Free::Material, 3, &mut 1, &mut |_| ()).unwrap_err();
+    let error = problem.evaluate(&unknowns, Free::Material, 3, &mut Substeps::least(1)).unwrap_err();
     assert_eq!(error.kind(), ErrorKind::Physics);
     let text = error.to_string();
     assert!(text.contains("particle") && text.contains("found"), "{text}");

@@ -1,6 +1,6 @@
 //! A body that turns as it flies: derivatives, a spin that is found again, and flight as it is simulated.
 
-use crate::identify::{Free, Problem, Unknowns};
+use crate::identify::{Free, Problem, Substeps, Unknowns};
 use gradreel::{DType, ErrorKind, Tape};
 
 use super::scene::{block, film, problem, quick, search};
@@ -21,15 +21,15 @@ fn derivatives_of_a_spin() {
     let at = Unknowns { spin: [1.0, -2.5, 3.0], ..truth() };
     for problem in [simulated.flying(), simulated] {
         let free = Free::Both.with_spin(&problem.law, true);
-        let mut substeps = 128;
-        let here = problem.linearise(&at, free, FRAMES, &mut substeps, &mut |_| ()).unwrap();
+        let mut substeps = Substeps::least(128);
+        let here = problem.linearise(&at, free, FRAMES, &mut substeps).unwrap();
         let x = at.coordinates(&problem.law, free);
         assert_eq!(x.len(), 8);
         let loss = |k: usize, step: f64| {
             let mut x = x.clone();
             x[k] += step;
             let there = at.moved(&problem.law, free, &x);
-            problem.misfit(&there, FRAMES, &mut substeps.clone(), &mut |_| ()).unwrap()
+            problem.misfit(&there, FRAMES, &mut substeps.clone()).unwrap()
         };
         for k in 0..8 {
             let difference = (loss(k, 1e-5) - loss(k, -1e-5)) / 2e-5;
@@ -37,13 +37,13 @@ fn derivatives_of_a_spin() {
             assert!(error < 1e-4, "unknown {k} (flying: {}): {} {difference}", problem.flying, here.gradient[k]);
         }
         if problem.flying {
-            let error = problem.evaluate(&at, free, FRAMES, &mut substeps, &mut |_| ()).unwrap_err();
+            let error = problem.evaluate(&at, free, FRAMES, &mut substeps).unwrap_err();
             assert_eq!(error.kind(), ErrorKind::NoGradient);
-            let taped = problem.evaluate(&at, Free::Velocity, FRAMES, &mut substeps, &mut |_| ()).unwrap();
+            let taped = problem.evaluate(&at, Free::Velocity, FRAMES, &mut substeps).unwrap();
             assert!((taped.0 - here.loss).abs() < 1e-12 * taped.0, "{} {}", taped.0, here.loss);
             continue;
         }
-        let (_, gradient) = problem.evaluate(&at, free, FRAMES, &mut substeps, &mut |_| ()).unwrap();
+        let (_, gradient) = problem.evaluate(&at, free, FRAMES, &mut substeps).unwrap();
         for k in 0..8 {
             let relative = (here.gradient[k] - gradient[k]).abs() / gradient[k].abs().max(1e-3);
             assert!(relative < 1e-7, "unknown {k}: {} by forward mode, {} on the tape", here.gradient[k], gradient[k]);

@@ -1,7 +1,7 @@
 //! The switches of the loss: reverse and forward mode agree with all of them on, each acts, and none does where all views are
 //! real.
 
-use crate::identify::{Config, Free, Observed, Problem, Unknowns};
+use crate::identify::{Config, Free, Observed, Problem, Substeps, Unknowns};
 use crate::particles::Particles;
 use crate::video::{Clip, Foreground, Frame};
 use gradreel::DType;
@@ -72,7 +72,10 @@ fn scene() -> Scene {
 
 /// Loss and gradient on the tape.
 fn taped(problem: &Problem<'_>, at: &Unknowns) -> (f64, Vec<f64>) {
-    problem.evaluate(at, Free::Both, FRAMES, &mut 96, &mut |note| panic!("{note}")).unwrap()
+    let mut substeps = Substeps::least(96);
+    let found = problem.evaluate(at, Free::Both, FRAMES, &mut substeps).unwrap();
+    assert!(substeps.notes.is_empty(), "{:?}", substeps.notes);
+    found
 }
 
 #[test]
@@ -84,9 +87,9 @@ fn both_modes_agree_with_all_switches_on() {
     let problem = problem(&particles, &observed, &config, DType::F64);
     assert!(problem.ranges.is_some());
     let (loss, gradient) = taped(&problem, &at);
-    let forward = problem.linearise(&at, Free::Both, FRAMES, &mut 96, &mut |note| panic!("{note}")).unwrap();
+    let forward = problem.linearise(&at, Free::Both, FRAMES, &mut Substeps::least(96)).unwrap();
     assert!((forward.loss - loss).abs() < 1e-12 * loss, "{} by forward mode, {loss} on the tape", forward.loss);
-    assert_eq!(problem.misfit(&at, FRAMES, &mut 96, &mut |_| ()).unwrap(), forward.loss);
+    assert_eq!(problem.misfit(&at, FRAMES, &mut Substeps::least(96)).unwrap(), forward.loss);
     let x = at.coordinates(&problem.law, Free::Both);
     for k in 0..x.len() {
         let moved = |sign: f64| {

@@ -84,7 +84,7 @@ pub(crate) fn columns(
             2.0 * speed / resolution.diameter / at.slope(law, *unknown).abs()
         }
         Unknown::Friction => ROUGH,
-        Unknown::Contact | Unknown::Lean(_) => 0.0,
+        Unknown::Contact | Unknown::Depth(_) => 0.0,
     };
     // with all lengths grow velocities, and stresses with their squares
     let of_length = |unknown: &Unknown| match *unknown {

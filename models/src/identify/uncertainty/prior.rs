@@ -5,8 +5,8 @@ use faer::linalg::solvers::DenseSolveCore;
 use serde::{Deserialize, Serialize};
 
 use super::normal;
+use crate::identify::depth_shear;
 use crate::identify::fall::Fallen;
-use crate::identify::lean;
 use crate::identify::unknowns::{Unknown, unit};
 use crate::identify::{Free, Unknowns};
 use crate::physics::{Law, Map, Parameter, width};
@@ -73,7 +73,7 @@ impl<'a> Prior<'a> {
             parameters: (0..all.len()).map(value).collect(),
             contact: 0.0,
             friction: FRICTION[0],
-            lean: [0.0; 4],
+            depth: [0.0; 4],
             ..at.clone()
         };
         let mean = means.coordinates(law, free);
@@ -82,7 +82,7 @@ impl<'a> Prior<'a> {
             Unknown::Spin(_) => SPIN / means.slope(law, unknown),
             Unknown::Contact => width(free.contact().range()),
             Unknown::Friction => FRICTION[1],
-            Unknown::Lean(axis) => width(lean::range_of(axis)),
+            Unknown::Depth(axis) => width(depth_shear::range_of(axis)),
             Unknown::Parameter(k) => usual(&all[k])[1] / scale(&all[k], means.parameters[k]),
         };
         let told: Vec<usize> = {
@@ -160,7 +160,7 @@ impl<'a> Prior<'a> {
         let longest = |(i, unknown)| match unknown {
             Unknown::Velocity(_) => 0.2 / at.slope(self.law, unknown),
             Unknown::Spin(_) => 2.0 / at.slope(self.law, unknown),
-            Unknown::Contact | Unknown::Friction | Unknown::Lean(_) => 0.5 * deviations[i],
+            Unknown::Contact | Unknown::Friction | Unknown::Depth(_) => 0.5 * deviations[i],
             Unknown::Parameter(k) => {
                 let parameter = &self.law.parameters()[k];
                 let range = match parameter.map {
@@ -232,7 +232,7 @@ pub(crate) fn limits(law: &Law, free: Free) -> Vec<[f64; 2]> {
         Unknown::Contact => free.contact().range().map(|end| 1.5 * end),
         // from ice to what hardly slips at all
         Unknown::Friction => [-3.0, 1.0],
-        Unknown::Lean(axis) => lean::range_of(axis).map(|end| 1.5 * end),
+        Unknown::Depth(axis) => depth_shear::range_of(axis).map(|end| 1.5 * end),
         Unknown::Parameter(k) => {
             let p = &law.parameters()[k];
             match p.map {
@@ -250,7 +250,7 @@ pub(crate) fn limits(law: &Law, free: Free) -> Vec<[f64; 2]> {
 
 /// Parameters, the depth shear and the pitch: what a search starts from many values of.
 fn varies(unknown: &Unknown) -> bool {
-    matches!(unknown, Unknown::Parameter(_) | Unknown::Friction | Unknown::Lean(0 | 1 | 3))
+    matches!(unknown, Unknown::Parameter(_) | Unknown::Friction | Unknown::Depth(0 | 1 | 3))
 }
 
 /// A base of [`radical_inverse`] for each dimension of a Halton sequence.

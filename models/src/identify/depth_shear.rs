@@ -1,4 +1,4 @@
-//! How a body that a single camera saw leans away from it, to the side or upwards, how far away it is, and how far down the camera looks.
+//! Depth modes of a body that a single camera saw: its shear along the rays, its distance, and the camera's pitch.
 
 use std::borrow::Cow;
 
@@ -13,13 +13,13 @@ use crate::video::{Camera, Clip};
 
 /// The only camera of a clip, and where it sees the middle of the object in the first frame.
 ///
-/// What lies how deep in that frame, nobody saw. A body that leans has every point moved along its own ray,
+/// What lies how deep in that frame, nobody saw. A body that is sheared has every point moved along its own ray,
 /// `x' = e + (x − e) (1 + a u + b v + c)` with the camera at `e` and the tangents `u` (to the right) and `v` (upwards) of the angles between
 /// the point and the middle, so that the frame stays as it is, and depth grows by `a` metres for each metre to the right, by `b`
 /// for each upwards, and by `c` for each of the distance, with which the body grows as well.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sight {
-    eye: [f64; 3],
+    camera: [f64; 3],
     /// Right, up and away in the world.
     axes: [[f64; 3]; 3],
     /// The middle, and its tangents.
@@ -50,7 +50,7 @@ impl Sight {
     pub fn at(camera: &Camera, middle: [f64; 3]) -> Option<Self> {
         let axis = |column: usize, sign: f64| camera.c2w.map(|row| sign * row[column]);
         let axes = [axis(0, 1.0), axis(1, 1.0), axis(2, -1.0)];
-        let sight = Self { eye: camera.centre(), axes, centre: middle, middle: [0.0; 2], growth: 0.0 };
+        let sight = Self { camera: camera.centre(), axes, centre: middle, middle: [0.0; 2], growth: 0.0 };
         sight.tangents(middle).map(|middle| Self { middle, ..sight })
     }
 
@@ -62,37 +62,37 @@ impl Sight {
 
     /// How far to the right of the middle a point is seen, and how far above; `None` behind the camera.
     fn tangents(&self, point: [f64; 3]) -> Option<[f64; 2]> {
-        let [right, up, away] = self.axes.map(|axis| dot(axis, minus(point, self.eye)));
+        let [right, up, away] = self.axes.map(|axis| dot(axis, minus(point, self.camera)));
         (away > 0.0).then(|| [right / away - self.middle[0], up / away - self.middle[1]])
     }
 
-    /// How a point moves for each unit of lean, to the right, upwards and in distance.
+    /// How a point moves for each unit of shear to the right and upwards, and of scale.
     pub fn rates(&self, point: [f64; 3]) -> [[f64; 3]; 3] {
-        let ray = minus(point, self.eye);
+        let ray = minus(point, self.camera);
         let [right, up] = self.tangents(point).unwrap_or_default();
         [right, up, 1.0].map(|share| ray.map(|x| x * share))
     }
 
-    /// How body and camera stand in the world with this lean, over a ground of this height.
-    pub(super) fn pitch(&self, lean: [f64; 4], ground: f64) -> Pitch {
-        Pitch::new(self.centre, self.axes[0], self.growth, ground, lean[3])
+    /// How body and camera stand in the world with these depth modes, over a ground of this height.
+    pub(super) fn pitch(&self, depth: [f64; 4], ground: f64) -> Pitch {
+        Pitch::new(self.centre, self.axes[0], self.growth, ground, depth[3])
     }
 
-    /// Where a point of the body is with this lean, before the camera's pitch is counted.
-    pub(super) fn leant(&self, x: [f64; 3], lean: [f64; 4]) -> [f64; 3] {
+    /// Where a point of the body is with these depth modes, before the camera's pitch is counted.
+    pub(super) fn sheared_at(&self, x: [f64; 3], depth: [f64; 4]) -> [f64; 3] {
         let rates = self.rates(x);
-        std::array::from_fn(|axis| x[axis] + (0..3).map(|k| lean[k] * rates[k][axis]).sum::<f64>())
+        std::array::from_fn(|axis| x[axis] + (0..3).map(|k| depth[k] * rates[k][axis]).sum::<f64>())
     }
 
-    /// The body with this lean, over a ground of this height.
-    pub(super) fn leaning<'a>(&self, body: &'a Particles, lean: [f64; 4], ground: f64) -> Cow<'a, Particles> {
-        if lean == [0.0; 4] {
+    /// The body with these depth modes, over a ground of this height.
+    pub(super) fn sheared<'a>(&self, body: &'a Particles, depth: [f64; 4], ground: f64) -> Cow<'a, Particles> {
+        if depth == [0.0; 4] {
             return Cow::Borrowed(body);
         }
-        let pitch = self.pitch(lean, ground);
+        let pitch = self.pitch(depth, ground);
         let moved = |x: &[f64; 3]| {
-            let leant = self.leant(*x, lean);
-            if lean[3] == 0.0 { leant } else { pitch.placed(leant) }
+            let sheared = self.sheared_at(*x, depth);
+            if depth[3] == 0.0 { sheared } else { pitch.placed(sheared) }
         };
         Cow::Owned(Particles { positions: body.positions.iter().map(moved).collect(), ..body.clone() })
     }
@@ -100,11 +100,11 @@ impl Sight {
     /// Turns a clip and the body in it as the pitch that was found says, so that the vertical of both is that of the world, and lengths are
     /// those with which it moved. Every camera sees every point where it saw it before.
     pub(super) fn stand_upright(&self, (clip, body, unknowns): &mut (Clip, Particles, Unknowns), ground: f64) {
-        if unknowns.lean[3] == 0.0 {
+        if unknowns.depth[3] == 0.0 {
             return;
         }
-        let pitch = self.pitch(unknowns.lean, ground);
-        unknowns.lean[3] = 0.0;
+        let pitch = self.pitch(unknowns.depth, ground);
+        unknowns.depth[3] = 0.0;
         for camera in &mut clip.cameras {
             let centre = pitch.placed(camera.centre());
             let axes = camera.c2w.map(|[x, y, z, _]| [x, y, z]);
@@ -121,9 +121,9 @@ impl Sight {
     }
 }
 
-/// The range in which a lean is expected, in metres of depth for each to the right or upwards: 90 % of bodies that are no deeper
-/// than they are wide, turned anyhow, lean less.
-const LEAN: [f64; 2] = [-0.6, 0.6];
+/// The range in which a depth shear is expected, in metres of depth for each to the right or upwards: 90 % of bodies that are no deeper
+/// than they are wide, turned anyhow, are sheared less.
+const DEPTH: [f64; 2] = [-0.6, 0.6];
 
 /// The range in which the distance of a body is expected to differ from what its fall says, as a share, where nothing more is said of it.
 const FARTHER: [f64; 2] = [-0.15, 0.15];
@@ -131,10 +131,10 @@ const FARTHER: [f64; 2] = [-0.15, 0.15];
 /// The range of what the camera's pitch is off, where no fall tells of it \[rad\].
 const PITCH: [f64; 2] = [-0.5, 0.5];
 
-/// The range in which a component of the lean is expected.
+/// The range in which a depth mode is expected.
 pub(super) fn range_of(axis: usize) -> [f64; 2] {
     match axis {
-        0 | 1 => LEAN,
+        0 | 1 => DEPTH,
         2 => FARTHER,
         _ => PITCH,
     }
@@ -175,10 +175,10 @@ mod tests {
             story: None,
             around: None,
         };
-        let mut found = (clip, body, Unknowns { lean: [0.1, 0.0, 0.0, angle], ..Unknowns::default() });
+        let mut found = (clip, body, Unknowns { depth: [0.1, 0.0, 0.0, angle], ..Unknowns::default() });
         Sight::at(&camera, middle).unwrap().growing(growth).stand_upright(&mut found, ground);
         let (clip, body, unknowns) = found;
-        assert_eq!(unknowns.lean, [0.1, 0.0, 0.0, 0.0]);
+        assert_eq!(unknowns.depth, [0.1, 0.0, 0.0, 0.0]);
         let stands = &clip.cameras[0];
         // lengths that grow so with the pitch are those along a line of sight with this slope
         let below = (-growth).atan();
