@@ -9,8 +9,8 @@ use std::ops::Range;
 use gradreel::optim::{Fit, LevenbergMarquardt, Residuals};
 use gradreel::{DType, Error, ErrorKind, Result, Tensor};
 
-use crate::identify::linearise::row;
-use crate::identify::unknowns::unit;
+use crate::identify::model::linearise::row;
+use crate::identify::model::unknowns::unit;
 use crate::physics::{Law, Rollout, Schedule, World};
 
 /// Where the particles of a body were.

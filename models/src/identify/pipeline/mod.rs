@@ -1,8 +1,15 @@
-//! The inference by a pool of hypotheses: from a body in flight to the posterior of its material.
+//! The stages in order: the body in flight, the pool of hypotheses, the shape in motion, the posterior.
 
+pub(super) mod bounces;
+pub(super) mod context;
 mod posterior;
+pub(super) mod reconstruct;
 mod reshape;
 mod run;
 mod rung;
+mod sharpness;
+pub(super) mod stage;
+pub(super) mod temporal_start;
+mod velocity;
 
 pub(crate) use posterior::{Survey, known};

@@ -8,14 +8,14 @@ use serde::{Deserialize, Serialize};
 
 use super::rung::{Family, Level, place};
 use crate::identify::hypotheses::Hypothesis;
-use crate::identify::interval::within;
-use crate::identify::linearise::Derivatives;
-use crate::identify::reconstruct::Context;
+use crate::identify::model::linearise::Derivatives;
+use crate::identify::pipeline::context::Context;
 use crate::identify::run::Run;
 use crate::identify::solve::{Answer, Evaluations, Request, Setting, Threads};
 use crate::identify::uncertainty::covariance::{Expansion, Laplace};
 use crate::identify::uncertainty::discrepancy::{Resolution, columns};
 use crate::identify::uncertainty::error_budget::ErrorBudget;
+use crate::identify::uncertainty::interval::within;
 use crate::identify::uncertainty::mixture::Marginal;
 use crate::identify::uncertainty::prior::{Normal, Prior};
 use crate::identify::uncertainty::profile::{self, Profile};

@@ -6,7 +6,8 @@ use gradreel::optim::{Bound, Params};
 use gradreel::{Result, Tensor, Var};
 
 use super::rung::Level;
-use crate::identify::reconstruct::{Context, DTYPE, Moved};
+use crate::identify::pipeline::context::Context;
+use crate::identify::pipeline::reconstruct::{DTYPE, Moved};
 use crate::identify::run::Run;
 use crate::identify::{Problem, Stage, Unknowns};
 use crate::particles::Particles;

@@ -6,9 +6,10 @@ use gradreel::{ErrorKind, Result};
 
 use super::rung::{Family, Fidelity, Level, Rung, place};
 use crate::identify::hypotheses::Hypothesis;
-use crate::identify::reconstruct::{Context, DTYPE};
+use crate::identify::pipeline::context::Context;
+use crate::identify::pipeline::reconstruct::DTYPE;
+use crate::identify::pipeline::stage::number;
 use crate::identify::run::Run;
-use crate::identify::stage::number;
 use crate::identify::{MaterialConfig, Observed, Stage, Unknowns};
 
 /// The rungs before the full forward model; of each, so many times as many hypotheses go on as are searched at last. A coarse body tells good
@@ -31,12 +32,12 @@ impl Context<'_> {
         let survivors = self.halve(run, &families, start)?;
         let families = decide(run, families, &survivors)?;
         let law = run.config.law()?;
-        let stages = Context { law: &law, ..*self };
+        let context = Context { law: &law, ..*self };
         let mut survivors: Vec<Hypothesis> =
             survivors.into_iter().filter(|one| families.iter().any(|family| family.name == one.family)).collect();
         for round in (1..=run.config.estimate.rounds).map(number) {
-            survivors = stages.body(run, round, &families, survivors)?;
-            let full = Level { particles: stages.particles(run)?, observed: self.observed };
+            survivors = context.body(run, round, &families, survivors)?;
+            let full = Level { particles: context.particles(run)?, observed: self.observed };
             let (steps, most) = (run.config.estimate.steps.div_ceil(2), run.config.estimate.survivors);
             let rung = Rung {
                 stage: Stage::MaterialAgain(round),
@@ -45,11 +46,11 @@ impl Context<'_> {
                 steps,
                 keep: (most, GO_ON[1]),
             };
-            survivors = stages.rung(run, rung, &families, &full, survivors)?;
+            survivors = context.rung(run, rung, &families, &full, survivors)?;
         }
-        let full = Level { particles: stages.particles(run)?, observed: self.observed };
-        stages.survey(run, Stage::Posterior, &families, &full, &survivors)?;
-        stages.conclude(run, &families)
+        let full = Level { particles: context.particles(run)?, observed: self.observed };
+        context.survey(run, Stage::Posterior, &families, &full, &survivors)?;
+        context.conclude(run, &families)
     }
 
     /// Fits the body to the whole motion, held as it was, and of solids then as they move with the new shape; keeps the shape with which the

@@ -6,12 +6,13 @@ use std::time::Instant;
 use gradreel::{Error, ErrorKind, Result};
 
 use crate::identify::hypotheses::{Hypothesis, apart};
-use crate::identify::reconstruct::{Context, DTYPE, describe};
+use crate::identify::model::unknowns::Ground;
+use crate::identify::pipeline::context::Context;
+use crate::identify::pipeline::context::LEAST;
+use crate::identify::pipeline::reconstruct::{DTYPE, describe};
 use crate::identify::run::{HistoryRow, Run, Standing};
 use crate::identify::solve::{Answer, GaussNewton, Request, Setting, Threads, drive};
-use crate::identify::stages::LEAST;
 use crate::identify::uncertainty::prior::{FRICTION, Prior};
-use crate::identify::unknowns::Ground;
 use crate::identify::{
     Config, FAMILIES, Free, GroundContact, MaterialConfig, Observed, Problem, Stage, Substeps, Unknowns, WorldConfig,
 };

@@ -6,7 +6,7 @@ use gradreel::{ErrorKind, Result};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::identify::linearise::Derivatives;
+use crate::identify::model::linearise::Derivatives;
 use crate::identify::{Free, Linearised, Problem, Substeps, Unknowns};
 use crate::runtime::interrupt;
 

@@ -3,7 +3,7 @@
 use super::evaluations::{Answer, Request};
 use super::step::{damped, promised};
 use crate::identify::Unknowns;
-use crate::identify::linearise::Derivatives;
+use crate::identify::model::linearise::Derivatives;
 use crate::identify::uncertainty::prior::Prior;
 
 /// Damping of a first step, and its limits.

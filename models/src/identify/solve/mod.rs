@@ -1,8 +1,9 @@
-//! Searches that ask for evaluations in batches: Gauss–Newton, run side by side.
+//! Searches: Gauss–Newton, which asks for evaluations in batches that run side by side, and L-BFGS on the tape.
 
 mod drive;
 mod evaluations;
 mod gauss_newton;
+pub(super) mod lbfgs;
 mod step;
 
 pub(crate) use drive::drive;

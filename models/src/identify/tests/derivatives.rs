@@ -1,7 +1,7 @@
 //! Least squares over the pixels: derivatives against the tape and against differences.
 
-use crate::identify::linearise::Derivatives;
-use crate::identify::unknowns::Unknown;
+use crate::identify::model::linearise::Derivatives;
+use crate::identify::model::unknowns::Unknown;
 use crate::identify::{Config, Free, Ground, GroundContact, Linearised, Observed, Problem, Sight, Substeps, Unknowns};
 use crate::particles::Particles;
 use gradreel::DType;

@@ -3,7 +3,7 @@
 use gradreel::{DType, Tensor};
 
 use super::scene::{block, film, problem, quick, search};
-use crate::identify::linearise::Derivatives;
+use crate::identify::model::linearise::Derivatives;
 use crate::identify::uncertainty::covariance::Expansion;
 use crate::identify::uncertainty::prior::Prior;
 use crate::identify::{Free, Linearised, Observed, Problem, Substeps, Unknowns};

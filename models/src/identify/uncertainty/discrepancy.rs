@@ -1,7 +1,7 @@
 //! The columns of the covariance: how far the unknowns may be off together, however many pixels say otherwise.
 
 use super::error_budget::Discrepancy;
-use crate::identify::unknowns::Unknown;
+use crate::identify::model::unknowns::Unknown;
 use crate::identify::{Free, Unknowns};
 use crate::physics::{Law, Map, Parameter};
 

@@ -3,6 +3,7 @@
 pub(crate) mod covariance;
 pub(crate) mod discrepancy;
 pub(crate) mod error_budget;
+pub(super) mod interval;
 pub(crate) mod mixture;
 pub(crate) mod normal;
 pub(crate) mod prior;

@@ -5,9 +5,9 @@ use faer::linalg::solvers::DenseSolveCore;
 use serde::{Deserialize, Serialize};
 
 use super::normal;
-use crate::identify::depth_shear;
-use crate::identify::fall::Fallen;
-use crate::identify::unknowns::{Unknown, unit};
+use crate::identify::model::depth_shear;
+use crate::identify::model::fall::Fallen;
+use crate::identify::model::unknowns::{Unknown, unit};
 use crate::identify::{Free, Unknowns};
 use crate::physics::{Law, Map, Parameter, width};
 

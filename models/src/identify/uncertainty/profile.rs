@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::covariance::Laplace;
 use super::prior::Prior;
-use crate::identify::unknowns::Unknown;
+use crate::identify::model::unknowns::Unknown;
 
 /// The likelihood along one coordinate, the others as the posterior expects them there.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -5,12 +5,12 @@ use std::ops::Range;
 use gradreel::{DType, Result, Tape, Tensor};
 use rayon::prelude::*;
 
-use crate::identify::flight::displacement;
-use crate::identify::penalty::add_penalty;
-use crate::identify::problem::is_stress;
-use crate::identify::spin::Gyration;
+use crate::identify::model::flight::displacement;
+use crate::identify::model::penalty::add_penalty;
+use crate::identify::model::problem::is_stress;
+use crate::identify::model::spin::Gyration;
+use crate::identify::model::unknowns::Unknown;
 use crate::identify::uncertainty::prior::Prior;
-use crate::identify::unknowns::Unknown;
 use crate::identify::{Free, Problem, Substeps, Unknowns};
 use crate::physics::{Rollout, Schedule};
 use crate::render::trajectory::Middle;
@@ -115,7 +115,7 @@ impl Linearised {
     ///
     /// How far a model is off grows with the time since the contact, and differs from frame to frame: a frame counts by how well it
     /// can be explained.
-    pub(super) fn mean_log(frames: &[Self], floor: f64) -> Self {
+    pub(in crate::identify) fn mean_log(frames: &[Self], floor: f64) -> Self {
         let count = frames.first().map_or(0, |frame| frame.gradient.len());
         let mut total = Self::zero(count);
         for frame in frames {
@@ -166,7 +166,7 @@ impl Problem<'_> {
     ///
     /// # Errors
     /// As [`Problem::linearise`].
-    pub(super) fn linearise_frames(
+    pub(in crate::identify) fn linearise_frames(
         &self,
         unknowns: &Unknowns,
         free: Free,
@@ -198,7 +198,7 @@ impl Problem<'_> {
     ///
     /// # Errors
     /// What the renderer returns.
-    pub(super) fn losses_of(&self, motion: &Tensor) -> Result<Vec<f64>> {
+    pub(in crate::identify) fn losses_of(&self, motion: &Tensor) -> Result<Vec<f64>> {
         let moved = Moved { motion: motion.clone(), along: Along::Tangents(Vec::new()) };
         let looks = [self.particles.opacity(self.dtype)?, self.particles.colour(self.dtype)?];
         let of = |frame: usize| {
@@ -470,7 +470,12 @@ impl Problem<'_> {
     }
 
     /// The particles at each frame as far as they are turned, not as they fall.
-    pub(super) fn turned(&self, spin: [f64; 3], depth: [f64; 4], schedule: Schedule) -> Vec<Vec<[f64; 3]>> {
+    pub(in crate::identify) fn turned(
+        &self,
+        spin: [f64; 3],
+        depth: [f64; 4],
+        schedule: Schedule,
+    ) -> Vec<Vec<[f64; 3]>> {
         let body = self.sheared(depth);
         let (positions, frames) = (&body.positions, schedule.frames);
         if spin == [0.0; 3] {
@@ -482,7 +487,7 @@ impl Problem<'_> {
     }
 
     /// The velocities of all particles for a spin of 1 rad/s about each axis, `[3, 3 particles]` \[m/s\].
-    pub(super) fn spin_field(&self, depth: [f64; 4]) -> Result<Tensor> {
+    pub(in crate::identify) fn spin_field(&self, depth: [f64; 4]) -> Result<Tensor> {
         let body = self.sheared(depth);
         Gyration::of(&body).velocities(&body, self.world.dx, self.dtype)
     }
@@ -503,7 +508,7 @@ impl Problem<'_> {
 
 /// How derivatives are taken along the free unknowns.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Derivatives {
+pub(in crate::identify) enum Derivatives {
     /// In forward mode, of an infinitesimal step.
     Exact,
     /// As differences over a share of the longest step of a search, towards the middle of the prior.
@@ -555,7 +560,7 @@ fn raised(positions: Tensor, height: f64) -> Tensor {
 }
 
 /// One frame of `[frames, particles, 3]`.
-pub(super) fn row(motion: &Tensor, frame: usize) -> Tensor {
+pub(in crate::identify) fn row(motion: &Tensor, frame: usize) -> Tensor {
     let count = motion.dims()[1];
     match motion.dtype() {
         DType::F64 => Tensor::from_vec(motion.slice::<f64>()[3 * count * frame..][..3 * count].to_vec(), [count, 3]),

@@ -9,7 +9,7 @@ use crate::vector::{cross, minus, plus, rotation, times, transposed};
 /// middle above the ground among them, `s = cos(β + δ)/cos β` times what they were. A point `x` of the body is at `X = C + s R(δ) (x − c)`,
 /// with `C` the middle at its new height. Where it is seen again is `x = c + R(δ)ᵀ (X − C)/s`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Pitch {
+pub(in crate::identify) struct Pitch {
     middle: [f64; 3],
     /// The horizontal about which a camera turns down; to its left.
     axis: [f64; 3],

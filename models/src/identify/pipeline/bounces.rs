@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use gradreel::{Error, ErrorKind, Result, Tensor};
 
-use crate::identify::reconstruct::Context;
+use crate::identify::pipeline::context::Context;
 use crate::identify::run::Run;
 use crate::identify::{Interval, MaterialConfig, Stage, Unknowns};
 use crate::particles::Particles;
@@ -14,7 +14,7 @@ use crate::physics::{Law, Map, NINETY};
 use crate::video::{Bounces, Clip, ContactModel};
 
 /// What the flights of a clip tell, unless its contact is to be simulated.
-pub(super) fn of<'a>(clip: &'a Clip, run: &Run) -> Option<&'a Bounces> {
+pub(in crate::identify) fn of<'a>(clip: &'a Clip, run: &Run) -> Option<&'a Bounces> {
     let treated = run.config.clip.film.contact == ContactModel::Auto;
     clip.story.as_ref()?.bounces.as_ref().filter(|_| treated)
 }
@@ -37,7 +37,7 @@ impl Context<'_> {
     ///
     /// # Errors
     /// What writing returns.
-    pub(super) fn by_flights(&self, run: &mut Run, bounces: &Bounces, start: &Unknowns) -> Result<()> {
+    pub(in crate::identify) fn by_flights(&self, run: &mut Run, bounces: &Bounces, start: &Unknowns) -> Result<()> {
         if run.has_finished(Stage::FreeFlights) {
             return Ok(());
         }
@@ -75,7 +75,7 @@ const MOVES: f64 = 1.0;
 ///
 /// # Errors
 /// [`ErrorKind::Input`] for a way through another number of frames.
-pub(super) fn motion(particles: &Particles, bounces: &Bounces, frames: usize) -> Result<Tensor> {
+pub(in crate::identify) fn motion(particles: &Particles, bounces: &Bounces, frames: usize) -> Result<Tensor> {
     if bounces.path.len() != frames {
         return Err(Error::new(ErrorKind::Input, "the way of the object has another number of frames than the clip")
             .found(bounces.path.len())

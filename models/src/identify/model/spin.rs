@@ -10,7 +10,7 @@ type Matrix = [Vector; 3];
 
 /// How the mass of a body lies about its centre.
 #[derive(Debug, Clone)]
-pub(super) struct Gyration {
+pub(in crate::identify) struct Gyration {
     /// The centre of mass \[m\].
     pub centre: Vector,
     /// The inertia per mass, `Σ m (r² 1 − r rᵀ)/Σ m` with that of the particles' cubes \[m²\].

@@ -1,12 +1,16 @@
 //! The configuration of a reconstruction: every number that decides its outcome, with defaults.
 
+pub(super) mod flowing;
+pub(super) mod own_law;
+pub(super) mod settings_file;
+
 use std::path::PathBuf;
 
 use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
 use crate::field::FitSettings;
-use crate::identify::{FlowingConfig, GroundContact, LossConfig, TemporalConfig};
+use crate::identify::{FlowingConfig, GroundContact, LossConfig, OwnLaw, TemporalConfig};
 use crate::nearest::{listed, nearest};
 use crate::physics::materials::{self, AUTO, FAMILIES};
 use crate::physics::{Law, Map};
@@ -152,7 +156,7 @@ pub struct MaterialConfig {
     pub law: Option<std::path::PathBuf>,
     /// The law itself, once it is known ([`Config::with_law`]).
     #[serde(skip)]
-    pub own: super::OwnLaw,
+    pub own: OwnLaw,
     /// Starting values by parameter name, in SI units; the law's own for those not named.
     pub start: std::collections::BTreeMap<String, f64>,
     /// Parameters that stay where they start; if not given, all of sand's but its angle of friction.
@@ -164,7 +168,7 @@ impl Default for MaterialConfig {
         Self {
             name: "elastic".to_owned(),
             law: None,
-            own: super::OwnLaw::default(),
+            own: OwnLaw::default(),
             start: std::collections::BTreeMap::new(),
             held: None,
         }

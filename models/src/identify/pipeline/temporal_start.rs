@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::field::temporal::{FirstFrames, Flight};
 use crate::identify::Stage;
 use crate::identify::config::outside_range;
-use crate::identify::reconstruct::Context;
+use crate::identify::pipeline::context::Context;
 use crate::identify::run::Run;
 use crate::runtime::interrupt;
 
@@ -51,7 +51,7 @@ impl TemporalConfig {
 
 impl Context<'_> {
     /// The velocity that the temporal field of the first frames shows, if it is to be used and shows one.
-    pub(super) fn flight_of_field(&self, run: &mut Run) -> Result<Option<[f64; 3]>> {
+    pub(in crate::identify) fn flight_of_field(&self, run: &mut Run) -> Result<Option<[f64; 3]>> {
         if !run.config.temporal.enabled {
             return Ok(None);
         }

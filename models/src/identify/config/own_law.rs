@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use gradreel::Result;
 
-use super::Config;
+use crate::identify::Config;
 use crate::physics::{Law, law_file};
 
 /// The law of a run that brings its own; equal if name and text are.

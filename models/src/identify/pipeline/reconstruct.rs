@@ -8,11 +8,12 @@ use gradreel::optim::{Adam, Bound, Params};
 use gradreel::{DType, Error, ErrorKind, Result, Tensor, Var};
 
 use crate::field::{Faces, Field, Hull, Sphere, bounding_sphere, fill_gaps, fit, hull};
-use crate::identify::bounces;
-use crate::identify::ground::find_ground;
+use crate::identify::model::ground::find_ground;
+use crate::identify::model::with_voxels::{UNKNOWNS, WithVoxels};
+use crate::identify::pipeline::bounces;
+use crate::identify::pipeline::context::Context;
+use crate::identify::pipeline::stage::Course;
 use crate::identify::run::Run;
-use crate::identify::stage::Course;
-use crate::identify::with_voxels::{UNKNOWNS, WithVoxels};
 use crate::identify::{
     Observed, Problem, Reached, Sight, Stage, Substeps, Unknowns, first_contact, velocity_of_silhouettes,
 };
@@ -60,40 +61,40 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     let around =
         around.map(|around| Ok::<_, Error>((Observed::of(&around, &run.config, DTYPE)?, around))).transpose()?;
     let around = around.as_ref().map(|(observed, around)| (around, observed));
-    let stages = Context { clip, observed: &observed, around, law: &law, spacing, progress };
+    let context = Context { clip, observed: &observed, around, law: &law, spacing, progress };
 
     let frames = clip.frame_count();
     let iterations = run.config.geometry.fit.iterations;
-    let stages_to_come = stages.course(run).stages();
-    progress.plan(stages_to_come.into_iter().map(|stage| (stage.to_string(), stage.share())));
+    let coming = context.course(run).stages();
+    progress.plan(coming.into_iter().map(|stage| (stage.to_string(), stage.share())));
     if !run.has_finished(Stage::Shape) {
         // a family that was chosen since says nothing of how the first shape was drawn
-        stages.choose_surface(run)?;
+        context.choose_surface(run)?;
     }
-    stages.shape(run, Stage::Shape, iterations, Moved::Flying { frames: 1, velocity: [0.0; 3], spin: [0.0; 3] })?;
+    context.shape(run, Stage::Shape, iterations, Moved::Flying { frames: 1, velocity: [0.0; 3], spin: [0.0; 3] })?;
     let few = frames.min(3);
     if let Some(bounces) = bounces::of(clip, run) {
-        stages.by_flights(run, bounces, &unknowns)?;
-        return stages.concluded(run, whole, false);
+        context.by_flights(run, bounces, &unknowns)?;
+        return context.concluded(run, whole, false);
     }
-    unknowns.velocity = match stages.flight_of_field(run)? {
+    unknowns.velocity = match context.flight_of_field(run)? {
         Some(velocity) => velocity,
         None => velocity_of_silhouettes(clip, run.config.world.gravity, few).unwrap_or_default(),
     };
-    stages.velocity(run, Stage::Velocity, few, &mut unknowns)?;
-    stages.contact(run, &unknowns)?;
+    context.velocity(run, Stage::Velocity, few, &mut unknowns)?;
+    context.contact(run, &unknowns)?;
     let flight = run.state.contact.unwrap_or(frames).clamp(1, frames);
     let flying = Moved::Flying { frames: flight, velocity: unknowns.velocity, spin: unknowns.spin };
     // the shape is nearly there
-    stages.shape(run, Stage::ShapeInFlight, iterations.div_ceil(2), flying)?;
-    stages.velocity(run, Stage::VelocityInFlight, flight.max(2).min(frames), &mut unknowns)?;
-    stages.by_pool(run, &unknowns)?;
-    stages.concluded(run, whole, flight >= frames)
+    context.shape(run, Stage::ShapeInFlight, iterations.div_ceil(2), flying)?;
+    context.velocity(run, Stage::VelocityInFlight, flight.max(2).min(frames), &mut unknowns)?;
+    context.by_pool(run, &unknowns)?;
+    context.concluded(run, whole, flight >= frames)
 }
 
 /// How the voxels move through the frames they are fitted to.
 #[derive(Clone, Copy)]
-pub(super) enum Moved<'a> {
+pub(in crate::identify) enum Moved<'a> {
     /// In free flight, for the first frames.
     Flying { frames: usize, velocity: [f64; 3], spin: [f64; 3] },
     /// As simulated with the fewest stable substeps, through as many first frames as there are weights, by which they count; the
@@ -101,21 +102,9 @@ pub(super) enum Moved<'a> {
     Simulated { unknowns: &'a Unknowns, weights: &'a [f64] },
 }
 
-/// What all stages share.
-#[derive(Clone, Copy)]
-pub(super) struct Context<'a> {
-    pub clip: &'a Clip,
-    pub observed: &'a Observed,
-    /// The first frame from all around, and its pixels.
-    pub around: Option<(&'a Clip, &'a Observed)>,
-    pub law: &'a Law,
-    pub spacing: f64,
-    pub progress: &'a Progress,
-}
-
 impl Context<'_> {
     /// Keeps the voxels as they are before a stage changes them; once some of the new shape is written there is nothing to keep.
-    pub(super) fn keep_before(&self, run: &Run, stage: Stage) -> Result<()> {
+    pub(in crate::identify) fn keep_before(&self, run: &Run, stage: Stage) -> Result<()> {
         let reached = run.reached(stage)?;
         if run.has_finished(stage) || reached.ended || reached.iterations > 0 {
             return Ok(());
@@ -125,7 +114,13 @@ impl Context<'_> {
 
     /// Fits the voxels to some frames, moved as the stage says; starts from the hull if there is no field yet. Where they are simulated, the
     /// material is fitted with them; what moves them in the end is returned.
-    pub(super) fn shape(&self, run: &mut Run, stage: Stage, iterations: usize, moved: Moved<'_>) -> Result<Unknowns> {
+    pub(in crate::identify) fn shape(
+        &self,
+        run: &mut Run,
+        stage: Stage,
+        iterations: usize,
+        moved: Moved<'_>,
+    ) -> Result<Unknowns> {
         let (simulated, start, weights) = match moved {
             Moved::Simulated { unknowns, weights } => (true, unknowns.clone(), weights.to_vec()),
             Moved::Flying { frames, velocity, spin } => {
@@ -182,7 +177,7 @@ impl Context<'_> {
 
     /// Fits voxels in a stage from where it is to so many iterations, and keeps the run's file of them up to date; `said` goes with the
     /// progress.
-    pub(super) fn fitted_voxels(
+    pub(in crate::identify) fn fitted_voxels(
         &self,
         run: &Run,
         field: &Field,
@@ -225,13 +220,13 @@ impl Context<'_> {
     }
 
     /// What was filmed; in the first frame from all around, if views of it were imagined.
-    pub(super) fn seen(&self, frame: usize) -> &Observed {
+    pub(in crate::identify) fn seen(&self, frame: usize) -> &Observed {
         self.around.filter(|_| frame == 0).map_or(self.observed, |(_, around)| around)
     }
 
     /// The area of the surface that counts, and how much. It would take away what was made up behind what a single camera saw: there what is
     /// carved counts, and nothing of bodies that keep their shape.
-    pub(super) fn smoothness(&self, run: &Run, field: &Field) -> Option<(Faces, f64)> {
+    pub(in crate::identify) fn smoothness(&self, run: &Run, field: &Field) -> Option<(Faces, f64)> {
         let faces = match (self.clip.cameras.len(), run.config.flows(self.law)) {
             (1, false) => return None,
             (1, true) => field.faces().carved(),
@@ -252,7 +247,7 @@ impl Context<'_> {
         }
     }
 
-    pub(super) fn hull(&self, run: &mut Run) -> Result<(Field, Params)> {
+    pub(in crate::identify) fn hull(&self, run: &mut Run) -> Result<(Field, Params)> {
         let sphere = bounding_sphere(self.clip, 0)?;
         if sphere.assumed_depth {
             run.note(
@@ -367,7 +362,7 @@ pub(crate) fn half_of_imagined(clip: &Clip) -> usize {
 }
 
 /// The ball around the object of a frame, and its visual hull on voxels of a fortieth of the radius.
-pub(super) fn rough_hull(clip: &Clip, frame: usize) -> Result<(Sphere, Hull)> {
+pub(in crate::identify) fn rough_hull(clip: &Clip, frame: usize) -> Result<(Sphere, Hull)> {
     let sphere = bounding_sphere(clip, frame)?;
     let hull = hull(clip, frame, &sphere, sphere.radius / 40.0, 0.5, half_of_imagined(clip))?;
     Ok((sphere, hull))

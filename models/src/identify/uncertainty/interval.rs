@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::identify::Unknowns;
-use crate::identify::unknowns::Unknown;
+use crate::identify::model::unknowns::Unknown;
 use crate::physics::{Law, Map};
 
 /// What is known of one unknown.
@@ -19,7 +19,7 @@ pub struct Interval {
 }
 
 /// The ends of an interval of an unknown: what bounds a parameter bounds what is known of it, unless the estimate itself lies beyond.
-pub(super) fn within(law: &Law, unknown: Unknown, at: &Unknowns, [low, high]: [f64; 2]) -> [f64; 2] {
+pub(in crate::identify) fn within(law: &Law, unknown: Unknown, at: &Unknowns, [low, high]: [f64; 2]) -> [f64; 2] {
     match unknown {
         Unknown::Parameter(p) if law.parameters()[p].map != Map::Log10 => {
             let ([least, most], value) = (law.parameters()[p].prior, at.parameters[p]);

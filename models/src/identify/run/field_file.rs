@@ -8,11 +8,11 @@ use gradreel::{Result, Tensor};
 use serde::{Deserialize, Serialize};
 
 use crate::field::Field;
+use crate::identify::model::with_voxels::UNKNOWNS;
 use crate::identify::run::damaged;
-use crate::identify::with_voxels::UNKNOWNS;
 use crate::identify::{Run, Stage};
 
-pub(super) const FIELD: &str = "field.safetensors";
+pub(in crate::identify) const FIELD: &str = "field.safetensors";
 const KEPT_FIELD: &str = "field_before_motion.safetensors";
 
 /// How far the voxels of a file are.

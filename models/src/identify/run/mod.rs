@@ -1,5 +1,7 @@
 //! A run: its folder, its state, and how it goes on after an interruption.
 
+pub(super) mod field_file;
+
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -8,13 +10,14 @@ use gradreel::{Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
 use crate::field::temporal::Flight;
-use crate::identify::field_file::FIELD;
+use crate::identify::config::settings_file;
 use crate::identify::hypotheses::Hypothesis;
+use crate::identify::model::unknowns;
 use crate::identify::pipeline::Survey;
-use crate::identify::settings_file;
+use crate::identify::run::field_file::FIELD;
 use crate::identify::solve;
 use crate::identify::uncertainty::mixture::Marginal;
-use crate::identify::{Config, Interval, MaterialConfig, Stage, Unknowns, unknowns};
+use crate::identify::{Config, Interval, MaterialConfig, Stage, Unknowns};
 use crate::physics::Law;
 use crate::runtime::run_folder::RunFolder;
 use crate::video::{Bounces, Clip};

@@ -7,10 +7,10 @@ use crate::identify::{Bound, Config, Free, Unknowns};
 use crate::physics::Law;
 
 /// Where the store of a fit has the coordinates of the material `[free parameters]`.
-pub(super) const UNKNOWNS: &str = "unknowns";
+pub(in crate::identify) const UNKNOWNS: &str = "unknowns";
 
 /// What moves the voxels of a fit: unknowns, of which the parameters of the material may be fitted with the voxels.
-pub(super) struct WithVoxels<'a> {
+pub(in crate::identify) struct WithVoxels<'a> {
     /// Where the fit starts.
     pub start: Unknowns,
     law: &'a Law,

@@ -2,8 +2,8 @@
 
 use gradreel::{Result, Var};
 
-use crate::identify::flight::displacement;
-use crate::identify::unknowns::Bound;
+use crate::identify::model::flight::displacement;
+use crate::identify::model::unknowns::Bound;
 use crate::identify::{Problem, Unknowns};
 use crate::physics::{Law, Schedule};
 
@@ -13,7 +13,7 @@ const REACH: f64 = 2.0;
 impl Problem<'_> {
     /// How many frames of the schedule are free fall, of which nothing need be simulated: those before the last in which all particles are too far above
     /// the ground to feel it. None of a body that turns, nor of one whose material is under stress at rest.
-    pub(super) fn free_fall(&self, unknowns: &Unknowns, turns: bool, schedule: Schedule) -> usize {
+    pub(in crate::identify) fn free_fall(&self, unknowns: &Unknowns, turns: bool, schedule: Schedule) -> usize {
         let Schedule { frames, frame_dt, .. } = schedule;
         let (rise, dx) = (self.world.gravity[1], self.world.dx);
         let body = self.sheared(unknowns.depth);
@@ -29,7 +29,7 @@ impl Problem<'_> {
     }
 
     /// The same of unknowns on a tape.
-    pub(super) fn free_fall_of(&self, bound: &Bound, schedule: Schedule) -> Result<usize> {
+    pub(in crate::identify) fn free_fall_of(&self, bound: &Bound, schedule: Schedule) -> Result<usize> {
         let values = |var: &Var| var.value()?.to_vec();
         let velocity = values(&bound.velocity)?;
         let parameters: Result<Vec<Vec<f64>>> = bound.parameters.iter().map(values).collect();

@@ -2,8 +2,8 @@
 
 use gradreel::{Error, ErrorKind, Result};
 
-use crate::identify::flight::displacement;
-use crate::identify::reconstruct::rough_hull;
+use crate::identify::model::flight::displacement;
+use crate::identify::pipeline::reconstruct::rough_hull;
 use crate::identify::{Run, velocity_of_silhouettes};
 use crate::video::Clip;
 
@@ -19,7 +19,7 @@ const LANDED: usize = 2;
 
 /// Where the ground \[m\] is under an object that comes down: the lowest point of what its silhouettes leave room for, in its fall and the first
 /// frames after it; `None` where they leave no room.
-pub(super) fn landing(clip: &Clip, gravity: [f64; 3]) -> Option<f64> {
+pub(in crate::identify) fn landing(clip: &Clip, gravity: [f64; 3]) -> Option<f64> {
     let velocity = velocity_of_silhouettes(clip, gravity, FLIGHT)?;
     let (mut start, mut lowest, mut left) = (None, f64::INFINITY, LANDED);
     for frame in 0..clip.frame_count() {
@@ -66,7 +66,7 @@ const BELOW: f64 = 2.0;
 ///
 /// # Errors
 /// [`ErrorKind::Input`] when no frame shows the object; what writing the run's files returns.
-pub(super) fn find_ground(clip: &Clip, run: &mut Run) -> Result<()> {
+pub(in crate::identify) fn find_ground(clip: &Clip, run: &mut Run) -> Result<()> {
     if run.state.ground.is_some() {
         return found(run);
     }

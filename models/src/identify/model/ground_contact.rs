@@ -25,7 +25,7 @@ impl GroundContact {
     pub const ALL: [Self; 3] = [Self::Sticky, Self::Slip, Self::Friction];
 
     /// Horizontal ground of this kind; sticky as long as the kind is not chosen.
-    pub(super) fn collider(self, height: f64) -> Collider {
+    pub(in crate::identify) fn collider(self, height: f64) -> Collider {
         let contact = match self {
             Self::Sticky | Self::Auto => Contact::Sticky,
             Self::Slip => Contact::Slip,
@@ -35,12 +35,12 @@ impl GroundContact {
     }
 
     /// The kinds to try.
-    pub(super) fn hypotheses(self) -> Vec<Self> {
+    pub(in crate::identify) fn hypotheses(self) -> Vec<Self> {
         if self == Self::Auto { Self::ALL.to_vec() } else { vec![self] }
     }
 
     /// A family of materials on such ground, as it is called among hypotheses.
-    pub(super) fn named(self, family: &str) -> String {
+    pub(in crate::identify) fn named(self, family: &str) -> String {
         match self {
             Self::Sticky | Self::Auto => family.to_owned(),
             Self::Slip => format!("{family}, slip"),

@@ -23,13 +23,13 @@ const EFFORT: [&str; 9] = [
 ];
 
 /// All settings by name.
-pub(super) type Settings = serde_json::Map<String, Value>;
+pub(in crate::identify) type Settings = serde_json::Map<String, Value>;
 
 /// The settings as a file has them.
 ///
 /// # Errors
 /// Never for values that passed [`Config::check`].
-pub(super) fn of(config: &Config) -> Result<Settings> {
+pub(in crate::identify) fn of(config: &Config) -> Result<Settings> {
     // through its text, which has the fewest digits that tell a number
     let text = serde_json::to_string(config).and_then(|text| serde_json::from_str(&text));
     text.map_err(|e| Error::new(ErrorKind::Io, "the configuration cannot be read again").found(e))
@@ -39,7 +39,7 @@ pub(super) fn of(config: &Config) -> Result<Settings> {
 ///
 /// # Errors
 /// As [`Config::to_toml`].
-pub(super) fn text(config: &Config) -> Result<String> {
+pub(in crate::identify) fn text(config: &Config) -> Result<String> {
     let settings = config.to_toml()?;
     Ok(format!("{settings}\n{MARK}{:016x}\n", fnv1a(settings.as_bytes())))
 }
@@ -48,13 +48,13 @@ pub(super) fn text(config: &Config) -> Result<String> {
 ///
 /// # Errors
 /// As [`Config::to_toml`].
-pub(super) fn is_edited(written: &str, config: &Config) -> Result<bool> {
+pub(in crate::identify) fn is_edited(written: &str, config: &Config) -> Result<bool> {
     let Some(mark) = written.lines().rev().find_map(|line| line.strip_prefix(MARK)) else { return Ok(false) };
     Ok(mark.trim() != format!("{:016x}", fnv1a(config.to_toml()?.as_bytes())))
 }
 
 /// Every setting that differs, as `name: before → now`: those that say what is computed, and those of effort alone.
-pub(super) fn changes(before: &Settings, now: &Settings) -> [Vec<String>; 2] {
+pub(in crate::identify) fn changes(before: &Settings, now: &Settings) -> [Vec<String>; 2] {
     let mut all = Vec::new();
     compare("", before, now, &mut all);
     let effort = |(name, _): &(String, String)| EFFORT.contains(&name.as_str());
@@ -78,7 +78,7 @@ fn compare(path: &str, before: &Settings, now: &Settings, found: &mut Vec<(Strin
 }
 
 /// Refuses settings that were edited after stages had used them.
-pub(super) fn refused(place: &dyn std::fmt::Display, changed: &[String]) -> Error {
+pub(in crate::identify) fn refused(place: &dyn std::fmt::Display, changed: &[String]) -> Error {
     Error::new(ErrorKind::Input, "settings of the run were changed after it had used them")
         .at(place)
         .found(changed.join("; "))

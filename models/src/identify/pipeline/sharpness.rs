@@ -4,7 +4,8 @@ use gradreel::optim::{Bound, Params};
 use gradreel::{Result, Var};
 
 use crate::field::{Field, fit};
-use crate::identify::reconstruct::{Context, DTYPE};
+use crate::identify::pipeline::context::Context;
+use crate::identify::pipeline::reconstruct::DTYPE;
 use crate::identify::run::Run;
 use crate::identify::{Problem, Unknowns};
 use crate::particles::Particles;
@@ -21,7 +22,7 @@ const SHARPER: f64 = 2.0 / 3.0;
 impl Context<'_> {
     /// Draws a body that keeps its shape with a sharpened surface, if its first frame asks for that. A blunt surface loses
     /// what is sharp, and what is lost on one side only moves the body.
-    pub(super) fn choose_surface(&self, run: &mut Run) -> Result<()> {
+    pub(in crate::identify) fn choose_surface(&self, run: &mut Run) -> Result<()> {
         let several = self.clip.cameras.len() > 1 && !self.clip.imagined.contains(&true);
         let asked = run.config.geometry.sharpen && several && !run.config.flows(self.law);
         if run.state.sharpened.is_some() || !asked {

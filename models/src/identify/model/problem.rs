@@ -6,8 +6,8 @@ use std::sync::Arc;
 use gradreel::{DType, ErrorKind, Result, Tape, Tensor, Var};
 
 use crate::field::bounding_sphere;
-use crate::identify::depth_shear::Sight;
-use crate::identify::flight::displacement;
+use crate::identify::model::depth_shear::Sight;
+use crate::identify::model::flight::displacement;
 use crate::identify::{Bound, Config, Free, RangePenalty, Substeps, Unknowns};
 use crate::particles::Particles;
 use crate::physics::{Contact, Law, Parameter, Remat, Scene, Schedule, Substance, World, simulate};
@@ -126,7 +126,7 @@ impl<'a> Problem<'a> {
 
     /// The same with the fewest substeps that are stable, however much less they damp the motion: enough to tell good from bad.
     #[must_use]
-    pub(super) fn fewest_substeps(self) -> Self {
+    pub(in crate::identify) fn fewest_substeps(self) -> Self {
         Self { least_speed: 0.0, ..self }
     }
 
@@ -138,7 +138,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Whether the ground has Coulomb friction, whose coefficient is an unknown.
-    pub(super) fn has_friction(&self) -> bool {
+    pub(in crate::identify) fn has_friction(&self) -> bool {
         self.world.colliders.iter().any(|collider| matches!(collider.contact, Contact::Friction(_)))
     }
 
@@ -253,7 +253,7 @@ impl<'a> Problem<'a> {
     }
 
     /// The body with these depth modes.
-    pub(super) fn sheared(&self, depth: [f64; 4]) -> Cow<'_, Particles> {
+    pub(in crate::identify) fn sheared(&self, depth: [f64; 4]) -> Cow<'_, Particles> {
         match &self.observed.sight {
             Some(sight) => sight.sheared(self.particles, depth, self.ground),
             None => Cow::Borrowed(self.particles),
@@ -281,14 +281,14 @@ impl<'a> Problem<'a> {
     }
 
     /// The same of the first frames.
-    pub(super) fn positions_of_first(&self, unknowns: &Unknowns, frames: usize) -> Result<Tensor> {
+    pub(in crate::identify) fn positions_of_first(&self, unknowns: &Unknowns, frames: usize) -> Result<Tensor> {
         self.with_step(unknowns, frames, &mut Substeps::default(), &mut |schedule| {
             self.positions_at(unknowns, schedule)
         })
     }
 
     /// The same with this schedule.
-    pub(super) fn positions_at(&self, unknowns: &Unknowns, schedule: Schedule) -> Result<Tensor> {
+    pub(in crate::identify) fn positions_at(&self, unknowns: &Unknowns, schedule: Schedule) -> Result<Tensor> {
         let tape = Tape::new();
         let frozen = unknowns.constants(&tape, self.dtype)?;
         Ok(self.motion(&tape, &frozen, schedule)?.value()?.clone())
@@ -315,7 +315,7 @@ impl<'a> Problem<'a> {
     ///
     /// Each frame is differentiated at once, on a tape of its own, so that the pictures of one frame are in memory at a time. What is
     /// returned has the value of the loss and its gradient, and no second derivatives.
-    pub(super) fn loss_of<'o>(
+    pub(in crate::identify) fn loss_of<'o>(
         &self,
         motion: &Var,
         [opacity, colour]: [&Var; 2],

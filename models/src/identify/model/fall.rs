@@ -3,7 +3,7 @@
 use faer::{Mat, Side};
 use gradreel::{Error, ErrorKind, Result};
 
-use crate::identify::unknowns::Unknown;
+use crate::identify::model::unknowns::Unknown;
 use crate::video::Flight;
 
 /// A velocity, and with it a distance and a pitch, known to a covariance: what is expected, and directions at right angles along which it

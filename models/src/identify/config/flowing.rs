@@ -50,7 +50,7 @@ impl Default for FlowingConfig {
 
 impl FlowingConfig {
     /// Whether the values make sense.
-    pub(super) fn check(&self) -> Result<()> {
+    pub(in crate::identify) fn check(&self) -> Result<()> {
         check_surface(&self.surface, "flowing.surface")?;
         match (0.0..=1e3).contains(&self.smoothness) {
             true => Ok(()),

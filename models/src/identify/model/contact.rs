@@ -1,8 +1,8 @@
 //! When the object first touches the ground.
 
 use crate::identify::Unknowns;
-use crate::identify::flight::displacement;
-use crate::identify::spin::Gyration;
+use crate::identify::model::flight::displacement;
+use crate::identify::model::spin::Gyration;
 use crate::particles::Particles;
 use crate::physics::World;
 

@@ -56,7 +56,7 @@ impl Sight {
 
     /// The same where all lengths grow so with the camera's pitch \[1/rad\].
     #[must_use]
-    pub(super) fn growing(self, growth: f64) -> Self {
+    pub(in crate::identify) fn growing(self, growth: f64) -> Self {
         Self { growth, ..self }
     }
 
@@ -74,18 +74,23 @@ impl Sight {
     }
 
     /// How body and camera stand in the world with these depth modes, over a ground of this height.
-    pub(super) fn pitch(&self, depth: [f64; 4], ground: f64) -> Pitch {
+    pub(in crate::identify) fn pitch(&self, depth: [f64; 4], ground: f64) -> Pitch {
         Pitch::new(self.centre, self.axes[0], self.growth, ground, depth[3])
     }
 
     /// Where a point of the body is with these depth modes, before the camera's pitch is counted.
-    pub(super) fn sheared_at(&self, x: [f64; 3], depth: [f64; 4]) -> [f64; 3] {
+    pub(in crate::identify) fn sheared_at(&self, x: [f64; 3], depth: [f64; 4]) -> [f64; 3] {
         let rates = self.rates(x);
         std::array::from_fn(|axis| x[axis] + (0..3).map(|k| depth[k] * rates[k][axis]).sum::<f64>())
     }
 
     /// The body with these depth modes, over a ground of this height.
-    pub(super) fn sheared<'a>(&self, body: &'a Particles, depth: [f64; 4], ground: f64) -> Cow<'a, Particles> {
+    pub(in crate::identify) fn sheared<'a>(
+        &self,
+        body: &'a Particles,
+        depth: [f64; 4],
+        ground: f64,
+    ) -> Cow<'a, Particles> {
         if depth == [0.0; 4] {
             return Cow::Borrowed(body);
         }
@@ -99,7 +104,11 @@ impl Sight {
 
     /// Turns a clip and the body in it as the pitch that was found says, so that the vertical of both is that of the world, and lengths are
     /// those with which it moved. Every camera sees every point where it saw it before.
-    pub(super) fn stand_upright(&self, (clip, body, unknowns): &mut (Clip, Particles, Unknowns), ground: f64) {
+    pub(in crate::identify) fn stand_upright(
+        &self,
+        (clip, body, unknowns): &mut (Clip, Particles, Unknowns),
+        ground: f64,
+    ) {
         if unknowns.depth[3] == 0.0 {
             return;
         }
@@ -132,7 +141,7 @@ const FARTHER: [f64; 2] = [-0.15, 0.15];
 const PITCH: [f64; 2] = [-0.5, 0.5];
 
 /// The range in which a depth mode is expected.
-pub(super) fn range_of(axis: usize) -> [f64; 2] {
+pub(in crate::identify) fn range_of(axis: usize) -> [f64; 2] {
     match axis {
         0 | 1 => DEPTH,
         2 => FARTHER,

@@ -30,7 +30,7 @@ pub const VELOCITY: [&str; 3] = ["velocity_x", "velocity_y", "velocity_z"];
 pub const SPIN: [&str; 3] = ["spin_x", "spin_y", "spin_z"];
 
 /// Names of the components of the depth modes.
-pub(super) const DEPTH: [&str; 4] = ["depth_shear_right", "depth_shear_up", "depth_scale", "pitch"];
+pub(in crate::identify) const DEPTH: [&str; 4] = ["depth_shear_right", "depth_shear_up", "depth_scale", "pitch"];
 
 /// Name of the coefficient of friction of the ground.
 pub const FRICTION: &str = "ground_friction";
@@ -441,7 +441,7 @@ impl Unknowns {
     ///
     /// # Errors
     /// Never for coordinates in `f32` and `f64`, as many as are free.
-    pub(super) fn moved_on_tape(&self, law: &Law, free: Free, coordinates: &Var) -> Result<Bound> {
+    pub(in crate::identify) fn moved_on_tape(&self, law: &Law, free: Free, coordinates: &Var) -> Result<Bound> {
         let mut moved = self.constants(coordinates.tape(), coordinates.dtype())?;
         for (index, unknown) in free.list(law).into_iter().enumerate() {
             if let Unknown::Parameter(k) = unknown {
@@ -494,7 +494,7 @@ impl Unknowns {
 
 impl Bound {
     /// The spin where nothing is to be differentiated in it.
-    pub(super) fn fixed_spin(&self) -> Result<[f64; 3]> {
+    pub(in crate::identify) fn fixed_spin(&self) -> Result<[f64; 3]> {
         match self.turning {
             (spin, false) => Ok(spin),
             _ => Err(Error::new(ErrorKind::NoGradient, "the spin of a body in free flight has no gradient on a tape")

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use gradreel::Var;
 
-use crate::identify::unknowns::Unknown;
+use crate::identify::model::unknowns::Unknown;
 use crate::identify::{Free, Unknowns};
 use crate::physics::{Law, Map, Parameter};
 
@@ -140,7 +140,7 @@ impl RangePenalty {
 
 /// Adds the gradient and the curvature of a penalty to those of a loss, where they were asked for, and returns the penalty
 /// itself.
-pub(super) fn add_penalty(
+pub(in crate::identify) fn add_penalty(
     (penalty, slopes, bends): (f64, Vec<f64>, Vec<Vec<f64>>),
     gradient: &mut [f64],
     curvature: &mut [Vec<f64>],

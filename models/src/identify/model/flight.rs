@@ -7,7 +7,7 @@ use crate::video::Clip;
 const DEPTH_HELD: f64 = 1e-6;
 
 /// How far free flight has gone after a time \[m\]: `v t + g t²/2`.
-pub(super) fn displacement(velocity: [f64; 3], gravity: [f64; 3], t: f64) -> [f64; 3] {
+pub(in crate::identify) fn displacement(velocity: [f64; 3], gravity: [f64; 3], t: f64) -> [f64; 3] {
     [0, 1, 2].map(|axis| velocity[axis] * t + 0.5 * gravity[axis] * t * t)
 }
 
