@@ -7,7 +7,7 @@ use gradreel::{Error, ErrorKind, Result};
 
 use crate::cli::source::whole;
 use crate::identify::ClipConfig;
-use crate::video::{ContactModel, Film, FilmSettings, MattingSettings};
+use crate::video::{ContactModel, EXPOSURES, Film, FilmSettings, MattingSettings, ROW_TIMES};
 
 /// What the command line chooses of a clip.
 #[derive(clap::Args)]
@@ -95,6 +95,36 @@ pub(super) struct FilmArguments {
     /// whatever the film shows of it (resolved) [default: auto]
     #[arg(long, value_name = "HOW", value_enum, hide_possible_values = true, help_heading = FILM)]
     contact: Option<ContactModel>,
+    /// How long each picture was exposed, as 1/60, 4ms or 0.004 (seconds); 0 for no blur [default: found from the fall]
+    #[arg(long, value_name = "TIME", help_heading = FILM, value_parser = exposure)]
+    exposure: Option<f64>,
+    /// Time from one row of the picture to the next, as 15us or 1.5e-5 (seconds), negative where the picture is read from below; 0 for
+    /// all at once [default: found from the fall]
+    #[arg(long, value_name = "TIME", help_heading = FILM, allow_hyphen_values = true, value_parser = row_time)]
+    row_time: Option<f64>,
+}
+
+/// A time \[s\] as typed: a number or a fraction, with s, ms, us or µs after it or nothing.
+fn time(text: &str, range: &RangeInclusive<f64>, wanted: &str) -> Result<f64, String> {
+    let text = text.trim();
+    let units = [("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("μs", 1e-6), ("s", 1.0)];
+    let unit = units.iter().find_map(|(unit, factor)| Some((text.strip_suffix(unit)?, *factor)));
+    let (number, factor) = unit.unwrap_or((text, 1.0));
+    let value = match number.split_once('/') {
+        Some((above, below)) => {
+            above.trim().parse::<f64>().ok().zip(below.trim().parse::<f64>().ok()).map(|(a, b)| a / b)
+        }
+        None => number.trim().parse().ok(),
+    };
+    value.map(|value| value * factor).filter(|value| range.contains(value)).ok_or_else(|| wanted.to_owned())
+}
+
+fn exposure(text: &str) -> Result<f64, String> {
+    time(text, &EXPOSURES, "a time from 0 to 10 s, as 1/60, 4ms or 0.004")
+}
+
+fn row_time(text: &str) -> Result<f64, String> {
+    time(text, &ROW_TIMES, "a time from -1ms to 1ms, as 15us or 1.5e-5")
 }
 
 impl FilmArguments {
@@ -109,6 +139,8 @@ impl FilmArguments {
             (self.background.is_some(), "--background"),
             (self.matting.is_some(), "--matting"),
             (self.contact.is_some(), "--contact"),
+            (self.exposure.is_some(), "--exposure"),
+            (self.row_time.is_some(), "--row-time"),
         ];
         options.into_iter().filter(|(given, _)| *given).map(|(_, name)| name).collect()
     }
@@ -152,6 +184,8 @@ impl FilmArguments {
         film.field_of_view = self.field_of_view.unwrap_or(film.field_of_view);
         film.elevation = self.elevation.or(film.elevation);
         film.contact = self.contact.unwrap_or(film.contact);
+        film.exposure = self.exposure.or(film.exposure);
+        film.row_time = self.row_time.or(film.row_time);
         film.object = self.object.map(|number| number as usize).or(film.object);
         if self.masks.is_some() || self.background.is_some() || self.matting.is_some() {
             film.masks = self.masks.as_deref().map(whole);
@@ -161,5 +195,23 @@ impl FilmArguments {
             film.matting = self.matting.as_deref().map(|file| MattingSettings { model: whole(file), ..settings });
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_read_as_people_write_them() {
+        for (text, seconds) in [("1/60", 1.0 / 60.0), ("1/250 s", 0.004), ("4ms", 0.004), ("0.004", 0.004), ("0", 0.0)]
+        {
+            assert!((exposure(text).unwrap() - seconds).abs() < 1e-12, "{text}");
+        }
+        assert!((row_time("15us").unwrap() - 1.5e-5).abs() < 1e-18 && row_time("-15 µs").unwrap() < 0.0);
+        for text in ["", "fast", "-1/60", "1/0", "nan", "11", "1//2"] {
+            assert!(exposure(text).unwrap_err().contains("0 to 10 s"), "{text}");
+        }
+        assert!(row_time("2ms").is_err());
     }
 }

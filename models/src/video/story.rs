@@ -17,6 +17,8 @@ pub struct Story {
     pub count: usize,
     /// Width and height of the pictures to which positions refer.
     pub size: (usize, usize),
+    /// Width and height of the pictures in the film.
+    pub filmed: (usize, usize),
     /// Phases in the order of time. They may leave gaps, in which nothing is known.
     pub phases: Vec<Phase>,
     /// Where the object was seen, in the order of time.

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use crate::identify::model::flight::displacement;
 use crate::identify::model::penalty::add_penalty;
 use crate::identify::model::problem::is_stress;
+use crate::identify::model::shutter::{Beside, beside, mean};
 use crate::identify::model::spin::Gyration;
 use crate::identify::model::unknowns::Unknown;
 use crate::identify::uncertainty::prior::Prior;
@@ -411,14 +412,24 @@ impl Problem<'_> {
     /// The pixels of a frame of particles of this opacity and colour, `[rays, 4]`, and how they change along each unknown, `[rays, unknowns, 4]`.
     fn drawn(&self, moved: &Moved, [opacity, colour]: &[Tensor; 2], frame: usize) -> Result<(Tensor, Tensor)> {
         let (rays, settings) = (&self.observed.rays, Splat::of(self.particles, &self.surface));
-        let draw = |motion: &Tensor, directions: &[Tensor]| {
-            render_jvp(&row(motion, frame), directions, opacity, colour, rays, &settings, &self.surface)
+        let draw = |motion: &Tensor, tangents: &[Tensor]| {
+            let instants = match self.shutter.is_open() {
+                true => {
+                    let tangents: Vec<[Tensor; 3]> =
+                        tangents.iter().map(|t| around(t, frame)).collect::<Result<_>>()?;
+                    self.instants().jvp(&around(motion, frame)?, &tangents)?
+                }
+                false => vec![(row(motion, frame), tangents.iter().map(|tangent| row(tangent, frame)).collect())],
+            };
+            let draw = |(positions, directions): &(Tensor, Vec<Tensor>)| {
+                render_jvp(positions, directions, opacity, colour, rays, &settings, &self.surface)
+            };
+            let drawn = instants.iter().map(draw).collect::<Result<Vec<_>>>()?;
+            let (pixels, changes): (Vec<_>, Vec<_>) = drawn.into_iter().unzip();
+            Ok::<_, gradreel::Error>((mean(&pixels)?, mean(&changes)?))
         };
         match &moved.along {
-            Along::Tangents(tangents) => {
-                let directions: Vec<Tensor> = tangents.iter().map(|tangent| row(tangent, frame)).collect();
-                draw(&moved.motion, &directions)
-            }
+            Along::Tangents(tangents) => draw(&moved.motion, tangents),
             Along::Secants(secants) => {
                 let (pixels, none) = draw(&moved.motion, &[])?;
                 let tape = Tape::new();
@@ -557,6 +568,20 @@ fn raised(positions: Tensor, height: f64) -> Tensor {
         DType::F64 => raise::<f64>(&positions, height),
         _ => raise::<f32>(&positions, height),
     }
+}
+
+/// What is a frame before, at a frame of `[frames, particles, 3]`, and after it.
+fn around(motion: &Tensor, frame: usize) -> Result<[Tensor; 3]> {
+    let now = row(motion, frame);
+    let [before, after] = beside(frame, motion.dims()[0]).map(|beside| match beside {
+        Beside::At(frame) => Ok(row(motion, frame)),
+        Beside::Beyond(frame) => {
+            let (here, there) = (now.to_vec()?, row(motion, frame).to_vec()?);
+            let beyond = here.iter().zip(there).map(|(here, there)| 2.0 * here - there).collect();
+            Tensor::from_vec(beyond, now.dims()).cast(now.dtype())
+        }
+    });
+    Ok([before?, now, after?])
 }
 
 /// One frame of `[frames, particles, 3]`.

@@ -13,6 +13,7 @@ pub(super) mod penalty;
 pub(super) mod pitch;
 pub(super) mod pixels;
 pub(super) mod problem;
+pub(super) mod shutter;
 pub(super) mod spin;
 pub(super) mod substeps;
 pub(super) mod unknowns;

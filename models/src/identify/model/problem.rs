@@ -8,12 +8,13 @@ use gradreel::{DType, ErrorKind, Result, Tape, Tensor, Var};
 use crate::field::bounding_sphere;
 use crate::identify::model::depth_shear::Sight;
 use crate::identify::model::flight::displacement;
+use crate::identify::model::shutter::{Beside, Instants, Rows, beside};
 use crate::identify::{Bound, Config, Free, RangePenalty, Substeps, Unknowns};
 use crate::particles::Particles;
 use crate::physics::{Contact, Law, Parameter, Remat, Scene, Schedule, Substance, World, simulate};
 use crate::render::{Rays, Robust, Splat, Surface, Target, Trajectory, render};
 use crate::vector::{norm, transposed};
-use crate::video::Clip;
+use crate::video::{Clip, Shutter};
 
 /// How far the step may exceed what the unknowns ask for before it is made smaller; the recommended step leaves more room
 /// than this.
@@ -36,6 +37,8 @@ pub struct Observed {
     pub imagined: Vec<bool>,
     /// The line of sight of a single camera, along which nobody knows how the body lies.
     pub sight: Option<Sight>,
+    /// The rows of a film.
+    pub(in crate::identify) rows: Option<Rows>,
 }
 
 impl Observed {
@@ -63,6 +66,7 @@ impl Observed {
             frame_dt: clip.frame_dt(),
             imagined: clip.imagined.clone(),
             sight: Sight::of(clip)?,
+            rows: Rows::of(clip),
         })
     }
 }
@@ -88,6 +92,8 @@ pub struct Problem<'a> {
     pub cfl: f64,
     /// Waves and particles are taken to be at least so fast \[m/s\].
     pub least_speed: f64,
+    /// How the camera exposes its pictures.
+    pub shutter: Shutter,
     /// What implausible parameters cost, if they do.
     pub ranges: Option<RangePenalty>,
     /// Whether the body keeps its shape and meets nothing: free flight, which needs no simulation.
@@ -117,6 +123,7 @@ impl<'a> Problem<'a> {
             density: config.world.density,
             cfl: config.world.cfl,
             least_speed: config.world.least_speed,
+            shutter: config.clip.film.shutter(),
             ranges: config.loss.range_penalty(&observed.imagined),
             flying: false,
             remat: Remat::Auto { bytes: config.world.memory_mib << 20 },
@@ -325,7 +332,8 @@ impl<'a> Problem<'a> {
         let tape = motion.tape();
         let (mut value, mut slopes) = (0.0, Vec::new());
         for (frame, weight) in weights.iter().enumerate() {
-            let inputs = [&motion.select(0, frame), opacity, colour];
+            let places = self.around(frame, motion.dims()[0], &|frame| motion.select(0, frame));
+            let inputs: Vec<&Var> = [opacity, colour].into_iter().chain(&places).collect();
             let seen = observed(frame);
             let own = Tape::new();
             let here = |input: &&Var| {
@@ -333,7 +341,7 @@ impl<'a> Problem<'a> {
                 Ok(if input.is_differentiable() { own.leaf(value) } else { own.constant(value) })
             };
             let own: Vec<Var> = inputs.iter().map(here).collect::<Result<_>>()?;
-            let pixels = self.render(&own[0], &own[1], &own[2], &seen.rays)?;
+            let pixels = self.picture(&own[2..], [&own[0], &own[1]], &seen.rays)?;
             let loss = &seen.targets[frame].loss(&pixels) * (*weight / weights.len() as f64);
             value += loss.item()?;
             if !loss.is_differentiable() {
@@ -349,6 +357,39 @@ impl<'a> Problem<'a> {
         }
         let value = tape.constant(Tensor::scalar(value, self.dtype));
         Ok(slopes.iter().fold(value, |sum, slope| &sum + slope))
+    }
+
+    /// Positions that make a picture: those of its frame, and before and after it those of the frames beside it if the shutter is open.
+    pub(in crate::identify) fn around(&self, frame: usize, frames: usize, at: &dyn Fn(usize) -> Var) -> Vec<Var> {
+        let now = at(frame);
+        if !self.shutter.is_open() {
+            return vec![now];
+        }
+        let [before, after] = beside(frame, frames).map(|beside| match beside {
+            Beside::At(frame) => at(frame),
+            Beside::Beyond(frame) => &now * 2.0 - &at(frame),
+        });
+        vec![before, now, after]
+    }
+
+    /// The shutter at work.
+    pub(in crate::identify) fn instants(&self) -> Instants<'_> {
+        Instants::of(self.shutter, self.observed.rows.as_ref(), self.observed.frame_dt)
+    }
+
+    /// A picture as the shutter takes it, of the positions that [`Problem::around`] names.
+    pub(in crate::identify) fn picture(
+        &self,
+        places: &[Var],
+        [opacity, colour]: [&Var; 2],
+        rays: &Arc<Rays>,
+    ) -> Result<Var> {
+        let [before, now, after] = places else { return self.render(&places[0], opacity, colour, rays) };
+        let instants = self.instants().on_tape([before, now, after])?;
+        let pictures = instants.iter().map(|positions| self.render(positions, opacity, colour, rays));
+        let pictures = pictures.collect::<Result<Vec<_>>>()?;
+        let sum = pictures[1..].iter().fold(pictures[0].clone(), |sum, picture| &sum + picture);
+        Ok(sum * (1.0 / pictures.len() as f64))
     }
 
     /// The pixels of particles at these positions along some rays.

@@ -34,6 +34,11 @@ impl Context<'_> {
         self.clip.cameras.len() == 1 || run.config.world.find_ground
     }
 
+    /// Whether the clip is a film whose fall is known.
+    pub fn is_film(&self) -> bool {
+        self.observed.rows.is_some() && self.clip.flight.is_some()
+    }
+
     /// What the fall of what a single camera saw says of its velocity.
     pub fn fall(&self, run: &Run) -> Result<Option<Fallen>> {
         self.clip

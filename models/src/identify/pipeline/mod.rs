@@ -8,6 +8,7 @@ mod reshape;
 mod run;
 mod rung;
 mod sharpness;
+mod shutter;
 pub(super) mod stage;
 pub(super) mod temporal_start;
 mod velocity;

@@ -88,6 +88,7 @@ pub fn reconstruct(whole: &Clip, run: &mut Run, progress: &Progress) -> Result<R
     // the shape is nearly there
     context.shape(run, Stage::ShapeInFlight, iterations.div_ceil(2), flying)?;
     context.velocity(run, Stage::VelocityInFlight, flight.max(2).min(frames), &mut unknowns)?;
+    context.shutter(run, flight, &unknowns)?;
     context.by_pool(run, &unknowns)?;
     context.concluded(run, whole, flight >= frames)
 }
@@ -237,11 +238,13 @@ impl Context<'_> {
 
     /// How the run will go.
     fn course(&self, run: &Run) -> Course {
+        let film = &run.config.clip.film;
         Course {
             by_flights: bounces::of(self.clip, run).is_some(),
             fallen: self.clip.flight.is_some(),
             spin: run.config.estimate.spin,
             temporal: run.config.temporal.enabled,
+            shutter: [film.exposure, film.row_time].map(|known| known.is_none() && self.is_film()),
             flows: run.config.flows(self.law),
             rounds: run.config.estimate.rounds,
         }

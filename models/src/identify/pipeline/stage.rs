@@ -30,6 +30,10 @@ pub enum Stage {
     ShapeInFlight,
     /// Velocity from all frames before contact.
     VelocityInFlight,
+    /// The exposure of a film, from its flight.
+    Exposure,
+    /// The time from row to row of a film, from its flight.
+    RowTime,
     /// Points of the prior on a coarse body.
     Plausible,
     /// The better ones searched on a coarse body.
@@ -59,13 +63,15 @@ pub enum Stage {
 use Stage::*;
 
 /// Stages that are no rounds, with their names.
-const SINGLE: [(Stage, &str); 12] = [
+const SINGLE: [(Stage, &str); 14] = [
     (Shape, "shape"),
     (FreeFlights, "free flights"),
     (TemporalField, "temporal field"),
     (Velocity, "velocity"),
     (ShapeInFlight, "shape in flight"),
     (VelocityInFlight, "velocity in flight"),
+    (Exposure, "exposure"),
+    (RowTime, "rows"),
     (Plausible, "what is plausible"),
     (Coarse, "material, coarse"),
     (FewSubsteps, "material, few substeps"),
@@ -98,6 +104,8 @@ pub(crate) struct Course {
     pub spin: bool,
     /// Whether the temporal field is fitted.
     pub temporal: bool,
+    /// Whether exposure and row time are searched.
+    pub shutter: [bool; 2],
     /// Whether the material forgets its shape.
     pub flows: bool,
     /// Rounds of the shape in motion.
@@ -116,6 +124,7 @@ impl Course {
         all.extend(velocity.then_some(Velocity));
         all.push(ShapeInFlight);
         all.extend(velocity.then_some(VelocityInFlight));
+        all.extend([Exposure, RowTime].into_iter().zip(self.shutter).filter(|(_, open)| *open).map(|(stage, _)| stage));
         all.extend([Plausible, Coarse, FewSubsteps, FewSubstepsOn, Material]);
         for round in (1..=self.rounds).map(number) {
             all.push(ShapeInMotion(round));
@@ -143,7 +152,7 @@ impl Stage {
             MaterialAgain(_) => 15.0,
             Coarse | FewSubstepsOn | Together(_) | Posterior => 10.0,
             Shape | ShapeInFlight | Plausible | ShapeInMotion(_) => 5.0,
-            FreeFlights | Velocity | VelocityInFlight | FewSubsteps => 2.0,
+            FreeFlights | Velocity | VelocityInFlight | Exposure | RowTime | FewSubsteps => 2.0,
             HeldAgreement(_) | TogetherAgreement(_) | Undone(_) => 1.0,
         }
     }
@@ -240,10 +249,20 @@ mod tests {
 
     #[test]
     fn a_course_has_the_stages_that_will_run() {
-        let one = Course { by_flights: false, fallen: true, spin: false, temporal: false, flows: false, rounds: 1 };
+        let one = Course {
+            by_flights: false,
+            fallen: true,
+            spin: false,
+            temporal: false,
+            shutter: [false; 2],
+            flows: false,
+            rounds: 1,
+        };
         let stages = one.stages();
         assert!(!stages.contains(&Velocity) && stages.contains(&Together(1)) && !stages.contains(&Together(2)));
         assert!(Course { spin: true, ..one }.stages().contains(&VelocityInFlight));
+        let given = Course { shutter: [false, true], ..one }.stages();
+        assert!(given.contains(&RowTime) && !given.contains(&Exposure));
         assert!(Course { fallen: false, ..one }.stages().contains(&Velocity));
         assert!(Course { temporal: true, ..one }.stages().contains(&TemporalField));
         let flowing = Course { flows: true, rounds: 2, ..one }.stages();

@@ -8,6 +8,7 @@ mod materials;
 mod own_laws;
 mod recovery;
 mod scene;
+mod shutter;
 mod spin;
 mod switches;
 mod tracks;

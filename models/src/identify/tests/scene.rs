@@ -82,6 +82,7 @@ pub fn film_of(
         frame_dt: 1.0 / 24.0,
         imagined: vec![false; cameras.len()],
         sight: None,
+        rows: None,
     };
     let problem = problem_of(law, particles, &unfilmed, config, dtype);
     let motion = problem.positions(truth).unwrap();

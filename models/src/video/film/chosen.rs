@@ -68,6 +68,7 @@ impl Chosen {
         let mut story = Story {
             count: self.count,
             size: (self.images[0].width, self.images[0].height),
+            filmed: self.size,
             snapshots: self.snapshots(),
             ..Story::default()
         };

@@ -34,6 +34,7 @@ use self::source::Source;
 use super::clip::{Frame, OpenOptions};
 use super::foreground::Foreground;
 use super::layout::Format;
+use super::shutter::Shutter;
 use super::story::Story;
 
 /// Extensions of the files that ffmpeg decodes.
@@ -44,6 +45,10 @@ const VIDEOS: [&str; 19] = [
 
 /// Accepted frame rates \[1/s\].
 const RATES: std::ops::RangeInclusive<f64> = 0.1..=1e6;
+
+/// Accepted exposures, and times from one row to the next \[s\].
+pub(crate) const EXPOSURES: std::ops::RangeInclusive<f64> = 0.0..=10.0;
+pub(crate) const ROW_TIMES: std::ops::RangeInclusive<f64> = -1e-3..=1e-3;
 
 /// Known properties of a film. Missing values are read from the file, or assumed and reported.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -66,6 +71,12 @@ pub struct FilmSettings {
     pub matting: Option<MattingSettings>,
     /// How a contact that is shorter than a frame is treated.
     pub contact: ContactModel,
+    /// How long a picture is exposed \[s\]; found from the free fall if not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exposure: Option<f64>,
+    /// Time from one row of the picture to the next \[s\], negative where it is read from below; found from the free fall if not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub row_time: Option<f64>,
 }
 
 /// How the contact with the ground is treated.
@@ -80,6 +91,11 @@ pub enum ContactModel {
 }
 
 impl FilmSettings {
+    /// The shutter as far as it is known: what is not is no time.
+    pub fn shutter(&self) -> Shutter {
+        Shutter { exposure: self.exposure.unwrap_or(0.0), row_time: self.row_time.unwrap_or(0.0) }
+    }
+
     /// Checks that all values are within their ranges.
     ///
     /// # Errors
@@ -94,6 +110,8 @@ impl FilmSettings {
             ),
             (self.elevation.is_none_or(|e| (-85.0..=85.0).contains(&e)), "elevation", "-85 to 85 degrees"),
             (self.object != Some(0), "object", "1 or more"),
+            (self.exposure.is_none_or(|s| EXPOSURES.contains(&s)), "exposure", "0 to 10 s"),
+            (self.row_time.is_none_or(|s| ROW_TIMES.contains(&s)), "row_time", "-1 to 1 ms"),
             (
                 [self.masks.is_some(), self.background.is_some(), self.matting.is_some()]
                     .iter()
