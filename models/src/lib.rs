@@ -104,6 +104,7 @@ pub mod particles;
 pub mod physics;
 pub mod render;
 pub mod identify;
+pub mod published;
 pub mod scenes;
 pub mod runtime;
 #[doc(hidden)] // the fuzz tests and benchmarks use parts of it

@@ -29,6 +29,12 @@ pub enum Cell {
     WithoutLva,
     /// The same, and without robust pixels and ranges of parameters, too
     Plain,
+    /// The published chain from one real view, with the view-adaptive loss
+    Published,
+    /// The same, but all views count alike
+    PublishedWithoutLva,
+    /// The published chain from views that were all filmed
+    PublishedViews,
     /// Temporal field as it is: bent coordinates and merged time features
     Time,
     /// Temporal field that bends coordinates, but does not merge features with positions and time
@@ -39,13 +45,16 @@ pub enum Cell {
 
 impl Cell {
     /// All cells, in the order of the table.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 12] = [
         Self::Single,
         Self::Real,
         Self::Auto,
         Self::WithLva,
         Self::WithoutLva,
         Self::Plain,
+        Self::Published,
+        Self::PublishedWithoutLva,
+        Self::PublishedViews,
         Self::Time,
         Self::Bending,
         Self::Still,
@@ -60,6 +69,9 @@ impl Cell {
             Self::WithLva => "with_lva",
             Self::WithoutLva => "without_lva",
             Self::Plain => "plain",
+            Self::Published => "published",
+            Self::PublishedWithoutLva => "published_without_lva",
+            Self::PublishedViews => "published_views",
             Self::Time => "time",
             Self::Bending => "bending",
             Self::Still => "still",
@@ -75,10 +87,18 @@ impl Cell {
             Self::WithLva => "imagined views, with L_va",
             Self::WithoutLva => "imagined views, without L_va",
             Self::Plain => "imagined views, squared residuals alone",
+            Self::Published => "as published, one real view, with L_va",
+            Self::PublishedWithoutLva => "as published, one real view, without L_va",
+            Self::PublishedViews => "as published, real views",
             Self::Time => "bent coordinates, merged time features",
             Self::Bending => "bent coordinates alone",
             Self::Still => "no encoding of time",
         }
+    }
+
+    /// Whether the cell is of the published chain.
+    pub fn is_published(self) -> bool {
+        matches!(self, Self::Published | Self::PublishedWithoutLva | Self::PublishedViews)
     }
 
     /// Whether the cell is a reconstruction; otherwise it fits a temporal field.
@@ -139,9 +159,16 @@ impl AblationSettings {
         progress: &Progress,
     ) -> Result<CellResult> {
         let since = Instant::now();
-        let done = match cell.reconstructs() {
-            true => self.identify(cell, clip, folder, progress),
-            false => self.encode(cell, clip, progress),
+        let done = match (cell.is_published(), cell.reconstructs()) {
+            (true, _) => {
+                // cells of a clip lie side by side
+                let other = folder.with_file_name(Cell::Published.name());
+                let beside =
+                    Some(other).filter(|other| cell != Cell::Published && other.join("published.json").is_file());
+                self.chain(cell, clip, folder, beside.as_deref(), progress)
+            }
+            (_, true) => self.identify(cell, clip, folder, progress),
+            _ => self.encode(cell, clip, progress),
         };
         let mut result = match done {
             Err(error) if matches!(error.kind(), ErrorKind::Interrupted | ErrorKind::Io) => return Err(error),

@@ -6,7 +6,9 @@
 //! outcome, [`markdown`] the table of all, with errors where a [`Truth`] is stored with the clip.
 
 mod cell;
+mod chain;
 mod encoding;
+mod figure5;
 mod identification;
 mod perturbation;
 mod published;
@@ -15,6 +17,7 @@ mod table;
 mod truth;
 
 pub use cell::{AblationSettings, Cell, CellResult};
+pub use figure5::{Placed, Ways, measure};
 pub use perturbation::Perturbation;
 pub use published::Published;
 pub use table::{ClipResults, markdown};

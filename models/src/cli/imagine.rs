@@ -30,7 +30,7 @@ pub(super) struct ImagineArguments {
     #[arg(long, value_name = "FOLDER", help_heading = HEADING)]
     views: Option<PathBuf>,
     /// Other seeds guess other backs
-    #[arg(long, value_name = "NUMBER", help_heading = HEADING, requires = "imagine")]
+    #[arg(long, value_name = "NUMBER", help_heading = HEADING)]
     #[arg(value_parser = clap::value_parser!(u64).range(..=super::source::LARGEST_SEED))]
     seed: Option<u64>,
 }
@@ -45,6 +45,23 @@ impl ImagineArguments {
     /// Whether any option was given.
     pub fn are_given(&self) -> bool {
         self.imagine.is_some() || self.views.is_some()
+    }
+
+    /// The seed, if it was given.
+    pub fn seed(&self) -> Option<u64> {
+        self.seed
+    }
+
+    /// Refuses a seed where nothing is imagined.
+    pub fn check_seed(&self) -> Result<()> {
+        match (self.seed, &self.imagine) {
+            (Some(seed), None) => Err(Error::new(ErrorKind::Input, "a seed, and nothing that is imagined with it")
+                .at("--seed")
+                .found(seed)
+                .wanted("--imagine or --method published beside it")
+                .fix("add one of them, or leave --seed out")),
+            _ => Ok(()),
+        }
     }
 
     /// Overrides the settings with the given options.

@@ -10,6 +10,7 @@ mod imagine;
 mod network;
 mod output;
 mod place;
+mod published;
 mod reconstruct;
 mod resimulate;
 mod seen;

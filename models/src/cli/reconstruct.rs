@@ -10,6 +10,7 @@ use crate::cli::film::{ChoiceArguments, FilmArguments};
 use crate::cli::ground::GroundArguments;
 use crate::cli::imagine::{self, ImagineArguments};
 use crate::cli::output::{say, tell};
+use crate::cli::published::{self, PublishedArguments, Unfit};
 use crate::cli::unit::{self, Named, number_in};
 use crate::field::{bounding_sphere, hull};
 use crate::identify::{
@@ -76,6 +77,8 @@ pub(super) struct Arguments {
     ground: GroundArguments,
     #[command(flatten)]
     imagine: ImagineArguments,
+    #[command(flatten)]
+    published: PublishedArguments,
 }
 
 const EXAMPLES: &str = "\
@@ -88,6 +91,7 @@ Examples:
   gradreel reconstruct my/clip --cameras 0,4 --out runs/two    two cameras only
   gradreel reconstruct my/clip --material plasticine --start yield_stress=500
   gradreel reconstruct my/clip --out runs/two --resume         go on after Ctrl-C
+  gradreel reconstruct examples/clips/bird.gif --method published   the chain of the paper, from one camera
 
 A film must show the object fall freely in three frames at least, and hit the ground: gravity gives the pixels their metres. Hands,
 waiting and further bounces may be in it; the part to use is found. The object is told from the background by --masks, --matting or --background, by the film's transparency, a plain background, or
@@ -128,13 +132,29 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         );
         clip.said().for_each(|line| tell!("  {line}"));
     }
-    let found = reconstruct(&clip, &mut run, &progress).map_err(|error| go_on(error, &run))?;
-    publish(&found, &run, &clip, &progress)?;
+    let found = match run.config.published.is_some() {
+        true => published::finish(&clip, &mut run, &progress, arguments.quiet).map_err(|error| go_on(error, &run))?,
+        false => {
+            let found = reconstruct(&clip, &mut run, &progress).map_err(|error| go_on(error, &run))?;
+            publish(&found, &run, &clip, &progress)?;
+            found
+        }
+    };
     summarise(&found, &run);
     Ok(())
 }
 
 impl Arguments {
+    /// Options for which the published method has no use.
+    fn unfit(&self) -> [Unfit; 1] {
+        [Unfit {
+            option: "--imagine or --views",
+            given: self.imagine.are_given(),
+            reason: "the published method makes views of every frame itself",
+            fix: "leave it out; the model is chosen with --weights FILE",
+        }]
+    }
+
     /// The first option given that sets a starting value of a material parameter.
     fn told_of_material(&self) -> Option<&'static str> {
         let told = [("--start", !self.start.is_empty()), ("--young", self.young.is_some())];
@@ -184,10 +204,15 @@ fn begin(arguments: &Arguments) -> Result<(Run, Clip)> {
     config.material.start.extend(arguments.starts(&law)?);
     arguments.film.apply(&mut config.clip.film)?;
     arguments.imagine.apply(&mut config);
+    arguments.published.apply(&mut config, arguments.imagine.seed())?;
     config.world.density = arguments.density.unwrap_or(config.world.density);
     arguments.ground.apply(&mut config);
     config.estimate.spin |= arguments.spin;
     config.check()?;
+    match config.published {
+        Some(_) => published::check(&config, &arguments.unfit())?,
+        None => arguments.imagine.check_seed()?,
+    }
     config.material.held =
         (!config.chooses_family()).then_some(config.held(&law)?.into_iter().map(str::to_owned).collect());
     // open the clip first, so that an unusable one leaves no folder
@@ -232,6 +257,9 @@ fn resume(arguments: &Arguments) -> Result<(Run, Clip)> {
 /// Opens a clip and performs all checks required for a reconstruction.
 pub(super) fn ready(path: &Path, config: &Config, quiet: bool) -> Result<Clip> {
     let mut clip = open(path, config, quiet)?;
+    if let Some(published) = &config.published {
+        published::check_clip(&clip, published)?;
+    }
     check_start(&mut clip, config)?;
     check_ground(&clip, config)?;
     Ok(clip)

@@ -68,11 +68,19 @@ impl Source {
             return Err(error.at(path.display()).found(found).wanted("a file").fix(fix));
         }
         let mark = match path == FileWeights::BUILT_IN {
-            true => Ok(mark_of(FileWeights::built_in().len() as u64, FileWeights::built_in())),
+            true => {
+                let bytes = FileWeights::built_in()?;
+                Ok(mark_of(bytes.len() as u64, bytes))
+            }
             false => mark(path),
         };
         let mark = mark.map_err(|e| Error::io(path, &format!("read {what}"), &e).fix(fix))?;
         Ok(Self { path: path.display().to_string(), mark })
+    }
+
+    /// The fingerprint.
+    pub fn mark(&self) -> &str {
+        &self.mark
     }
 
     /// Identifies the same file at its present location.

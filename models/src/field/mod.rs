@@ -42,4 +42,4 @@ pub use static_fit::{StaticFit, StaticFitSettings};
 pub(crate) use static_step::entropy;
 pub use static_step::{StaticSettings, static_step};
 pub(crate) use variation::{Reach, with_variation};
-pub(crate) use voxels::Field;
+pub(crate) use voxels::{Field, mean_colour};

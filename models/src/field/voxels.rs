@@ -42,7 +42,17 @@ impl Field {
         let tape = Tape::new();
         let bound = params.bind(&tape);
         let opacity = self.opacity(&bound)?.value()?.to_vec()?;
-        let kept: Vec<u32> = (0..self.len() as u32).filter(|&i| opacity[i as usize] >= least).collect();
+        self.chosen(params, &|voxel| opacity[voxel] >= least)
+    }
+
+    /// Keeps some voxels, by their places in [`Field::voxels`], with their raw values.
+    ///
+    /// # Errors
+    /// [`gradreel::ErrorKind::Input`] when the store holds no field.
+    pub fn chosen(&self, params: &Params, keeps: &dyn Fn(usize) -> bool) -> Result<(Self, Params)> {
+        let tape = Tape::new();
+        let bound = params.bind(&tape);
+        let kept: Vec<u32> = (0..self.len() as u32).filter(|&i| keeps(i as usize)).collect();
         let voxels = kept.iter().map(|&i| self.voxels[i as usize]).collect();
         let rows = tape.constant(Tensor::from_vec(kept.clone(), [kept.len()]));
         let mut pruned = Params::new();
@@ -85,7 +95,7 @@ impl Field {
 }
 
 /// The mean colour of the object over all views of the first frame.
-fn mean_colour(clip: &Clip) -> [f64; 3] {
+pub(crate) fn mean_colour(clip: &Clip) -> [f64; 3] {
     let (mut sum, mut mass) = ([0.0; 3], 0.0);
     for frames in &clip.frames {
         let frame = &frames[0];

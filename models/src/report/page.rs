@@ -41,6 +41,27 @@ pub struct Drawing {
     pub caption: String,
 }
 
+impl Drawing {
+    /// Width and height of a PNG \[pixels\].
+    pub fn size_of(png: &[u8]) -> [usize; 2] {
+        let side = |at: usize| png.get(at..at + 4).map_or(1, |b| u32::from_be_bytes([b[0], b[1], b[2], b[3]]));
+        [side(16), side(20)].map(|side| side as usize)
+    }
+
+    /// A PNG in its own size, or as wide as there is room.
+    pub fn of_png(heading: String, png: &[u8], caption: &str) -> Self {
+        let [width, height] = Self::size_of(png);
+        let svg = format!(
+            "<svg class=\"drawing\" viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{}\" \
+             xmlns=\"http://www.w3.org/2000/svg\">\n<image width=\"{width}\" height=\"{height}\" \
+             href=\"data:image/png;base64,{}\"/>\n</svg>",
+            escape(&heading),
+            base64::encode(png)
+        );
+        Self { heading, svg, caption: escape(caption) }
+    }
+}
+
 /// Contents of the page. Empty parts are omitted.
 #[derive(Debug, Clone)]
 pub struct Page<'a> {

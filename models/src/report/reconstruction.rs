@@ -8,7 +8,7 @@ use crate::identify::{FRICTION, GroundContact, HistoryRow, Reconstruction, Run, 
 use crate::render::{Rays, Splat, render};
 use crate::report::animation::{Picture, gif};
 use crate::report::film;
-use crate::report::page::{Headline, Page, Scene};
+use crate::report::page::{Drawing, Headline, Page, Scene};
 use crate::report::plot::{Plot, Series};
 use crate::report::ply::ply;
 use crate::report::png_file::png;
@@ -27,6 +27,33 @@ const SHOWN_CAMERAS: usize = 2;
 /// # Errors
 /// Errors of simulating, rendering and writing.
 pub fn publish(found: &Reconstruction, run: &Run, clip: &Clip, progress: &Progress) -> Result<BTreeMap<String, f64>> {
+    publish_with(found, run, clip, progress, None)
+}
+
+/// What a run of other stages than the project's own shows of them, in place of those.
+#[derive(Debug, Default)]
+pub struct Beside {
+    /// Pictures of stages.
+    pub drawings: Vec<Drawing>,
+    /// Curves, convergence among them.
+    pub plots: Vec<Plot>,
+    /// Stages with their durations \[s\].
+    pub timings: Vec<(String, f64)>,
+    /// More files in the folder: link and description.
+    pub files: Vec<(String, String)>,
+}
+
+/// As [`publish`], with the stages of another method.
+///
+/// # Errors
+/// As [`publish`].
+pub fn publish_with(
+    found: &Reconstruction,
+    run: &Run,
+    clip: &Clip,
+    progress: &Progress,
+    beside: Option<Beside>,
+) -> Result<BTreeMap<String, f64>> {
     let motion = found.motion(run)?;
     let frames = clip.frame_count();
     let bar = progress.stage("writing the results", frames as u64 + 1);
@@ -67,7 +94,10 @@ pub fn publish(found: &Reconstruction, run: &Run, clip: &Clip, progress: &Progre
     let quantities = quantities(found, run);
     let assumed = assumed(run);
     run.folder.write("parameters.json", &parameters_json(found.law.name(), &quantities, &assumed, &quality)?)?;
+    let own = beside.is_none();
+    let beside = beside.unwrap_or_default();
     let plots = match (bounces(found, run), clip.story.as_deref()) {
+        _ if !own => beside.plots,
         (Some(_), Some(story)) => film::height(clip, story).into_iter().collect(),
         _ => plots(found, run),
     };
@@ -93,6 +123,7 @@ pub fn publish(found: &Reconstruction, run: &Run, clip: &Clip, progress: &Progre
             ),
         },
         drawings: match (bounces(found, run), clip.story.as_deref()) {
+            _ if !own => beside.drawings,
             (Some(_), Some(story)) => film::drawing(clip, story)?.into_iter().collect(),
             _ => vec![],
         },
@@ -105,9 +136,12 @@ pub fn publish(found: &Reconstruction, run: &Run, clip: &Clip, progress: &Progre
         }),
         plots,
         notes: notes(found, run, &quantities, &assumed, &quality),
-        timings: run.state.finished.iter().map(Stage::to_string).zip(run.state.seconds.iter().copied()).collect(),
+        timings: match own {
+            true => run.state.finished.iter().map(Stage::to_string).zip(run.state.seconds.iter().copied()).collect(),
+            false => beside.timings,
+        },
         config_toml: run.config.to_toml()?,
-        files: files(run),
+        files: files(run).into_iter().chain(beside.files).collect(),
     };
     run.folder.write("index.html", page.html().as_bytes())?;
     bar.finish(&format!("{}", run.folder.path("index.html").display()));

@@ -80,13 +80,18 @@ impl Progress {
 
     /// Starts a stage of `total` steps; 0 if unknown.
     pub fn stage(&self, title: &str, total: u64) -> Stage {
+        self.stage_from(title, total, 0)
+    }
+
+    /// Goes on with a stage of which so many steps were done before: they say nothing of its speed.
+    pub fn stage_from(&self, title: &str, total: u64, from: u64) -> Stage {
         let now = Instant::now();
-        let overall = locked(&self.plan).begin(title, total, now);
-        let numbered = overall.as_ref().map_or(title.to_owned(), |o| format!("{} of {}, {title}", o.number, o.count));
+        let overall = locked(&self.plan).begin(title, [from, total], now);
+        let numbered = overall.as_ref().map_or(title.to_owned(), |o| format!("stage {} of {}: {title}", o.number, o.count));
         let sink = match &self.kind {
             Kind::Quiet => Sink::Quiet,
             Kind::Bars(bars) => Sink::Bar(bars.add(bar(&numbered, total))),
-            Kind::Lines => Sink::Lines(Mutex::new(Lines::new(&numbered, total, now))),
+            Kind::Lines => Sink::Lines(Mutex::new(Lines::new(&numbered, [from, total], now))),
         };
         Stage { sink, overall }
     }
@@ -129,8 +134,8 @@ fn locked<T>(value: &Mutex<T>) -> MutexGuard<'_, T> {
 
 fn bar(title: &str, total: u64) -> ProgressBar {
     let (length, template) = match total {
-        0 => (None, "{prefix:<34} {spinner} {pos} in {elapsed}  {wide_msg}"),
-        _ => (Some(total), "{prefix:<34} {bar:24} {percent:>3} % {elapsed} +{eta}  {wide_msg}"),
+        0 => (None, "{prefix:<24} {spinner} {pos} in {elapsed}  {wide_msg}"),
+        _ => (Some(total), "{prefix:<24} {bar:16} {percent:>3} % {elapsed} +{eta}  {wide_msg}"),
     };
     let style = ProgressStyle::with_template(template).expect("the template is fixed");
     let bar = ProgressBar::with_draw_target(length, ProgressDrawTarget::hidden())
@@ -152,12 +157,13 @@ struct Plan {
 
 impl Plan {
     /// Where the stage stands in the plan, if it is in it.
-    fn begin(&mut self, title: &str, total: u64, now: Instant) -> Option<Overall> {
+    fn begin(&mut self, title: &str, [from, total]: [u64; 2], now: Instant) -> Option<Overall> {
         let place = self.stages.iter().position(|(planned, _)| planned == title)?;
-        let before = self.stages[..place].iter().map(|(_, share)| share).sum();
+        let before: f64 = self.stages[..place].iter().map(|(_, share)| share).sum();
         let whole = self.stages.iter().map(|(_, share)| share).sum();
-        let (begun, at_begin) = *self.begun.get_or_insert((now, before));
         let (number, count, share) = (place + 1, self.stages.len(), self.stages[place].1);
+        let done = share * from.min(total) as f64 / total.max(1) as f64;
+        let (begun, at_begin) = *self.begun.get_or_insert((now, before + done));
         Some(Overall { number, count, before, share, whole, begun, at_begin, total })
     }
 }
@@ -194,14 +200,16 @@ impl Overall {
 struct Lines {
     title: String,
     total: u64,
+    /// Steps that were done before.
+    from: u64,
     begun: Instant,
     /// Time of the last line.
     last: Option<Instant>,
 }
 
 impl Lines {
-    fn new(title: &str, total: u64, now: Instant) -> Self {
-        Self { title: title.into(), total, begun: now, last: None }
+    fn new(title: &str, [from, total]: [u64; 2], now: Instant) -> Self {
+        Self { title: title.into(), total, from, begun: now, last: None }
     }
 
     /// The line for `done` steps, if one is due; with the time that is left in all.
@@ -215,8 +223,8 @@ impl Lines {
             return None;
         }
         self.last = Some(now);
-        let Self { title, total, .. } = self;
-        let left = elapsed.as_secs_f64() * total.saturating_sub(done) as f64 / done as f64;
+        let Self { title, total, from, .. } = self;
+        let left = elapsed.as_secs_f64() * total.saturating_sub(done) as f64 / done.saturating_sub(*from) as f64;
         // no estimate without progress, or if it exceeds the clock's range
         let left = Duration::try_from_secs_f64(left).map(|left| format!(", about {} left", clock(left)));
         let line = match (u128::from(done.min(*total)) * 100).checked_div(u128::from(*total)) {
@@ -237,7 +245,7 @@ fn with_message(line: String, message: &str) -> String {
 }
 
 /// `42 s`, `3 min 07 s` or `2 h 05 min`.
-fn clock(time: Duration) -> String {
+pub(crate) fn clock(time: Duration) -> String {
     match time.as_secs() {
         s @ ..60 => format!("{s} s"),
         s @ 60..3600 => format!("{} min {:02} s", s / 60, s % 60),
@@ -253,7 +261,7 @@ mod tests {
     fn a_log_file_gets_a_line_after_a_second_and_every_five_from_then_on() {
         let begun = Instant::now();
         let at = |seconds: f64| begun + Duration::from_secs_f64(seconds);
-        let mut lines = Lines::new("fit", 400, begun);
+        let mut lines = Lines::new("fit", [0, 400], begun);
         assert_eq!(lines.set(at(0.0), 0, None, ""), None);
         assert_eq!(lines.set(at(0.9), 8, None, "loss 3"), None);
         assert_eq!(lines.set(at(1.0), 10, None, "loss 2").unwrap(), "fit: 2 %, 1 s, about 39 s left: loss 2");
@@ -268,11 +276,11 @@ mod tests {
     #[test]
     fn unknown_lengths_and_slow_first_steps_have_no_estimate() {
         let begun = Instant::now();
-        let mut open = Lines::new("read", 0, begun);
+        let mut open = Lines::new("read", [0, 0], begun);
         assert_eq!(open.set(begun + Duration::from_secs(6), 3, None, "").unwrap(), "read: 3 steps, 6 s");
-        let mut slow = Lines::new("fit", 10, begun);
+        let mut slow = Lines::new("fit", [0, 10], begun);
         assert_eq!(slow.set(begun + Duration::from_secs(187), 0, None, "").unwrap(), "fit: 0 %, 3 min 07 s");
-        let mut over = Lines::new("fit", 10, begun);
+        let mut over = Lines::new("fit", [0, 10], begun);
         assert_eq!(over.set(begun + Duration::from_secs(6), 12, None, "").unwrap(), "fit: 100 %, 6 s, about 0 s left");
     }
 
@@ -283,19 +291,22 @@ mod tests {
         let stages = [("shape", 10.0), ("velocity", 30.0), ("material", 60.0)];
         let planned = || Plan { stages: stages.map(|(title, share)| (title.to_owned(), share)).to_vec(), begun: None };
         let mut plan = planned();
-        let shape = plan.begin("shape", 100, at(0)).unwrap();
+        let shape = plan.begin("shape", [0, 100], at(0)).unwrap();
         assert_eq!((shape.number, shape.count), (1, 3));
         assert_eq!(shape.left(at(1), 1), None, "too early to tell");
         assert_eq!(shape.left(at(10), 50), Some(Duration::from_secs(190)));
-        assert_eq!(plan.begin("something else", 5, at(15)), None);
-        let material = plan.begin("material", 60, at(40)).unwrap();
+        assert_eq!(plan.begin("something else", [0, 5], at(15)), None);
+        let material = plan.begin("material", [0, 60], at(40)).unwrap();
         assert_eq!(material.left(at(50), 10), Some(Duration::from_secs(50)));
         // what a run that goes on had done before took no time here
         let mut resumed = planned();
-        let velocity = resumed.begin("velocity", 3, at(100)).unwrap();
+        let velocity = resumed.begin("velocity", [0, 3], at(100)).unwrap();
         assert_eq!(velocity.left(at(110), 1), Some(Duration::from_secs(80)));
-        let mut lines = Lines::new("2 of 3, velocity", 3, at(100));
+        let mut halfway = planned();
+        let material = halfway.begin("material", [30, 60], at(0)).unwrap();
+        assert_eq!(material.left(at(10), 45), Some(Duration::from_secs(10)));
+        let mut lines = Lines::new("stage 2 of 3: velocity", [0, 3], at(100));
         let line = lines.set(at(110), 1, velocity.left(at(110), 1), "").unwrap();
-        assert_eq!(line, "2 of 3, velocity: 33 %, 10 s, about 20 s left, 1 min 20 s in all");
+        assert_eq!(line, "stage 2 of 3: velocity: 33 %, 10 s, about 20 s left, 1 min 20 s in all");
     }
 }

@@ -49,7 +49,7 @@ mod ensemble;
 mod preview;
 mod decoding;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 pub use autoencoder::AutoencoderSizes;
 pub use cameras::Ring;

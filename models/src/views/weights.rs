@@ -50,7 +50,7 @@ impl FileWeights {
     pub fn open(path: impl AsRef<Path>, device: &Device) -> Result<Self> {
         let path = path.as_ref();
         let archive = match path == Self::BUILT_IN {
-            true => Archive::from_bytes(Self::built_in().to_vec())?,
+            true => Archive::from_bytes(Self::built_in()?.to_vec())?,
             false => Archive::open(path)?,
         };
         Ok(Self::of_archive(path, archive, device))
@@ -81,10 +81,28 @@ impl FileWeights {
     pub const BUILT_IN: &str = "built-in";
 
     /// The file of that model: safetensors in `f16`.
-    pub fn built_in() -> &'static [u8] {
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] in a build without the feature `built-in-weights`.
+    #[cfg(feature = "built-in-weights")]
+    pub fn built_in() -> Result<&'static [u8]> {
         // a static, so that the bytes are embedded only once
         static BYTES: &[u8] = include_bytes!("../../weights/novel_view.safetensors");
-        BYTES
+        Ok(BYTES)
+    }
+
+    /// The file of that model: safetensors in `f16`.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Input`] in a build without the feature `built-in-weights`.
+    #[cfg(not(feature = "built-in-weights"))]
+    pub fn built_in() -> Result<&'static [u8]> {
+        Err(Error::new(ErrorKind::Input, "this build comes without the small multi-view model")
+            .at(Self::BUILT_IN)
+            .found("no feature `built-in-weights`")
+            .wanted("a file of weights")
+            .fix("give a file, such as models/weights/novel_view.safetensors of the sources: --weights FILE, --imagine=FILE; or build with \
+                  `--features built-in-weights`"))
     }
 
     /// The same weights as constants of another tape, for layers whose other weights are trained on it.

@@ -188,3 +188,41 @@ fn what_cannot_be_compared() {
         assert!(help.contains(part), "no {part} in {help}");
     }
 }
+
+/// Tables of the published chain in one folder: films, cells and views that they share are made once.
+#[test]
+fn the_tables_of_the_published_chain() {
+    let scene = Scene::with_clip(&[0, 2, 5], 8);
+    fs::copy(crate::scene::bundled().join("truth.json"), scene.path("clip/truth.json")).unwrap();
+    crate::model::weights().write(scene.path("tiny.safetensors")).unwrap();
+    scene.write(
+        "chain.toml",
+        "[clip]\nshrink = 5\n[geometry]\ndx = 0.08\n[geometry.fit]\niterations = 3\n[published]\nweights = \"tiny.safetensors\"\n\
+         steps = 2\nguidance = 1.0\nfield = 40\nrays = 128\nnodes = 3000\nvelocity = 2\nstarts = 1\nmaterial = 2\n",
+    );
+    let printed = scene.succeeds("bench table2 clip --method published --config chain.toml --out both -q");
+    for row in
+        ["as published, one real view, with L_va", "as published, one real view, without L_va", "fails to converge"]
+    {
+        assert!(printed.contains(row), "no {row:?} in\n{printed}");
+    }
+    let read = |name: &str| fs::read(scene.path("both/clip").join(name)).unwrap_or_else(|e| panic!("{name}: {e}"));
+    let without = fs::read_to_string(scene.path("both/clip/published_without_lva/config.toml")).unwrap();
+    assert!(without.contains("alpha = 0.0"), "{without}");
+    let view = "views/frame_003.safetensors";
+    assert_eq!(read(&format!("published/{view}")), read(&format!("published_without_lva/{view}")));
+    let seconds = |cell: &str| {
+        let state: Value = serde_json::from_slice(&read(&format!("{cell}/published.json"))).unwrap();
+        state["finished"][1]["seconds"].as_f64().unwrap()
+    };
+    assert_eq!(seconds("published"), seconds("published_without_lva"), "the views were not made again");
+
+    let before = read("published.json");
+    let printed = scene.succeeds("bench table1 --method published --out both --resume -q");
+    assert!(printed.contains("as published, real views") && !printed.contains("without L_va |"), "{printed}");
+    assert_eq!(read("published.json"), before, "a cell of both tables");
+    // that model has no module to draw the figure with
+    let message = scene.run("bench figure5 --out both --resume -q");
+    assert_eq!(message.status.code(), Some(2));
+    assert!(text(&message.stderr).contains("no spatial-aware module"), "{}", text(&message.stderr));
+}

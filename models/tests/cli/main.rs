@@ -19,6 +19,7 @@ mod mesh_files;
 mod meshes;
 mod model;
 mod places;
+mod published;
 #[path = "../video/onnx_file.rs"]
 mod onnx_file;
 mod resimulate;

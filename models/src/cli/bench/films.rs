@@ -49,6 +49,11 @@ impl Films {
         Self { spacing_m: Some(0.05), ..self }
     }
 
+    /// The same on a grid between those.
+    pub(super) fn coarse(self) -> Self {
+        Self { spacing_m: Some(0.03), ..self }
+    }
+
     /// The same with the grid spacing and time step of the scene files, which are finer than those of
     /// reconstructions.
     pub(super) fn fine(self) -> Self {

@@ -20,8 +20,8 @@ use crate::video::Clip;
 /// The plan as saved in the folder.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Plan {
-    clips: Vec<PathBuf>,
+pub(super) struct Plan {
+    pub clips: Vec<PathBuf>,
     cells: Vec<Cell>,
     /// Whether the true material is given.
     material_of_truth: bool,
@@ -33,10 +33,10 @@ struct Plan {
     off: Option<f64>,
     /// Rendered clips, if any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    films: Option<Films>,
+    pub films: Option<Films>,
     /// Whether it is the coarse variant.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    coarse: bool,
+    pub coarse: bool,
     settings: AblationSettings,
 }
 
@@ -100,7 +100,7 @@ pub(super) fn run(arguments: &AblationArguments, (name, title): (&str, &str)) ->
     Ok(())
 }
 
-fn begin(arguments: &AblationArguments) -> Result<(Plan, RunFolder)> {
+pub(super) fn begin(arguments: &AblationArguments) -> Result<(Plan, RunFolder)> {
     if let Some(folder) = &arguments.common.out {
         crate::cli::place::check(folder, None)?;
     }
@@ -110,13 +110,18 @@ fn begin(arguments: &AblationArguments) -> Result<(Plan, RunFolder)> {
             .found("--quick")
             .fix("leave one of them out, or measure with `gradreel bench families --quick`"));
     }
+    let of_chain = arguments.cells.iter().any(|cell| cell.is_published());
     let mut settings = match (arguments.coarse, arguments.common.quick) {
+        (true, _) if of_chain => coarse_chain(),
         (true, _) => coarse(),
         (_, true) => quick(),
         _ => AblationSettings::default(),
     };
     if let Some(path) = &arguments.common.config {
         settings.config = crate::cli::reconstruct::read_config(path)?;
+    }
+    if of_chain {
+        settings.config.published.get_or_insert_default();
     }
     if let Some(material) = &arguments.material {
         settings.config.material.name.clone_from(material);
@@ -171,12 +176,19 @@ fn begin(arguments: &AblationArguments) -> Result<(Plan, RunFolder)> {
     Ok((plan, folder))
 }
 
-fn go_on(arguments: &AblationArguments) -> Result<(Plan, RunFolder)> {
+pub(super) fn go_on(arguments: &AblationArguments) -> Result<(Plan, RunFolder)> {
     let folder = RunFolder::resume(arguments.common.out.as_deref().unwrap_or(Path::new(".")))?;
     let fix = "give the folder of an interrupted ablation to --out, or begin one without --resume";
     folder.goes_on(PLAN, "there is no ablation to go on with", fix)?;
     let text = folder.read_text(PLAN)?;
-    let plan: Plan = toml::from_str(&text).map_err(|e| damaged(&folder, PLAN, &e))?;
+    let mut plan: Plan = toml::from_str(&text).map_err(|e| damaged(&folder, PLAN, &e))?;
+    // another table of the same clips: films and cells that both have are there already
+    if let Some(published) = arguments.published {
+        (plan.published, plan.cells) = (Some(published), arguments.cells.clone());
+        if plan.cells.iter().any(|cell| cell.is_published()) {
+            plan.settings.config.published.get_or_insert_default();
+        }
+    }
     plan.settings.config.check().map_err(|e| e.at(folder.path(PLAN).display()))?;
     Ok((plan, folder))
 }
@@ -188,7 +200,7 @@ impl Plan {
     }
 
     /// The settings for a clip with this truth.
-    fn settings_of(&self, truth: Option<&Truth>) -> AblationSettings {
+    pub fn settings_of(&self, truth: Option<&Truth>) -> AblationSettings {
         let mut settings = self.settings.clone();
         if let (true, Some(truth)) = (self.material_of_truth, truth) {
             let law = truth.law();
@@ -218,6 +230,17 @@ fn coarse() -> AblationSettings {
     settings
 }
 
+/// Settings of the published chain on a coarse grid, with fewer frames.
+fn coarse_chain() -> AblationSettings {
+    let mut settings = AblationSettings::default();
+    let Config { clip, geometry, published, .. } = &mut settings.config;
+    (clip.frames, geometry.dx, geometry.fit.iterations) = (12, 0.04, 40);
+    let chain = published.get_or_insert_default();
+    (chain.field, chain.rays, chain.nodes) = (600, 768, 30_000);
+    (chain.velocity, chain.starts, chain.material) = (8, 4, 14);
+    settings
+}
+
 /// Settings of a minimal budget.
 pub(super) fn quick() -> AblationSettings {
     let mut settings = AblationSettings::default();
@@ -232,7 +255,7 @@ pub(super) fn quick() -> AblationSettings {
     settings
 }
 
-fn open(path: &Path, settings: &AblationSettings) -> Result<Clip> {
+pub(super) fn open(path: &Path, settings: &AblationSettings) -> Result<Clip> {
     let clip = crate::cli::reconstruct::open(path, &settings.config, true)?;
     let refused = |what: &str, found: String, fix: &str| {
         Err(Error::new(ErrorKind::Input, what).at(path.display()).found(found).fix(fix))
@@ -259,7 +282,7 @@ fn open(path: &Path, settings: &AblationSettings) -> Result<Clip> {
 }
 
 /// A unique label: the clip's name, or its folder's if the clip is called `clip`.
-fn label<'a>(path: &Path, before: impl Iterator<Item = &'a PathBuf>) -> String {
+pub(super) fn label<'a>(path: &Path, before: impl Iterator<Item = &'a PathBuf>) -> String {
     let component = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
     let name = |path: &Path| match component(path) {
         Some(name) if name != "clip" => name,
@@ -280,14 +303,14 @@ fn finished(folder: &RunFolder, place: &str) -> Result<Option<CellResult>> {
     serde_json::from_slice(&folder.read(&file)?).map(Some).map_err(|e| damaged(folder, &file, &e))
 }
 
-fn damaged(folder: &RunFolder, name: &str, found: &dyn std::fmt::Display) -> Error {
+pub(super) fn damaged(folder: &RunFolder, name: &str, found: &dyn std::fmt::Display) -> Error {
     Error::new(ErrorKind::Input, "a file of the ablation is damaged")
         .at(folder.path(name).display())
         .found(found)
         .fix("remove the file of a cell to run it again, or begin again with another --out")
 }
 
-fn unwritable(error: impl std::fmt::Display) -> Error {
+pub(super) fn unwritable(error: impl std::fmt::Display) -> Error {
     Error::new(ErrorKind::Io, "the ablation cannot be written").found(error)
 }
 

@@ -2,6 +2,7 @@
 
 mod calibrate;
 mod coverage;
+mod figure5;
 mod film;
 mod films;
 mod job;
@@ -12,6 +13,7 @@ use std::path::PathBuf;
 use gradreel::Result;
 
 use crate::ablation::{Cell, Published};
+use crate::cli::published::Method;
 use films::Films;
 
 /// Arguments of `gradreel bench`.
@@ -40,6 +42,8 @@ enum What {
     Table1(TableArguments),
     /// Table 2 of the paper: imagined views with and without the view-adaptive loss, on clips of the five families
     Table2(TableArguments),
+    /// Figure 5 of the paper: views with and without the spatial-aware module, and how far the object is from its place in them
+    Figure5(FigureArguments),
 }
 
 #[derive(clap::Args, Clone)]
@@ -48,9 +52,30 @@ struct TableArguments {
     /// Folders of clips whose views are all real [default: a film of each family of materials, which is made first]
     #[arg(conflicts_with = "resume")]
     clips: Vec<PathBuf>,
+    /// The reconstructions: own, or the published chain of `gradreel reconstruct --method published`
+    #[arg(long, value_name = "METHOD", value_enum, default_value = "own", hide_possible_values = true)]
+    method: Method,
     #[command(flatten)]
     common: Common,
 }
+
+#[derive(clap::Args, Clone)]
+#[command(after_long_help = FIGURE)]
+struct FigureArguments {
+    /// Folders of clips whose views are all real [default: a film of each family of materials, which is made first]
+    #[arg(conflicts_with = "resume")]
+    clips: Vec<PathBuf>,
+    #[command(flatten)]
+    common: Common,
+}
+
+const FIGURE: &str = "\
+Of each clip one camera is the film. Of three of its frames the views are made three times: with the module, which is told the box
+and the distance; without it, from the same picture; and of the object in the middle, moved to its place. Where the object really is
+tells the hull of all cameras. Results: figure5.svg, figure5.md, and the views of each film.
+
+With --out FOLDER --resume, the films of a table that was made there are used. The model is that of [published] weights in the file of
+--config [default: built-in].";
 
 #[derive(clap::Args, Clone)]
 #[command(after_long_help = FAMILIES)]
@@ -125,7 +150,11 @@ cameras; their truth is known, so that the table has errors. The paper's objects
 numbers stand below for comparison.
 
 Each cell takes as long as `gradreel reconstruct` does: one to two hours in all on two cores. After Ctrl-C, go on with
---out FOLDER --resume.";
+--out FOLDER --resume. With --resume the other table, and figure5, can be made in the same folder: films, and cells that both
+have, are made once.
+
+With --method published, cells are runs of the published chain; those of a film share its views. --quick then is a coarser
+form on a grid of 0.04 m with twelve frames, whose numbers mean something.";
 
 #[derive(clap::Args, Default)]
 #[command(after_long_help = LONG_HELP)]
@@ -198,8 +227,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         What::Laws(arguments) => laws::run(arguments),
         What::Films(arguments) => film::run(arguments),
         What::Families(families) => job::run(&families.all_views(), ("families", "The five families")),
-        What::Table1(table) => job::run(&table.beside(Published::Table1), ("table1", "One view against all views")),
-        What::Table2(table) => job::run(&table.beside(Published::Table2), ("table2", "Imagined views")),
+        What::Table1(table) => {
+            job::run(&table.beside(Published::Table1), table.named("table1", "One view against all views"))
+        }
+        What::Table2(table) => job::run(&table.beside(Published::Table2), table.named("table2", "Imagined views")),
+        What::Figure5(figure) => figure5::run(&figure.chain()),
     }
 }
 
@@ -225,12 +257,35 @@ impl FamilyArguments {
 impl TableArguments {
     /// The ablation that produces the table.
     fn beside(&self, published: Published) -> AblationArguments {
-        let Self { clips, common } = self.clone();
-        let cells = match published {
-            Published::Table1 => vec![Cell::Single, Cell::Real],
-            Published::Table2 => vec![Cell::WithLva, Cell::WithoutLva],
+        let Self { clips, mut common, method } = self.clone();
+        let cells = match (published, method) {
+            (Published::Table1, Method::Own) => vec![Cell::Single, Cell::Real],
+            (Published::Table2, Method::Own) => vec![Cell::WithLva, Cell::WithoutLva],
+            (Published::Table1, Method::Published) => vec![Cell::Published, Cell::PublishedViews],
+            (Published::Table2, Method::Published) => vec![Cell::Published, Cell::PublishedWithoutLva],
         };
+        let coarse = method == Method::Published && std::mem::take(&mut common.quick);
+        let films = coarse.then_some(Films::ONE_EACH.coarse());
         let published = Some(published);
-        AblationArguments { clips, common, cells, published, ..AblationArguments::default() }
+        AblationArguments { clips, common, cells, published, films, coarse, ..AblationArguments::default() }
+    }
+
+    /// Name and title of the section in a results file.
+    fn named(&self, name: &'static str, title: &'static str) -> (&'static str, &'static str) {
+        match (self.method, name) {
+            (Method::Own, _) => (name, title),
+            (Method::Published, "table1") => ("table1-published", "The published chain, one view against all views"),
+            (Method::Published, _) => ("table2-published", "The published chain, with and without L_va"),
+        }
+    }
+}
+
+impl FigureArguments {
+    /// The plan of a published chain.
+    fn chain(&self) -> AblationArguments {
+        let Self { clips, mut common } = self.clone();
+        let coarse = std::mem::take(&mut common.quick);
+        let films = coarse.then_some(Films::ONE_EACH.coarse());
+        AblationArguments { clips, common, cells: vec![Cell::Published], films, coarse, ..AblationArguments::default() }
     }
 }

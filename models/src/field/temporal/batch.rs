@@ -6,6 +6,7 @@ use gradreel::{DType, Key, Result, Tape, Tensor};
 
 use super::losses::RayTargets;
 use crate::render::{Rays, ViewWeights, camera_angles};
+use crate::vector::minus;
 use crate::video::{Clip, PixelRect};
 
 /// Margin around the object's bounding rectangle \[pixels\].
@@ -57,6 +58,8 @@ pub struct ClipRays<'c> {
     pub(super) imagined: Vec<bool>,
     object_share: f64,
     rects: Vec<Vec<Option<PixelRect>>>,
+    /// How far the field's coordinates of each frame are from the world's \[m\].
+    pub(super) offsets: Vec<[f64; 3]>,
     /// Normalised time of each frame: 0 at the first, 1 at the last.
     pub times: Vec<f64>,
 }
@@ -87,8 +90,20 @@ impl<'c> ClipRays<'c> {
             imagined: (0..clip.cameras.len()).map(|c| imagined.contains(&c)).collect(),
             object_share,
             rects: rects.collect(),
+            offsets: vec![[0.0; 3]; frames],
             times: clip.times.iter().map(|t| (t - clip.times[0]) / span).collect(),
         }
+    }
+
+    /// The same in coordinates that follow the object: those of each frame are moved by its offset \[m\].
+    ///
+    /// # Panics
+    /// When there is not one offset for each frame.
+    #[must_use]
+    #[track_caller]
+    pub fn following(self, offsets: Vec<[f64; 3]>) -> Self {
+        assert_eq!(offsets.len(), self.times.len(), "one offset for each frame");
+        Self { offsets, ..self }
     }
 
     /// Draws a batch of rays. The same key gives the same batch.
@@ -167,7 +182,7 @@ impl<'c> ClipRays<'c> {
         let (mut colours, mut weight, mut imagined) = (Vec::new(), Vec::new(), Vec::new());
         for &(camera, frame, row, column) in pixels {
             let (origin, direction) = self.clip.cameras[camera].ray(column as f64 + 0.5, row as f64 + 0.5);
-            rays.origins.push(origin);
+            rays.origins.push(minus(origin, self.offsets[frame]));
             rays.directions.push(direction);
             let image = &self.clip.frames[camera][frame];
             colours.extend((0..3).map(|c| image.rgb[[row, column, c]]));

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::batch::ClipRays;
 use crate::field::{DenseGrid, Occupancy};
+use crate::vector::plus;
 use crate::video::Frame;
 
 /// Coverage above which a pixel belongs to the object.
@@ -63,10 +64,11 @@ impl ClipRays<'_> {
         let mut occupied = vec![false; points.len()];
         for frame in 0..self.times.len() {
             let counts: Vec<Counts> = self.clip.frames.par_iter().map(|frames| Counts::of(&frames[frame])).collect();
+            let offset = self.offsets[frame];
             let may_be = |x: &[f64; 3]| {
                 let (mut for_it, mut against, mut seen) = (0, 0, false);
                 for ((camera, counts), imagined) in self.clip.cameras.iter().zip(&counts).zip(&self.imagined) {
-                    let Some([u, v, depth]) = camera.project(*x) else { continue };
+                    let Some([u, v, depth]) = camera.project(plus(*x, offset)) else { continue };
                     let reach = REACH * apart * camera.fx.max(camera.fy) / depth + 1.0;
                     match counts.sees(u, v, reach) {
                         None => continue,

@@ -14,6 +14,7 @@ use crate::identify::{FlowingConfig, GroundContact, LossConfig, OwnLaw, Temporal
 use crate::nearest::{listed, nearest};
 use crate::physics::materials::{self, AUTO, FAMILIES};
 use crate::physics::{Law, Map};
+use crate::published::PublishedConfig;
 use crate::render::{Surface, Weights};
 use crate::report::quantity::compact;
 use crate::video::FilmSettings;
@@ -44,6 +45,9 @@ pub struct Config {
     pub imagine: ImagineConfig,
     /// The search for velocity and material.
     pub estimate: EstimateConfig,
+    /// The published chain, if it is to be run in place of the project's own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub published: Option<PublishedConfig>,
 }
 
 /// Where views of the first frame come from that nobody filmed, of what a single camera saw; without any, the object is taken to be
@@ -259,7 +263,7 @@ impl Default for EstimateConfig {
 }
 
 /// A setting whose value makes no sense.
-pub(super) fn outside_range(name: &str, wanted: &str) -> Error {
+pub(crate) fn outside_range(name: &str, wanted: &str) -> Error {
     Error::new(ErrorKind::Input, format!("the setting {name} is outside its range"))
         .at(name)
         .wanted(wanted)
@@ -368,6 +372,7 @@ impl Config {
         self.clip.film.check()?;
         self.loss.check()?;
         self.temporal.check()?;
+        self.published.as_ref().map_or(Ok(()), PublishedConfig::check)?;
         let twice = |(index, camera): (usize, &i64)| self.clip.cameras[..index].contains(camera);
         if let Some((_, camera)) = self.clip.cameras.iter().enumerate().find(|camera| twice(*camera)) {
             return Err(outside_range("clip.cameras", "each camera once").found(format!("camera {camera} twice")));

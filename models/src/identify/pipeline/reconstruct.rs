@@ -372,7 +372,7 @@ pub(in crate::identify) fn rough_hull(clip: &Clip, frame: usize) -> Result<(Sphe
 }
 
 /// Half the configured grid spacing, or the one that the object's size asks for; the latter is stored.
-fn particle_spacing(clip: &Clip, run: &mut Run) -> Result<f64> {
+pub(crate) fn particle_spacing(clip: &Clip, run: &mut Run) -> Result<f64> {
     if run.config.geometry.dx > 0.0 {
         return Ok(0.5 * run.config.geometry.dx);
     }
@@ -392,7 +392,7 @@ fn particle_spacing(clip: &Clip, run: &mut Run) -> Result<f64> {
 }
 
 /// The configured factor, or the largest whose pixels are at most a third of a grid cell at the object.
-fn shrink_factor(clip: &Clip, run: &Run, dx: f64) -> Result<usize> {
+pub(crate) fn shrink_factor(clip: &Clip, run: &Run, dx: f64) -> Result<usize> {
     if run.config.clip.shrink > 0 {
         return Ok(run.config.clip.shrink);
     }

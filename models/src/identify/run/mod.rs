@@ -250,7 +250,10 @@ impl Run {
     fn take_over_edits(&mut self) -> Result<()> {
         let (true, Some(before)) = (std::mem::take(&mut self.edited), &self.state.settings) else { return Ok(()) };
         let [other, effort] = settings_file::changes(before, &settings_file::of(&self.config)?);
-        let begun = !self.state.finished.is_empty() || self.state.batches.is_some() || self.folder.has(FIELD);
+        let begun = !self.state.finished.is_empty()
+            || self.state.batches.is_some()
+            || self.folder.has(FIELD)
+            || self.folder.has(crate::published::STATE);
         if begun && !other.is_empty() {
             return Err(settings_file::refused(&self.folder.path(CONFIG).display(), &other));
         }
