@@ -1,12 +1,11 @@
-//! `gradreel train`: training of models.
+//! `gradreel train novel-view`: training of the multi-view model.
 
 mod evaluate;
-mod feed;
 mod job;
-mod log;
 mod meshes;
 mod page;
 mod sampled;
+mod samples;
 mod settings;
 
 use std::path::PathBuf;
@@ -15,28 +14,15 @@ use gradreel::{ErrorKind, Result};
 
 use self::job::Job;
 use self::settings::{Settings, Stage};
-use super::source::{LARGEST_SEED, Place};
 use crate::cli::output::{self, say, tell};
+use crate::cli::source::{LARGEST_SEED, Place};
 use crate::runtime::interrupt;
 use crate::runtime::progress::Progress;
-
-/// Arguments of `gradreel train`.
-#[derive(clap::Args)]
-pub(super) struct Arguments {
-    #[command(subcommand)]
-    task: Task,
-}
-
-#[derive(clap::Subcommand)]
-enum Task {
-    /// Train the model that synthesizes the views around an object
-    NovelView(Box<NovelView>),
-}
 
 /// Arguments of `gradreel train novel-view`.
 #[derive(clap::Args)]
 #[command(after_long_help = LONG_HELP)]
-struct NovelView {
+pub(super) struct NovelView {
     /// What is trained: the model itself, or its spatial-aware module with everything else frozen [default: base]
     #[arg(long, value_name = "STAGE", conflicts_with = "resume")]
     stage: Option<Stage>,
@@ -117,8 +103,7 @@ Examples:
   gradreel weights convert runs/aware/model.safetensors small.safetensors --f16";
 
 /// Trains or evaluates a model.
-pub(super) fn run(arguments: &Arguments) -> Result<()> {
-    let Task::NovelView(arguments) = &arguments.task;
+pub(super) fn run(arguments: &NovelView) -> Result<()> {
     interrupt::install()?;
     if arguments.print_config {
         let (settings, _) = Settings::resolve(arguments)?;
