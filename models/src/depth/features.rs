@@ -229,4 +229,19 @@ mod tests {
         assert_eq!(features.diameter, 0.0);
         assert!(features.planes.iter().all(|x| *x == 0.0));
     }
+    /// Silhouettes of real shapes, with half thickness and place of an independent implementation.
+    #[test]
+    fn silhouettes_have_the_features_of_another_implementation() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/vectors/depth/silhouettes.safetensors");
+        let file = gradreel::io::TensorFile::read(path).unwrap();
+        let silhouettes = file.get("silhouette").unwrap().slice::<u32>();
+        let wanted = file.get("half_and_place").unwrap().slice::<f32>();
+        for (silhouette, wanted) in silhouettes.chunks(PIXELS).zip(wanted.chunks(3 * PIXELS)) {
+            let mask: Vec<bool> = silhouette.iter().map(|inside| *inside > 0).collect();
+            let found = of(&noise(1), &mask);
+            for (a, b) in found.planes[HALF * PIXELS..].iter().zip(wanted) {
+                assert!((a - b).abs() < 1e-5, "{a} not {b}");
+            }
+        }
+    }
 }

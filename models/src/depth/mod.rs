@@ -1,7 +1,7 @@
 //! Front and back depth of a solid from one masked picture: a small network, its training pictures, and its training.
 //!
-//! A silhouette says how wide a body is, not how deep, nor to which side it leans. What shading, texture and outline say of it
-//! is learnt from pictures of real and procedural solids, drawn afresh for every step: a z-buffer with two layers gives colours
+//! A silhouette says how wide a body is, not how deep, nor to which side it tilts. What shading and texture say of it is learnt
+//! from pictures of real and procedural solids, drawn afresh for every step: a z-buffer with two layers gives colours
 //! and depths. The network predicts in the camera's frame, in diameters `D = 2 √(A/π)` of the silhouette's area `A`.
 //!
 //! ```text

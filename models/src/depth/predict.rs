@@ -203,3 +203,83 @@ fn mirrored(planes: &[f32]) -> Vec<f32> {
     planes[PLACE * PIXELS..][..PIXELS].iter_mut().for_each(|x| *x = -*x);
     planes
 }
+
+#[cfg(test)]
+mod tests {
+    use gradreel::io::TensorFile;
+
+    use super::*;
+
+    const VECTORS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/vectors/depth/layers.safetensors");
+
+    fn vectors() -> (Vec<Vec<f32>>, Vec<Vec<bool>>, TensorFile) {
+        let file = TensorFile::read(VECTORS).unwrap();
+        let colours = file.get("colours").unwrap().slice::<f32>().chunks(PIXELS).map(<[f32]>::to_vec).collect();
+        let silhouettes = file.get("silhouette").unwrap().slice::<u32>().chunks(PIXELS);
+        let silhouettes = silhouettes.map(|mask| mask.iter().map(|inside| *inside > 0).collect()).collect();
+        (colours, silhouettes, file)
+    }
+
+    /// Features and layers of the built-in network against `tests/vectors/depth/network.py`, which shares nothing with it.
+    #[test]
+    fn layers_are_those_of_another_implementation() {
+        let (colours, silhouettes, file) = vectors();
+        let network = DepthNetwork::built_in().unwrap();
+        let (features, layers) = (file.get("features").unwrap(), file.get("layers").unwrap());
+        for (number, silhouette) in silhouettes.iter().enumerate() {
+            let found = Features::of(std::array::from_fn(|k| &*colours[k]), silhouette);
+            let wanted = &features.slice::<f32>()[number * CHANNELS * PIXELS..][..CHANNELS * PIXELS];
+            assert!(found.planes.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-4));
+            let said = network.forward(&[&found.planes]).unwrap().remove(0);
+            let wanted = &layers.slice::<f32>()[4 * number * PIXELS..][..4 * PIXELS];
+            for (plane, wanted) in said.iter().zip(wanted.chunks(PIXELS)) {
+                for pixel in (0..PIXELS).filter(|pixel| silhouette[*pixel]) {
+                    let wanted =
+                        if wanted[pixel] < 0.0 { wanted[pixel].max(LOG_ERRORS[0] as f32) } else { wanted[pixel] };
+                    assert!((plane[pixel] - wanted).abs() < 2e-3, "{} not {wanted}", plane[pixel]);
+                }
+            }
+        }
+    }
+
+    /// A mirrored picture has the mirrored depths, for both are averaged.
+    #[test]
+    fn a_mirrored_picture_has_mirrored_depths() {
+        let (colours, silhouettes, _) = vectors();
+        let network = DepthNetwork::built_in().unwrap();
+        let picture = |mirrored: bool| {
+            let at = |pixel: usize| if mirrored { pixel / SIZE * SIZE + SIZE - 1 - pixel % SIZE } else { pixel };
+            let colours = (0..PIXELS).map(|pixel| std::array::from_fn(|k| colours[k][at(pixel)])).collect();
+            let coverage = (0..PIXELS).map(|pixel| f32::from(u8::from(silhouettes[0][at(pixel)]))).collect();
+            MaskedPicture::new(SIZE, SIZE, colours, coverage).unwrap()
+        };
+        let [straight, turned] = [false, true].map(|mirrored| network.predict(&picture(mirrored)).unwrap());
+        let mut front = turned.front.clone();
+        mirror(&mut front);
+        assert!(front.iter().zip(&straight.front).all(|(a, b)| (a - b).abs() < 1e-3));
+        // all is within the silhouette, and deviations are in their range
+        for pixel in 0..PIXELS {
+            let [a, b] = [0, 1].map(|k| straight.deviations[k][pixel]);
+            assert_eq!(straight.silhouette[pixel], a > 0.0 && b > 0.0);
+            assert!(a < 4.0 && b < 4.0);
+            assert!(straight.silhouette[pixel] || straight.front[pixel] == 0.0 && straight.back[pixel] == 0.0);
+        }
+        assert!(straight.at(-1.0, 5.0).is_none());
+    }
+
+    #[test]
+    fn a_file_of_another_network_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("other.safetensors");
+        let mut file = TensorFile::default();
+        file.tensors.insert("weight".to_owned(), Tensor::from_vec(vec![1.0f32], [1]));
+        file.write(&path).unwrap();
+        let error = DepthNetwork::open(&path).unwrap_err();
+        assert!(error.kind() == ErrorKind::Input && error.to_string().contains("gradreel.depth"), "{error}");
+        // sizes without weights
+        file.metadata.insert(DepthSizes::METADATA.to_owned(), DepthSizes::default().to_json());
+        file.write(&path).unwrap();
+        assert_eq!(DepthNetwork::open(&path).unwrap_err().kind(), ErrorKind::Input);
+        assert!(DepthNetwork::open(folder.path().join("none")).is_err());
+    }
+}

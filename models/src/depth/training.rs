@@ -132,9 +132,6 @@ impl Training {
             let said = net.forward(&tape.constant(batch.features.clone()));
             let found = loss(&tape, &said, batch);
             let gradients = bound.gradients(&found.total.backward()?)?;
-            if std::env::var_os("PROFILE").is_some() {
-                eprintln!("{}", tape.profile());
-            }
             ([found.total.item()?, found.front.item()?, found.apart.item()?], gradients)
         };
         let (inner, outer): (BTreeMap<_, _>, BTreeMap<_, _>) =
