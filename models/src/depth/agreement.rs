@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::camera::Attitude;
 use super::measure::{Layered, Plane, Seen, TILTED_DEG, mean, rms_error};
 use super::picture::{PIXELS, SIZE};
+use super::pose::Pose;
 use super::sample::{Kind, Sample};
 use super::{DepthNetwork, Solid};
 use crate::report::animation::Picture;
@@ -61,7 +62,7 @@ const FACTOR: f64 = 1.0;
 /// If the network cannot be evaluated.
 pub(crate) fn agreement(network: &DepthNetwork, samples: &[Sample]) -> Result<Agreement> {
     let features: Vec<&[f32]> = samples.iter().map(|sample| &*sample.features).collect();
-    let found = network.layers(&features)?;
+    let found = network.layers(&features, &Pose::MIRRORED)?;
     let rows: Vec<[f64; 4]> = samples
         .iter()
         .zip(&found)
@@ -97,7 +98,7 @@ const GREY: f32 = 0.8;
 /// If the network cannot be evaluated.
 pub(crate) fn preview(network: &DepthNetwork, samples: &[&Sample]) -> Result<Picture> {
     let features: Vec<&[f32]> = samples.iter().map(|sample| &*sample.features).collect();
-    let found = network.layers(&features)?;
+    let found = network.layers(&features, &Pose::MIRRORED)?;
     let byte = |x: f32| (255.0 * x.clamp(0.0, 1.0)) as u8;
     let mut shown = Vec::new();
     for (sample, layers) in samples.iter().zip(&found) {

@@ -8,6 +8,7 @@ use super::agreement::{View, wrong_sign};
 use super::features::MASK;
 use super::measure::{Layered, Seen, TILTED_DEG, mean, rms_error, spearman};
 use super::picture::PIXELS;
+use super::pose::Pose;
 use super::sample::Sample;
 
 /// Factors of the thickness of "as deep as wide" that are tried.
@@ -17,12 +18,21 @@ fn factor(step: usize) -> f64 {
     0.1 * step as f64
 }
 
+/// Factors of the network's middle surface and of its thickness that are tried, as pairs.
+const SCALES: [f64; 5] = [0.8, 0.9, 1.0, 1.1, 1.2];
+
+fn scales(pair: usize) -> [f64; 2] {
+    [SCALES[pair / SCALES.len()], SCALES[pair % SCALES.len()]]
+}
+
 /// What is measured on one picture.
 struct Row {
     solid: usize,
     /// IoU of "as deep as wide" with each factor: in a plane across the view, and in the true middle plane.
     flat: Vec<f64>,
     tilted: Vec<f64>,
+    /// IoU of the network's body with its middle surface and its thickness scaled by pairs of factors.
+    scaled: Vec<f64>,
     /// IoU of the network's body, of its mirror image in depth, and of the body from the silhouette alone.
     network: f64,
     turned: f64,
@@ -44,6 +54,15 @@ pub(crate) struct Comparison {
     rows: Vec<Row>,
 }
 
+/// What a set chooses for others.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Choice {
+    /// Factor of "as deep as wide".
+    factor: usize,
+    /// Pair of factors of the network's body.
+    scales: usize,
+}
+
 /// A mean with its standard error over solids.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(crate) struct Estimate {
@@ -61,6 +80,9 @@ pub(crate) struct Figures {
     pub as_deep_as_wide: Estimate,
     pub best_tilt: Estimate,
     pub network: Estimate,
+    /// The same with the factors of middle surface and thickness that were best on the validation split.
+    pub scales: [f64; 2],
+    pub scaled: Estimate,
     pub silhouette_alone: Estimate,
     pub mirrored_in_depth: Estimate,
     pub gain: Estimate,
@@ -95,24 +117,29 @@ impl Comparison {
     /// If the network cannot be evaluated.
     pub fn of(network: &DepthNetwork, views: &[View]) -> Result<Self> {
         let features: Vec<&[f32]> = views.iter().map(|view| &*view.sample.features).collect();
-        let said = network.layers(&features)?;
+        let said = network.layers(&features, &Pose::ALL)?;
         let bare: Vec<Vec<f32>> =
             features.iter().map(|planes| [&[0.0; MASK * PIXELS][..], &planes[MASK * PIXELS..]].concat()).collect();
-        let bare = network.layers(&bare.iter().map(|planes| &**planes).collect::<Vec<_>>())?;
+        let bare = network.layers(&bare.iter().map(|planes| &**planes).collect::<Vec<_>>(), &Pose::ALL)?;
         let rows = views.iter().zip(said.iter().zip(&bare));
         Ok(Self { rows: rows.map(|(view, (said, bare))| Row::of(view.solid, &view.sample, said, bare)).collect() })
     }
 
-    /// The factor with which "as deep as wide" is best here.
-    pub fn best_factor(&self) -> f64 {
-        let mean_of = |k: usize| mean(self.rows.iter().map(|row| row.flat[k]));
-        let best = (0..FACTORS.len()).max_by(|a, b| mean_of(*a).total_cmp(&mean_of(*b)));
-        factor(FACTORS.start + best.expect("there are factors"))
+    /// The factors that are best here.
+    pub fn choice(&self) -> Choice {
+        let best = |count: usize, value: &dyn Fn(&Row, usize) -> f64| {
+            let mean_of = |k: usize| mean(self.rows.iter().map(|row| value(row, k)));
+            (0..count).max_by(|a, b| mean_of(*a).total_cmp(&mean_of(*b))).expect("there are factors")
+        };
+        Choice {
+            factor: best(FACTORS.len(), &|row, k| row.flat[k]),
+            scales: best(SCALES.len() * SCALES.len(), &|row, k| row.scaled[k]),
+        }
     }
 
-    /// The figures, with a factor chosen elsewhere.
-    pub fn figures(&self, chosen: f64) -> Figures {
-        let at = ((chosen / factor(1)).round() as usize).clamp(FACTORS.start, FACTORS.end - 1) - FACTORS.start;
+    /// The figures, with factors chosen elsewhere.
+    pub fn figures(&self, chosen: Choice) -> Figures {
+        let at = chosen.factor;
         let all = |value: &dyn Fn(&Row) -> f64| estimate(self.rows.iter().map(|row| (row.solid, value(row))));
         let tilted: Vec<&Row> = self.rows.iter().filter(|row| row.wrong.is_some()).collect();
         let right = |row: &Row| 1.0 - row.wrong.unwrap_or(0.0);
@@ -133,6 +160,8 @@ impl Comparison {
             as_deep_as_wide: all(&|row| row.flat[at]),
             best_tilt: all(&|row| row.tilted[at]),
             network: all(&|row| row.network),
+            scales: scales(chosen.scales),
+            scaled: all(&|row| row.scaled[chosen.scales]),
             silhouette_alone: all(&|row| row.bare),
             mirrored_in_depth: all(&|row| row.turned),
             gain: all(&|row| row.network - row.flat[at]),
@@ -172,11 +201,20 @@ impl Row {
             let below = |(error, scale): (&f64, &f64)| f64::from(u8::from(*error <= -scale * (1.0 - share).ln()));
             mean(errors.iter().zip(&scales).map(below))
         };
+        let scaled = |pair: usize| {
+            let [middle, thick] = scales(pair);
+            let layer = |sign: f64| {
+                let both = found.front.iter().zip(&found.back);
+                both.map(|(f, b)| 0.5 * (middle * (f + b) + sign * thick * (b - f))).collect()
+            };
+            seen.overlap(&Layered { front: layer(-1.0), back: layer(1.0) })
+        };
         let wide = |plane| FACTORS.map(|step| seen.overlap(&seen.as_deep_as_wide(factor(step), plane))).collect();
         Self {
             solid,
             flat: wide(None),
             tilted: wide(Some(&planes[0])),
+            scaled: (0..SCALES.len() * SCALES.len()).map(scaled).collect(),
             network: seen.overlap(&found),
             turned: seen.overlap(&turned),
             bare: seen.overlap(&body(bare)),
@@ -237,13 +275,15 @@ mod tests {
         let views = two_views(&solids, Key::new(3), 6);
         assert_eq!(views.iter().map(|view| view.solid).collect::<Vec<_>>(), [0, 0, 1, 1, 2, 2]);
         let comparison = Comparison::of(&network, &views).unwrap();
-        let figures = comparison.figures(1.0);
+        let plain = Choice { factor: 10 - FACTORS.start, scales: 12 };
+        let figures = comparison.figures(plain);
         assert!((figures.network.mean - figures.as_deep_as_wide.mean).abs() < 0.01, "{figures:?}");
         assert!((figures.network.mean - figures.mirrored_in_depth.mean).abs() < 0.01);
         assert_eq!((figures.pictures, figures.solids, figures.factor), (6, 3, 1.0));
         assert!(figures.best_tilt.mean >= figures.as_deep_as_wide.mean - 0.02);
-        let best = comparison.best_factor();
-        assert!(comparison.figures(best).as_deep_as_wide.mean >= figures.as_deep_as_wide.mean);
+        assert!((figures.scaled.mean - figures.network.mean).abs() < 1e-9 && figures.scales == [1.0, 1.0]);
+        let best = comparison.figures(comparison.choice());
+        assert!(best.as_deep_as_wide.mean >= figures.as_deep_as_wide.mean && best.scaled.mean >= figures.scaled.mean);
     }
 
     #[test]

@@ -20,6 +20,7 @@ mod made;
 mod measure;
 mod network;
 mod picture;
+mod pose;
 mod predict;
 mod raster;
 mod sample;

@@ -6,10 +6,11 @@ use gradreel::io::Archive;
 use gradreel::optim::{Load, Params};
 use gradreel::{DType, Error, ErrorKind, Key, Result, Tape, Tensor};
 
-use super::features::{CHANNELS, Features, PLACE};
+use super::features::{CHANNELS, Features};
 use super::loss::LOG_ERRORS;
 use super::network::{DepthNet, DepthSizes};
-use super::picture::{PIXELS, SIZE, mirror};
+use super::picture::{PIXELS, SIZE};
+use super::pose::Pose;
 use super::window::{MaskedPicture, Window};
 use crate::layers::{Scope, initialise};
 
@@ -117,7 +118,8 @@ impl DepthNetwork {
         self.sizes
     }
 
-    /// Depths of what a silhouette shows: the mean of what the network says of the picture and of its mirror image.
+    /// Depths of what a silhouette shows: the mean of what the network says of the picture, of its mirror image, and of both moved
+    /// by a pixel or two.
     ///
     /// # Errors
     /// [`ErrorKind::Input`] for a silhouette of hardly any pixels.
@@ -125,7 +127,7 @@ impl DepthNetwork {
         let framed = picture.framed()?;
         let features = Features::of(std::array::from_fn(|k| &*framed.colours[k]), &framed.silhouette);
         let [front, back, log_front, log_back] =
-            self.layers(&[&features.planes])?.pop().expect("one prediction for one picture");
+            self.layers(&[&features.planes], &Pose::ALL)?.pop().expect("one prediction for one picture");
         let inside = |mut plane: Vec<f32>| {
             plane.iter_mut().zip(&framed.silhouette).for_each(|(x, inside)| *x = if *inside { *x } else { 0.0 });
             plane
@@ -142,21 +144,30 @@ impl DepthNetwork {
         })
     }
 
-    /// Front, back and the logarithms of their mean errors for the features of each picture, averaged with the mirror image's.
-    pub(crate) fn layers(&self, features: &[&[f32]]) -> Result<Vec<[Vec<f32>; 4]>> {
+    /// Front, back and the logarithms of their mean errors for the features of each picture: means over the poses that keep the
+    /// silhouette in the picture, the first of which is the picture as it is.
+    pub(crate) fn layers(&self, features: &[&[f32]], poses: &[Pose]) -> Result<Vec<[Vec<f32>; 4]>> {
         let mut found = Vec::with_capacity(features.len());
         for some in features.chunks(TOGETHER) {
-            let straight = self.forward(some)?;
-            let mirrored: Vec<Vec<f32>> = some.iter().map(|planes| mirrored(planes)).collect();
-            let turned = self.forward(&mirrored.iter().map(|planes| &**planes).collect::<Vec<_>>())?;
-            found.extend(straight.into_iter().zip(turned).map(|(straight, turned)| {
-                let mut pairs = straight.into_iter().zip(turned);
-                std::array::from_fn(|_| {
-                    let (mut a, mut b) = pairs.next().expect("four planes");
-                    mirror(&mut b);
-                    a.iter_mut().zip(b).for_each(|(a, b)| *a = 0.5 * (*a + b));
-                    a
-                })
+            let mut sums = vec![([0; 4].map(|_| vec![0.0f32; PIXELS]), 0.0f32); some.len()];
+            for pose in poses {
+                let taken = some.iter().enumerate().filter_map(|(k, planes)| Some((k, pose.taken(planes)?)));
+                let (places, taken): (Vec<usize>, Vec<Vec<f32>>) = taken.unzip();
+                if places.is_empty() {
+                    continue;
+                }
+                let said = self.forward(&taken.iter().map(|planes| &**planes).collect::<Vec<_>>())?;
+                for (place, maps) in places.into_iter().zip(said) {
+                    let (sum, count) = &mut sums[place];
+                    *count += 1.0;
+                    for (sum, map) in sum.iter_mut().zip(maps) {
+                        sum.iter_mut().zip(pose.back(map)).for_each(|(sum, x)| *sum += x);
+                    }
+                }
+            }
+            found.extend(sums.into_iter().map(|(mut sum, count)| {
+                sum.iter_mut().flatten().for_each(|x| *x /= count);
+                sum
             }));
         }
         Ok(found)
@@ -196,19 +207,12 @@ impl LayeredDepth {
     }
 }
 
-/// Features of the mirrored picture.
-fn mirrored(planes: &[f32]) -> Vec<f32> {
-    let mut planes = planes.to_vec();
-    mirror(&mut planes);
-    planes[PLACE * PIXELS..][..PIXELS].iter_mut().for_each(|x| *x = -*x);
-    planes
-}
-
 #[cfg(test)]
 mod tests {
     use gradreel::io::TensorFile;
 
     use super::*;
+    use crate::depth::picture::mirror;
 
     const VECTORS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/vectors/depth/layers.safetensors");
 

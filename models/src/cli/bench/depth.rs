@@ -74,7 +74,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let progress = Progress::new(arguments.quiet);
     let chosen = {
         let solids = read_shapes(&arguments.shapes, Split::Val)?;
-        compare(&network, "validation split", &solids, arguments, &progress)?.best_factor()
+        compare(&network, "validation split", &solids, arguments, &progress)?.choice()
     };
     let mut sets = vec![("real shapes, test split".to_owned(), read_shapes(&arguments.shapes, Split::Test)?)];
     let count = if arguments.quick { QUICK } else { SOLIDS };
@@ -154,6 +154,9 @@ fn tables(sets: &[Set]) -> String {
         ("IoU: the same in the true middle plane", &|f| with(f.best_tilt)),
         ("**IoU: network**", &|f| format!("**{}**", with(f.network))),
         ("… more than as deep as wide", &|f| format!("{:+.3} ± {:.3}", f.gain.mean, f.gain.error)),
+        ("… with the factors of middle and thickness of the validation split", &|f| {
+            format!("{} ({:.1}, {:.1})", with(f.scaled), f.scales[0], f.scales[1])
+        }),
         ("… from the silhouette alone", &|f| with(f.silhouette_alone)),
         ("… mirrored in depth", &|f| with(f.mirrored_in_depth)),
         ("front, rms, % of D (flat)", &|f| of_d(f.front_rms, f.front_rms_flat)),

@@ -52,7 +52,7 @@ impl Job {
             RunFolder::can_be_created(out)?;
         }
         let solids = Solids::open(&settings, shapes.found_again(None)?, progress)?;
-        let training = training(&settings, arguments.resume.as_deref())?;
+        let training = training(&settings, arguments.weights())?;
         let folder = match &arguments.out {
             Some(folder) => RunFolder::create(folder)?,
             None => RunFolder::create_free(Path::new("runs"), "depth")?,
@@ -92,7 +92,13 @@ impl Job {
         };
         let solids = Solids::open(&settings, shapes.found_again(arguments.shapes.as_deref())?, progress)?;
         let state = folder.has(STATE);
-        let weights = settings.weights.as_ref().map(|source| Path::new(&source.path)).filter(|_| !state);
+        let weights = match settings.weights.as_ref().filter(|_| !state) {
+            Some(source) if source.path != DepthNetwork::BUILT_IN => {
+                source.found_again(Path::new(&source.path), "the weights")?;
+                Some(Path::new(&source.path))
+            }
+            source => source.map(|source| Path::new(&source.path)),
+        };
         let mut training = training(&settings, weights)?;
         let mut log = Log::new(COLUMNS);
         if state {

@@ -5,7 +5,7 @@ mod job;
 mod page;
 mod settings;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use gradreel::{ErrorKind, Result};
 
@@ -34,8 +34,8 @@ pub(super) struct Depth {
     out: Option<PathBuf>,
     /// Go on with the run in --out where it was interrupted; with WEIGHTS, begin a run from these instead: `built-in`, or the
     /// model.safetensors of a run
-    #[arg(long, value_name = "WEIGHTS", num_args = 0..=1, default_missing_value = "")]
-    resume: Option<PathBuf>,
+    #[arg(long, value_name = "WEIGHTS", num_args = 0..=1)]
+    resume: Option<Option<PathBuf>>,
     /// Steps in all
     #[arg(long, value_name = "COUNT")]
     steps: Option<u64>,
@@ -71,6 +71,13 @@ Examples:
   gradreel train depth --out runs/depth --resume                             after Ctrl-C
   gradreel train depth --shapes shapes --resume built-in --steps 2000        learn on from the weights of the program";
 
+impl Depth {
+    /// The weights from which a new run begins.
+    fn weights(&self) -> Option<&Path> {
+        self.resume.as_ref().and_then(Option::as_deref)
+    }
+}
+
 /// Trains the network.
 pub(super) fn run(arguments: &Depth) -> Result<()> {
     interrupt::install()?;
@@ -80,10 +87,9 @@ pub(super) fn run(arguments: &Depth) -> Result<()> {
         return output::arrived();
     }
     let progress = Progress::new(arguments.quiet);
-    let goes_on = arguments.resume.as_ref().is_some_and(|weights| weights.as_os_str().is_empty());
-    let mut job = match goes_on {
-        true => Job::resume(arguments, &progress)?,
-        false => Job::begin(arguments, &progress)?,
+    let mut job = match arguments.resume {
+        Some(None) => Job::resume(arguments, &progress)?,
+        _ => Job::begin(arguments, &progress)?,
     };
     if !arguments.quiet {
         tell!("{job}");

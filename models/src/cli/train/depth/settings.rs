@@ -131,7 +131,7 @@ impl Settings {
     pub fn resolve(arguments: &Depth) -> Result<Self> {
         let given = arguments.config.as_deref().map(read).transpose()?.unwrap_or_default();
         let mut defaults = Self::default();
-        if let Some(weights) = &arguments.resume {
+        if let Some(weights) = arguments.weights() {
             defaults.model = DepthNetwork::open(weights)?.sizes();
             defaults.weights = Some(source_of(weights)?);
         }
