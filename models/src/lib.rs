@@ -111,5 +111,6 @@ pub mod runtime;
 pub mod report;
 mod ablation;
 mod coverage;
+pub mod depth;
 mod phone;
 pub mod cli;

@@ -27,6 +27,7 @@ use crate::{Device, Element, Error, ErrorKind, Result, Tensor};
 #[derive(Debug, Clone)]
 pub struct Ema {
     decay: f64,
+    ramp: Option<u64>,
     steps: u64,
     averages: BTreeMap<String, Tensor>,
 }
@@ -40,7 +41,29 @@ impl Ema {
     /// # let _ = ema;
     /// ```
     pub fn new(decay: f64) -> Self {
-        Self { decay, steps: 0, averages: BTreeMap::new() }
+        Self { decay, ramp: None, steps: 0, averages: BTreeMap::new() }
+    }
+
+    /// Lowers the decay of update `n` to `(1 + n) / (steps + n)` where that is less, so that the parameters of a training's
+    /// start are soon forgotten.
+    ///
+    /// ```
+    /// use gradreel::optim::{Ema, Params};
+    /// use gradreel::Tensor;
+    /// let mut params = Params::new();
+    /// let mut ema = Ema::new(0.999).with_ramp(4);
+    /// for x in [9.0, 1.0] {
+    ///     params.set("x", Tensor::from_vec(vec![x], [1]));
+    ///     ema.update(&params)?;
+    /// }
+    /// // 2/5 of what was there
+    /// assert!((ema.averaged(&params).get("x")?.item()? - (0.4 * 9.0 + 0.6 * 1.0)).abs() < 1e-12);
+    /// # Ok::<(), gradreel::Error>(())
+    /// ```
+    #[must_use]
+    pub fn with_ramp(mut self, steps: u64) -> Self {
+        self.ramp = Some(steps.max(1));
+        self
     }
 
     /// Takes the parameters after an optimiser's step into the average.
@@ -62,6 +85,8 @@ impl Ema {
     /// [`ErrorKind::Shape`] when a parameter has changed its shape or dtype, [`ErrorKind::Device`] when one cannot be read
     /// back.
     pub fn update(&mut self, params: &Params) -> Result<()> {
+        let n = self.steps as f64;
+        let decay = self.ramp.map_or(self.decay, |steps| self.decay.min((1.0 + n) / (steps as f64 + n)));
         for (path, param) in params.iter().filter(|(path, param)| !params.is_frozen(path) && param.dtype().is_real()) {
             let param = param.to_device(&Device::Cpu)?;
             let Some(average) = self.averages.get_mut(path) else {
@@ -75,7 +100,7 @@ impl Ema {
                     .wanted(format!("{:?}", average.spec())));
             }
             for_real!(param.dtype(), T => {
-                let rule = Average { keep: T::from_f64(self.decay), take: T::from_f64(1.0 - self.decay) };
+                let rule = Average { keep: T::from_f64(decay), take: T::from_f64(1.0 - decay) };
                 update::<T, 0>(rule, average, &param, &mut [])?;
             });
         }

@@ -83,6 +83,11 @@ impl Source {
         &self.mark
     }
 
+    /// Bytes that are part of the program, under the name that stands for them.
+    pub fn of_bytes(name: &str, bytes: &[u8]) -> Self {
+        Self { path: name.to_owned(), mark: mark_of(bytes.len() as u64, bytes) }
+    }
+
     /// Identifies the same file at its present location.
     pub fn found_again(&self, path: &Path, what: &str) -> Result<Self> {
         let found = Self::of(path, what)?;

@@ -3,7 +3,7 @@
 use super::Recipe;
 use crate::scenes::Hit;
 use crate::vector::{cross, dot, minus, norm, unit};
-use crate::views::objects::{Bvh, Field, crossed};
+use crate::views::objects::{Bvh, crossed};
 
 /// A mesh at rest, and which particles carry each of its corners.
 pub(super) struct Skin {
@@ -29,7 +29,7 @@ const FLAT: f64 = 0.02;
 impl Skin {
     /// The mesh of a body whose particles are here at rest \[m\], so far apart \[m\].
     pub fn of(recipe: &Recipe, rest: &[[f32; 3]], spacing: f64) -> Self {
-        let (places, triangles) = net(recipe.body.field());
+        let (places, triangles) = recipe.body.field().net();
         let colours = places.iter().map(|place| recipe.body.colour(*place)).collect();
         let corners: Vec<[f64; 3]> = places
             .iter()
@@ -133,70 +133,6 @@ fn solved(m: [[f64; 3]; 3], b: [f64; 3]) -> [f64; 3] {
     })
 }
 
-/// The zero level of a field as a closed mesh: one corner in each cell that the surface crosses, at the mean of the crossings
-/// of its edges, and two triangles around each crossed edge of the grid (surface nets; Gibson, *Constrained elastic surface
-/// nets*, 1998). Returns corners, and triangles that face outwards.
-fn net(field: &Field) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
-    let [nx, ny, nz] = field.dims;
-    let node = |[i, j, k]: [usize; 3]| f64::from(field.nodes[(i * ny + j) * nz + k]);
-    let cells = [nx - 1, ny - 1, nz - 1];
-    let cell = |[i, j, k]: [usize; 3]| (i * cells[1] + j) * cells[2] + k;
-    let mut corner_of = vec![u32::MAX; cells.iter().product()];
-    let mut corners = Vec::new();
-    for i in 0..cells[0] {
-        for j in 0..cells[1] {
-            for k in 0..cells[2] {
-                let (mut sum, mut count) = ([0.0; 3], 0);
-                for edge in 0..12 {
-                    let (axis, side) = (edge / 4, edge % 4);
-                    let mut from = [i, j, k];
-                    from[(axis + 1) % 3] += side & 1;
-                    from[(axis + 2) % 3] += side >> 1;
-                    let mut to = from;
-                    to[axis] += 1;
-                    let (a, b) = (node(from), node(to));
-                    if (a < 0.0) != (b < 0.0) {
-                        let mut at = from.map(|n| n as f64);
-                        at[axis] += a / (a - b);
-                        (0..3).for_each(|axis| sum[axis] += at[axis]);
-                        count += 1;
-                    }
-                }
-                if count > 0 {
-                    corner_of[cell([i, j, k])] = corners.len() as u32;
-                    corners.push([0, 1, 2].map(|axis| field.low[axis] + field.spacing * sum[axis] / f64::from(count)));
-                }
-            }
-        }
-    }
-    let mut triangles = Vec::new();
-    for i in 1..cells[0] {
-        for j in 1..cells[1] {
-            for k in 1..cells[2] {
-                for axis in 0..3 {
-                    let mut to = [i, j, k];
-                    to[axis] += 1;
-                    let (a, b) = (node([i, j, k]), node(to));
-                    if (a < 0.0) == (b < 0.0) {
-                        continue;
-                    }
-                    // the four cells around the edge, in the sense of a right-handed turn about it
-                    let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-                    let around = [(1, 1), (0, 1), (0, 0), (1, 0)].map(|(du, dv)| {
-                        let mut at = [i, j, k];
-                        at[u] -= du;
-                        at[v] -= dv;
-                        corner_of[cell(at)]
-                    });
-                    let [p, q, r, s] = if a < 0.0 { around } else { [around[3], around[2], around[1], around[0]] };
-                    triangles.extend([[p, q, r], [p, r, s]]);
-                }
-            }
-        }
-    }
-    (corners, triangles)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -207,7 +143,7 @@ mod tests {
     fn the_net_is_closed_and_holds_the_volume() {
         for number in [2, 7, 12] {
             let recipe = Recipe::draw(Split::Development, number, 7, None).unwrap();
-            let (corners, triangles) = net(recipe.body.field());
+            let (corners, triangles) = recipe.body.field().net();
             let volume: f64 = triangles
                 .iter()
                 .map(|t| {

@@ -70,7 +70,7 @@ impl Convolution {
     /// # Errors
     /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, kernel: Kernel) -> Result<Self> {
-        Self::build(scope, kernel, false)
+        Self::build(scope, kernel, None)
     }
 
     /// The transposed convolution with kernel 3, stride 2, padding 1 and output padding 1, which doubles every axis.
@@ -78,17 +78,27 @@ impl Convolution {
     /// # Errors
     /// As [`Convolution::new`].
     pub fn doubling(scope: &Scope<'_>, kernel: Kernel) -> Result<Self> {
-        Self::build(scope, kernel.stride(2).padding(1), true)
+        Self::build(scope, kernel.stride(2).padding(1), Some(1))
     }
 
-    fn build(scope: &Scope<'_>, k: Kernel, transposed: bool) -> Result<Self> {
+    /// The transposed convolution of a kernel: with size and stride 2 and no padding, every place becomes a square of 2×2.
+    ///
+    /// # Errors
+    /// As [`Convolution::new`].
+    pub fn transposed(scope: &Scope<'_>, kernel: Kernel) -> Result<Self> {
+        Self::build(scope, kernel, Some(0))
+    }
+
+    /// A convolution, or a transposed one with so much padding of its output.
+    fn build(scope: &Scope<'_>, k: Kernel, output_padding: Option<usize>) -> Result<Self> {
+        let transposed = output_padding.is_some();
         let mut shape = if transposed { vec![k.inputs, k.outputs] } else { vec![k.outputs, k.inputs] };
         shape.extend(vec![k.size; k.axes]);
         let init = if k.zeros { Init::Zeros } else { Init::FanIn(shape[1..].iter().product()) };
         let weight = scope.weight("weight", shape, init)?;
         let bias = if k.bias { Some(scope.weight("bias", [k.outputs], init)?) } else { None };
         let conv = Conv::new().stride(k.stride).padding(k.padding);
-        let conv = if transposed { conv.output_padding(k.stride - 1) } else { conv };
+        let conv = output_padding.map_or(conv.clone(), |padding| conv.output_padding(padding));
         Ok(Self { weight, bias, conv, transposed })
     }
 

@@ -19,7 +19,15 @@ impl GroupNorm {
     /// # Errors
     /// When a weight is missing or has the wrong shape.
     pub fn new(scope: &Scope<'_>, groups: usize, channels: usize, epsilon: f64) -> Result<Self> {
-        let weight = scope.weight("weight", [channels], Init::Ones)?;
+        Self::scaled(scope, groups, channels, epsilon, Init::Ones)
+    }
+
+    /// The layer with another initial scale.
+    ///
+    /// # Errors
+    /// As [`GroupNorm::new`].
+    pub fn scaled(scope: &Scope<'_>, groups: usize, channels: usize, epsilon: f64, scale: Init) -> Result<Self> {
+        let weight = scope.weight("weight", [channels], scale)?;
         Ok(Self { weight, bias: scope.weight("bias", [channels], Init::Zeros)?, groups, epsilon })
     }
 

@@ -13,6 +13,8 @@ pub enum Init {
     Zeros,
     /// All 1.
     Ones,
+    /// All this number.
+    Constant(f64),
     /// Uniform in ±1/√n, with n the fan-in (He et al. 2015 with a = √5).
     FanIn(usize),
     /// Normal with this standard deviation.
@@ -127,6 +129,7 @@ impl Weights for Fresh {
         let value = match init {
             Init::Zeros => Tensor::zeros(shape, self.dtype),
             Init::Ones => Tensor::full(1.0, shape, self.dtype),
+            Init::Constant(value) => Tensor::full(value, shape, self.dtype),
             Init::FanIn(inputs) => {
                 let bound = 1.0 / (inputs.max(1) as f64).sqrt();
                 let values: Vec<f64> = key.uniform(shape.len()).map(|u| (2.0 * u - 1.0) * bound).collect();

@@ -87,7 +87,8 @@ impl Progress {
     pub fn stage_from(&self, title: &str, total: u64, from: u64) -> Stage {
         let now = Instant::now();
         let overall = locked(&self.plan).begin(title, [from, total], now);
-        let numbered = overall.as_ref().map_or(title.to_owned(), |o| format!("stage {} of {}: {title}", o.number, o.count));
+        let numbered =
+            overall.as_ref().map_or(title.to_owned(), |o| format!("stage {} of {}: {title}", o.number, o.count));
         let sink = match &self.kind {
             Kind::Quiet => Sink::Quiet,
             Kind::Bars(bars) => Sink::Bar(bars.add(bar(&numbered, total))),

@@ -5,6 +5,7 @@ mod bad_settings;
 mod bench;
 mod bounces;
 mod checks;
+mod depth;
 mod film;
 mod fixes;
 mod ground_contact;

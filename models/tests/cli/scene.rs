@@ -5,6 +5,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
+use gradreel::Tensor;
+use gradreel::io::TensorFile;
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -122,4 +124,29 @@ pub fn contents(folder: &Path) -> BTreeMap<PathBuf, Option<Vec<u8>>> {
         }
     }
     found
+}
+
+/// Asserts that two folders of trainings hold the same files, bit for bit; the order of a file's metadata is any.
+#[track_caller]
+pub fn same_runs(ours: &Path, theirs: &Path) {
+    let files = |root: &Path| -> Vec<(PathBuf, Option<Vec<u8>>)> {
+        let all = contents(root).into_iter();
+        all.map(|(path, bytes)| (path.strip_prefix(root).unwrap().to_owned(), bytes)).collect()
+    };
+    let bits = |file: &TensorFile| -> Vec<(String, Vec<u32>)> {
+        let of = |value: &Tensor| value.slice::<f32>().iter().map(|v| v.to_bits()).collect();
+        file.tensors.iter().map(|(name, value)| (name.clone(), of(value))).collect()
+    };
+    let same = |ours: &Option<Vec<u8>>, theirs: &Option<Vec<u8>>| match (ours, theirs) {
+        (Some(ours), Some(theirs)) if ours != theirs => {
+            let [ours, theirs] = [ours, theirs].map(|bytes| TensorFile::from_bytes(bytes).unwrap());
+            ours.metadata == theirs.metadata && bits(&ours) == bits(&theirs)
+        }
+        (ours, theirs) => ours == theirs,
+    };
+    let (ours, theirs) = (files(ours), files(theirs));
+    assert_eq!(ours.len(), theirs.len());
+    for ((path, ours), (other, theirs)) in ours.iter().zip(&theirs) {
+        assert!(path == other && same(ours, theirs), "{} differs", path.display());
+    }
 }

@@ -2,12 +2,11 @@
 
 use std::fs;
 
-use gradreel::Tensor;
 use gradreel::io::TensorFile;
 use gradreel_models::views::ModelSizes;
 
 use crate::model::ball;
-use crate::scene::{Scene, contents, text};
+use crate::scene::{Scene, same_runs, text};
 
 /// A model and a training as small as they can be.
 pub const TINY: &str = r#"
@@ -162,31 +161,11 @@ fn a_training_goes_on_where_it_was_stopped() {
     assert!(!scene.path("stopped/model.safetensors").exists(), "nothing is claimed that was not found");
     scene.succeeds("train novel-view --quiet --out stopped --resume");
     scene.succeeds(&format!("{run} --quiet --out straight"));
-    let made = |folder: &str| {
-        let root = scene.path(folder);
-        contents(&root).into_iter().map(move |(path, bytes)| (path.strip_prefix(&root).unwrap().to_owned(), bytes))
-    };
-    // the order of a file's metadata is any
-    let same = |ours: &Option<Vec<u8>>, theirs: &Option<Vec<u8>>| match (ours, theirs) {
-        (Some(ours), Some(theirs)) if ours != theirs => {
-            let [ours, theirs] = [ours, theirs].map(|bytes| TensorFile::from_bytes(bytes).unwrap());
-            let bits = |file: &TensorFile| -> Vec<(String, Vec<u32>)> {
-                let of = |value: &Tensor| value.slice::<f32>().iter().map(|v| v.to_bits()).collect();
-                file.tensors.iter().map(|(name, value)| (name.clone(), of(value))).collect()
-            };
-            ours.metadata == theirs.metadata && bits(&ours) == bits(&theirs)
-        }
-        (ours, theirs) => ours == theirs,
-    };
-    let (stopped, straight): (Vec<_>, Vec<_>) = (made("stopped").collect(), made("straight").collect());
-    assert_eq!(stopped.len(), straight.len());
-    for ((path, ours), (other, theirs)) in stopped.iter().zip(&straight) {
-        assert!(path == other && same(ours, theirs), "{} differs", path.display());
-    }
-    assert!(straight.iter().any(|(path, _)| path.ends_with("model.safetensors")));
+    same_runs(&scene.path("stopped"), &scene.path("straight"));
+    assert!(scene.path("straight/model.safetensors").is_file());
     // a finished training has nothing left to do
     scene.succeeds("train novel-view --quiet --out stopped --resume");
-    assert!(made("stopped").zip(made("straight")).all(|(a, b)| a.0 == b.0 && same(&a.1, &b.1)));
+    same_runs(&scene.path("stopped"), &scene.path("straight"));
 }
 
 #[test]

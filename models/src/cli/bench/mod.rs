@@ -2,6 +2,7 @@
 
 mod calibrate;
 mod coverage;
+mod depth;
 mod figure5;
 mod film;
 mod films;
@@ -34,6 +35,8 @@ enum What {
     Coverage(coverage::Arguments),
     /// The error budget from clips that were fitted: what errs together, and by how much
     Calibrate(calibrate::Arguments),
+    /// Front and back depth from one picture, beside simpler bodies: IoU, signs of tilts, errors, how well they are stated
+    Depth(depth::Arguments),
     /// Laws in WGSL beside the same laws in Rust: the time of a rollout
     Laws(laws::Arguments),
     /// Films of phones, made here or by people: which `check` accepts, what it finds in them, and how long it takes
@@ -224,6 +227,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         What::Ablation(arguments) => job::run(arguments, ("ablation", "What parts of the method are worth")),
         What::Coverage(arguments) => coverage::run(arguments),
         What::Calibrate(arguments) => calibrate::run(arguments),
+        What::Depth(arguments) => depth::run(arguments),
         What::Laws(arguments) => laws::run(arguments),
         What::Films(arguments) => film::run(arguments),
         What::Families(families) => job::run(&families.all_views(), ("families", "The five families")),

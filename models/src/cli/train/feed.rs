@@ -1,38 +1,26 @@
 //! Batches for upcoming steps, generated on another thread during training.
 
+use std::ops::Range;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::thread;
 
-use gradreel::{Error, ErrorKind, Key, Result};
-
-use super::meshes::Objects;
-use super::settings::Settings;
-use crate::views::objects::Sample;
-
-/// Key folds that separate the uses of the seed; held-out objects have their own keys.
-const SEEN: u64 = 100;
-const UNSEEN: u64 = 101;
-const CHANCE: u64 = 102;
+use gradreel::{Error, ErrorKind, Result};
 
 /// Number of batches generated ahead.
 const AHEAD: usize = 2;
 
-/// Batches of samples in the order of the steps, determined by seed and step alone.
-pub(super) struct Feed {
-    receiver: Receiver<Result<Vec<Sample>>>,
+/// Batches in the order of the steps, determined by seed and step alone.
+pub(super) struct Feed<T> {
+    receiver: Receiver<Result<T>>,
 }
 
-impl Feed {
-    /// Starts from this step.
-    pub fn new(settings: &Settings, objects: &Objects, first: u64) -> Result<Self> {
+impl<T: Send + 'static> Feed<T> {
+    /// Starts with the first of these steps; `make` generates the batch of a step.
+    pub fn new(steps: Range<u64>, make: impl Fn(u64) -> Result<T> + Send + 'static) -> Result<Self> {
         let (sender, receiver) = sync_channel(AHEAD);
-        let (settings, objects) = (settings.clone(), objects.clone());
         let work = move || {
-            let key = Key::new(settings.seed).fold(SEEN);
-            for step in first..settings.steps {
-                let key = key.fold(step);
-                let each = (0..settings.optimiser.batch).map(|i| objects.sample(key.fold(i as u64), &settings));
-                if sender.send(each.collect()).is_err() {
+            for step in steps {
+                if sender.send(make(step)).is_err() {
                     break; // the receiver is gone
                 }
             }
@@ -42,21 +30,10 @@ impl Feed {
         Ok(Self { receiver })
     }
 
-    /// The samples of the next step.
-    pub fn next(&self) -> Result<Vec<Sample>> {
+    /// The batch of the next step.
+    pub fn next(&self) -> Result<T> {
         self.receiver.recv().map_err(|_| {
             Error::new(ErrorKind::Io, "the thread that makes objects has ended").fix("go on with `--resume`")
         })?
     }
-}
-
-/// Held-out objects, never used in training steps.
-pub(super) fn unseen(settings: &Settings, objects: &Objects, count: usize) -> Result<Vec<Sample>> {
-    let key = Key::new(settings.seed).fold(UNSEEN);
-    (0..count).map(|i| objects.unseen(i, key.fold(i as u64), settings)).collect()
-}
-
-/// Key of a step's other random numbers.
-pub(super) fn chance(settings: &Settings, step: u64) -> Key {
-    Key::new(settings.seed).fold(CHANCE).fold(step)
 }

@@ -1,15 +1,11 @@
 //! Log of a training: one row per step and per validation.
 
 use gradreel::Result;
-use gradreel::optim::Update;
 
 use crate::runtime::run_folder::RunFolder;
-use crate::views::Score;
 
 const STEPS: &str = "log.csv";
 const LOOKS: &str = "validation.csv";
-const STEPS_HEAD: &str = "step,loss,rate,gradient_norm\n";
-const LOOKS_HEAD: &str = "step,loss,centre_error,box_iou,psnr_db,silhouette_iou\n";
 
 /// Two tables whose first column is the number of completed steps.
 pub(super) struct Log {
@@ -18,30 +14,32 @@ pub(super) struct Log {
 }
 
 impl Log {
-    pub fn new() -> Self {
-        Self { steps: STEPS_HEAD.to_owned(), looks: LOOKS_HEAD.to_owned() }
+    /// Empty tables with these names of the columns after the step, separated by commas.
+    pub fn new([steps, looks]: [&str; 2]) -> Self {
+        Self { steps: head(steps), looks: head(looks) }
     }
 
     /// The tables of a folder up to the step of its checkpoint.
-    pub fn open(folder: &RunFolder, made: u64) -> Result<Self> {
-        let table = |name: &str, head: &str| -> Result<String> {
+    pub fn open(folder: &RunFolder, [steps, looks]: [&str; 2], made: u64) -> Result<Self> {
+        let table = |name: &str, columns: &str| -> Result<String> {
             if !folder.has(name) {
-                return Ok(head.to_owned());
+                return Ok(head(columns));
             }
             let text = folder.read_text(name)?;
             let rows = text.lines().skip(1).filter(|row| step_of(row).is_some_and(|step| step <= made));
-            Ok(rows.fold(head.to_owned(), |table, row| table + row + "\n"))
+            Ok(rows.fold(head(columns), |table, row| table + row + "\n"))
         };
-        Ok(Self { steps: table(STEPS, STEPS_HEAD)?, looks: table(LOOKS, LOOKS_HEAD)? })
+        Ok(Self { steps: table(STEPS, steps)?, looks: table(LOOKS, looks)? })
     }
 
-    pub fn step(&mut self, loss: f64, update: &Update) {
-        self.steps += &format!("{},{loss},{},{}\n", update.step, update.rate, update.gradient_norm);
+    /// Adds a step.
+    pub fn step(&mut self, step: u64, values: &[f64]) {
+        self.steps += &row(step, values);
     }
 
-    pub fn look(&mut self, step: u64, loss: f64, score: &Score) {
-        let Score { centre, overlap, psnr, silhouette } = score;
-        self.looks += &format!("{step},{loss},{centre},{overlap},{psnr},{silhouette}\n");
+    /// Adds a validation.
+    pub fn look(&mut self, step: u64, values: &[f64]) {
+        self.looks += &row(step, values);
     }
 
     /// Whether the model was validated at this step.
@@ -63,6 +61,14 @@ impl Log {
         folder.write(STEPS, self.steps.as_bytes())?;
         folder.write(LOOKS, self.looks.as_bytes())
     }
+}
+
+fn head(columns: &str) -> String {
+    format!("step,{columns}\n")
+}
+
+fn row(step: u64, values: &[f64]) -> String {
+    values.iter().fold(step.to_string(), |row, value| format!("{row},{value}")) + "\n"
 }
 
 fn numbers(table: &str) -> Vec<Vec<f64>> {

@@ -91,7 +91,7 @@ impl Body {
             parts.push(beside(on, solid, &mut dice));
         }
         let fillet = dice.within(0.02, 0.2);
-        Self { parts, carved: None, fillet, mirrored: false, bends: [0.0; 4], turn: uniform_turn(&mut dice) }
+        Self { parts, carved: None, fillet, mirrored: false, bends: [0.0; 4], turn: dice.turn() }
     }
 
     /// Number of parts.
@@ -143,18 +143,6 @@ fn beside(on: &Part, solid: Solid, dice: &mut Dice) -> Part {
     let centre = plus(on.centre, dice.direction().map(|d| d * far));
     let centre = centre.map(|x| x.clamp(-0.9, 0.9));
     Part { solid, turn: any_turn(dice), centre }
-}
-
-/// A rotation, uniform over all of them (Shoemake, *Uniform random rotations*, 1992).
-fn uniform_turn(dice: &mut Dice) -> Matrix {
-    let [u, a, b] = [1.0, std::f64::consts::TAU, std::f64::consts::TAU].map(|most| dice.within(0.0, most));
-    let (r, s) = ((1.0 - u).sqrt(), u.sqrt());
-    let [x, y, z, w] = [r * a.sin(), r * a.cos(), s * b.sin(), s * b.cos()];
-    [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
-        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
-    ]
 }
 
 fn any_turn(dice: &mut Dice) -> Matrix {

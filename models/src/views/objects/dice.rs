@@ -44,4 +44,30 @@ impl Dice {
         let wide = (1.0 - up * up).max(0.0).sqrt();
         [wide * around.cos(), wide * around.sin(), up]
     }
+    /// A number of the standard normal distribution.
+    pub fn normal(&mut self) -> f64 {
+        self.next().normal(1).next().expect("one number")
+    }
+
+    /// Numbers of the standard normal distribution.
+    pub fn normals(&mut self, count: usize) -> impl Iterator<Item = f64> {
+        self.next().normal(count)
+    }
+
+    /// Numbers uniform in 0..1.
+    pub fn uniforms(&mut self, count: usize) -> impl Iterator<Item = f64> {
+        self.next().uniform(count)
+    }
+
+    /// A rotation, uniform over all of them (Shoemake, *Uniform random rotations*, 1992).
+    pub fn turn(&mut self) -> [[f64; 3]; 3] {
+        let [u, a, b] = [1.0, std::f64::consts::TAU, std::f64::consts::TAU].map(|most| self.within(0.0, most));
+        let (r, s) = ((1.0 - u).sqrt(), u.sqrt());
+        let [x, y, z, w] = [r * a.sin(), r * a.cos(), s * b.sin(), s * b.cos()];
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    }
 }

@@ -23,7 +23,6 @@ use rayon::prelude::*;
 
 pub(crate) use body::Body;
 pub(crate) use dice::Dice;
-pub(crate) use field::Field;
 pub(crate) use folder::{FolderSettings, MeshFile, MeshFolder};
 pub(crate) use made::Made;
 pub use mesh::TexturedMesh;

@@ -116,6 +116,17 @@ impl TexturedMesh {
         size_of_val(&*self.vertices) + size_of_val(&*self.triangles) + self.tree.bytes() + pictures
     }
 
+    /// Places of the corners of all triangles, three for each, and their colours as a screen shows them, 0 to 1.
+    pub(crate) fn corners(&self) -> impl Iterator<Item = ([f32; 3], [f32; 3])> {
+        self.triangles.iter().flat_map(move |triangle| {
+            triangle.corners.map(|corner| {
+                let Vertex { place, uv, colour, .. } = self.vertices[corner as usize];
+                let picture = self.paints[triangle.paint as usize].colour(uv.map(f64::from));
+                (place, std::array::from_fn(|c| colour[c] * picture[c] as f32))
+            })
+        })
+    }
+
     fn places(&self, triangle: Triangle) -> [[f64; 3]; 3] {
         triangle.corners.map(|corner| self.vertices[corner as usize].place.map(f64::from))
     }

@@ -1,7 +1,5 @@
 //! Settings of a training, as TOML.
 
-use std::path::Path;
-
 use gradreel::{Device, Error, ErrorKind, Result};
 use serde::{Deserialize, Serialize};
 
@@ -9,7 +7,7 @@ use super::NovelView;
 use super::meshes::Meshes;
 use crate::cli::network;
 use crate::cli::source::{Place, Source};
-use crate::text;
+use crate::cli::train::toml_file::{merged, read, refused};
 use crate::views::objects::SampleSettings;
 use crate::views::{Detector, FileWeights, ModelSizes, Plan, SpatialAwareSizes};
 
@@ -258,30 +256,4 @@ impl Settings {
             seed: self.seed,
         }
     }
-}
-
-fn refused(at: &str, found: &dyn std::fmt::Display) -> Error {
-    Error::new(ErrorKind::Input, "the settings of the training cannot be read")
-        .at(at)
-        .found(found)
-        .wanted("TOML with the names that --print-config prints")
-        .fix("correct the file")
-}
-
-fn read(path: &Path) -> Result<toml::Table> {
-    let fix = "give the path of a TOML file to --config";
-    let text = text::read(path, "the settings", fix, text::SETTINGS)?;
-    text.parse().map_err(|e: toml::de::Error| refused(&path.display().to_string(), &e))
-}
-
-/// Merges two tables; `other` takes precedence.
-fn merged(mut table: toml::Table, other: toml::Table) -> toml::Table {
-    for (name, value) in other {
-        let value = match (table.remove(&name), value) {
-            (Some(toml::Value::Table(own)), toml::Value::Table(given)) => toml::Value::Table(merged(own, given)),
-            (_, value) => value,
-        };
-        table.insert(name, value);
-    }
-    table
 }

@@ -1,28 +1,13 @@
 //! The page of a training: its curves.
 
-use super::log::Log;
 use super::settings::Settings;
+use crate::cli::train::curves::{column, curve, plot};
+use crate::cli::train::log::Log;
 use crate::report::page::Page;
-use crate::report::plot::{Plot, Series};
-
-/// Maximum number of points of a curve.
-const POINTS: usize = 400;
 
 /// The page as HTML.
 pub(super) fn page(settings: &Settings, log: &Log) -> String {
     let (steps, looks) = (log.steps(), log.looks());
-    let column = |rows: &[Vec<f64>], index: usize| -> Vec<(f64, f64)> {
-        rows.iter().filter_map(|row| Some((*row.first()?, *row.get(index)?))).collect()
-    };
-    let curve = |label: &str, points: Vec<(f64, f64)>| Series { label: label.into(), points: thinned(&points) };
-    let plot = |title: &str, y_label: &str, log_y, series| Plot {
-        title: title.into(),
-        x_label: "step".into(),
-        y_label: y_label.into(),
-        log_y,
-        series,
-        reference: None,
-    };
     let seen = curve("steps", column(&steps, 1));
     let unseen = curve("unseen objects", column(&looks, 1));
     let shares = vec![
@@ -57,14 +42,4 @@ pub(super) fn page(settings: &Settings, log: &Log) -> String {
         files: files.map(|(link, what)| (link.to_owned(), what.to_owned())).to_vec(),
     }
     .html()
-}
-
-/// Averages of neighbours where there are too many points.
-fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
-    let each = points.len().div_ceil(POINTS).max(1);
-    let mean = |group: &[(f64, f64)]| {
-        let (x, y) = group.iter().fold((0.0, 0.0), |(x, y), point| (x + point.0, y + point.1));
-        (x / group.len() as f64, y / group.len() as f64)
-    };
-    points.chunks(each).map(mean).collect()
 }

@@ -8,13 +8,13 @@ use gradreel::io::TensorFile;
 use gradreel::{DType, Device, Error, ErrorKind, Key, Result};
 
 use super::NovelView;
-use super::feed::{Feed, chance, unseen};
-use super::log::Log;
 use super::meshes::Objects;
 use super::page::page;
 use super::sampled::{rows, sampled, score};
+use super::samples::{chance, feed, unseen};
 use super::settings::Settings;
 use crate::cli::network;
+use crate::cli::train::log::Log;
 use crate::layers::initialise;
 use crate::report::animation::Picture;
 use crate::report::synthesis::sheet;
@@ -28,6 +28,8 @@ const SETTINGS: &str = "settings.toml";
 /// Initial weights of a model trained from scratch.
 const START: &str = "start.safetensors";
 const STATE: &str = "state.safetensors";
+/// Columns of the tables of steps and of validations.
+const COLUMNS: [&str; 2] = ["loss,rate,gradient_norm", "loss,centre_error,box_iou,psnr_db,silhouette_iou"];
 const MODEL: &str = "model.safetensors";
 /// Number of views in a preview, and its enlargement factor.
 const SHOWN: usize = 8;
@@ -109,7 +111,7 @@ impl Job {
         let mut job = Self::open(folder, settings, objects, &path, &device)?;
         if job.folder.has(STATE) {
             job.training.resume(job.folder.path(STATE))?;
-            job.log = Log::open(&job.folder, job.training.steps())?;
+            job.log = Log::open(&job.folder, COLUMNS, job.training.steps())?;
         }
         Ok(job)
     }
@@ -117,7 +119,7 @@ impl Job {
     fn open(folder: RunFolder, settings: Settings, objects: Objects, weights: &Path, device: &Device) -> Result<Self> {
         let weights = network::open(weights, device)?;
         let training = Training::new(weights.clone(), settings.model.denoiser.clone(), settings.plan())?;
-        Ok(Self { folder, settings, objects, weights, training, log: Log::new() })
+        Ok(Self { folder, settings, objects, weights, training, log: Log::new(COLUMNS) })
     }
 
     /// Folder of the results.
@@ -133,7 +135,7 @@ impl Job {
         let count = self.settings.validation.samples.max(self.settings.validation.shapes);
         let unseen = unseen(&self.settings, &self.objects, count)?;
         let first = self.training.steps();
-        let feed = Feed::new(&self.settings, &self.objects, first)?;
+        let feed = feed(&self.settings, &self.objects, first)?;
         let stage = progress.stage("training", steps - first);
         let (begun, mut resting, mut shown) = (Instant::now(), 0.0, None);
         loop {
@@ -143,7 +145,8 @@ impl Job {
                 self.save()?;
                 let before = Instant::now();
                 let (loss, score) = self.look(&unseen)?;
-                self.log.look(made, loss, &score);
+                let Score { centre, overlap, psnr, silhouette } = score;
+                self.log.look(made, &[loss, centre, overlap, psnr, silhouette]);
                 self.save()?;
                 self.folder.write("index.html", page(&self.settings, &self.log).as_bytes())?;
                 resting += before.elapsed().as_secs_f64();
@@ -158,7 +161,8 @@ impl Job {
             let key = chance(&self.settings, made);
             let batch = encode(&self.weights, &sizes, &samples, self.settings.detector, key)?;
             let step = self.training.step(&batch)?;
-            self.log.step(step.loss, &step.update);
+            let update = &step.update;
+            self.log.step(update.step, &[step.loss, update.rate, update.gradient_norm]);
             let average = shown.map_or(step.loss, |old: f64| old + NEWEST * (step.loss - old));
             shown = Some(average);
             let done = step.update.step - first;

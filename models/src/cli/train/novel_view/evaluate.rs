@@ -5,9 +5,9 @@ use std::path::Path;
 use gradreel::{Error, ErrorKind, Result};
 
 use super::NovelView;
-use super::feed::unseen;
 use super::meshes::Objects;
 use super::sampled::{rows, sampled, score};
+use super::samples::unseen;
 use super::settings::{Settings, Stage};
 use crate::cli::network;
 use crate::cli::output::{say, tell};
