@@ -22,7 +22,7 @@ impl AblationSettings {
                 .found(format!("{} cameras", clip.cameras.len()))
                 .wanted("at least three"));
         }
-        let settings = &self.config.temporal.first;
+        let settings = &self.config.temporal.first();
         let FirstFramesClip { clip, corners } = settings.of(clip)?;
         // the view halfway around the list from the real one
         let held = (self.primary_of(&clip) + clip.cameras.len() / 2) % clip.cameras.len();

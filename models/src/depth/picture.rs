@@ -230,8 +230,7 @@ mod tests {
                 picture.given.iter().zip(&picture.solid).map(|(a, b)| i64::from(*a) - i64::from(*b)).sum()
             })
             .collect();
-        let [wide, narrow] =
-            [differences.iter().filter(|d| **d > 0), differences.iter().filter(|d| **d < 0)].map(Iterator::count);
+        let [wide, narrow] = [1, -1].map(|sign| differences.iter().filter(|d| d.signum() == sign).count());
         assert!((5..30).contains(&wide) && (2..25).contains(&narrow), "{wide} wider, {narrow} narrower");
     }
 

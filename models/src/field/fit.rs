@@ -18,10 +18,13 @@ pub struct FitSettings {
     /// others have no such term.
     pub smoothness: f64,
     /// Learning rate of the raw density.
+    #[serde(skip)]
     pub density_rate: f64,
     /// Learning rate of the raw density once the motion is known.
+    #[serde(skip)]
     pub density_rate_in_motion: f64,
     /// Learning rate of the raw colour.
+    #[serde(skip)]
     pub colour_rate: f64,
     /// Learning rate of the material, fitted jointly with the voxels once the motion is known, in search coordinates
     /// (decades of a modulus). 0 keeps the material fixed.

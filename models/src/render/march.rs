@@ -23,14 +23,18 @@ use crate::render::Rays;
 #[serde(default, deny_unknown_fields)]
 pub struct Surface {
     /// Spacing of the splatting grid, in particle spacings at rest.
+    #[serde(skip)]
     pub spacing: f64,
     /// Step along the ray, in grid spacings.
+    #[serde(skip)]
     pub step: f64,
     /// Optical depth of one step through a filled body.
+    #[serde(skip)]
     pub depth: f64,
     /// Occupancy below which a sample is transparent.
     pub low: f64,
     /// Width of the rise, in occupancy.
+    #[serde(skip)]
     pub width: f64,
     /// Share of the grid's blur that is removed from the occupancy first (`sharpen`).
     pub sharpening: f64,

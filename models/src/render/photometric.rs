@@ -49,6 +49,7 @@ pub struct Weights {
     /// Weight of a squared colour residual (for each of red, green, blue).
     pub colour: f64,
     /// Weight of a squared coverage residual.
+    #[serde(skip)]
     pub coverage: f64,
     /// Weight of the colours of imagined views relative to those of real ones; 0 for models whose silhouettes are more
     /// reliable than their colours.

@@ -16,8 +16,10 @@ pub struct ViewWeights {
     pub alpha: f64,
     /// Whether the weights are divided by their sum, so that the balance with other terms of a loss does not depend on
     /// `alpha`; otherwise the primary view has weight 1.
+    #[serde(skip)]
     pub normalised: bool,
     /// Minimum probability of the primary view where one view is drawn at a time.
+    #[serde(skip)]
     pub least_primary: f64,
 }
 

@@ -251,7 +251,8 @@ pub(super) fn quick() -> AblationSettings {
     let encoding = &mut settings.config.temporal.first;
     (encoding.frames, encoding.side) = (3, 24);
     (encoding.field.width, encoding.field.channels) = (8, 2);
-    (encoding.fit.iterations, encoding.fit.rays, encoding.fit.nodes, encoding.fit.mask_nodes) = (12, 128, 2000, 500);
+    (encoding.fit.rays, encoding.fit.nodes, encoding.fit.mask_nodes) = (128, 2000, 500);
+    settings.config.temporal.iterations = 12;
     settings
 }
 

@@ -17,19 +17,16 @@ use crate::render::Surface;
 /// let (sand, rubber) = (materials::find("drucker_prager").unwrap(), materials::find("neo_hookean").unwrap());
 /// let config = Config::default();
 /// assert!(config.surface_of(&sand).spacing < config.surface_of(&rubber).spacing);
-/// // one's own material, too
-/// let config = Config::parse("[flowing]\nlaws = [\"neo_hookean\"]")?;
-/// assert_eq!(config.surface_of(&rubber).spacing, 1.0);
-/// # Ok::<(), gradreel::Error>(())
 /// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FlowingConfig {
     /// Names of the laws whose bodies flow.
-    pub laws: Vec<String>,
-    /// How occupancy becomes opacity, on a grid of the particles' spacing. That of the simulation, of twice that, loses thin rims: of a pile of
-    /// sand, the angle of friction that fitted best was 3 degrees too small.
-    pub surface: Surface,
+    #[serde(skip)]
+    pub(crate) laws: Vec<String>,
+    /// How occupancy becomes opacity, on a grid of the particles' spacing: that of the simulation, of twice that, loses thin rims.
+    #[serde(skip)]
+    pub(crate) surface: Surface,
     /// [`FitSettings::smoothness`](crate::field::FitSettings::smoothness). Sharp pictures drive pits into what is smooth, and a
     /// body that would flow has no thin parts to lose.
     pub smoothness: f64,

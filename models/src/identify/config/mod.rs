@@ -95,6 +95,7 @@ pub struct GeometryConfig {
     /// Coverage that every camera must see at a voxel of the visual hull; below ½ leaves room around the silhouettes.
     pub hull_coverage: f32,
     /// Voxels less opaque than this become no particle.
+    #[serde(skip)]
     pub least_opacity: f64,
     /// Whether the surface of a body that several cameras filmed and that keeps its shape may be drawn sharpened, as `flowing.surface` has
     /// it, if its first frame is then fitted better by a third.
@@ -251,6 +252,7 @@ pub struct EstimateConfig {
     pub steps: usize,
     /// How far derivatives reach, as a share of the longest step of a search: differences of rollouts side by side cost less than
     /// forward mode, and see past the jumps of thin rims. 0 for those of an infinitesimal step, in forward mode.
+    #[serde(skip)]
     pub reach: f64,
     /// Rounds of fitting the shape to the whole motion and the material to the new shape.
     pub rounds: usize,
@@ -482,5 +484,43 @@ impl Config {
                 )))
         };
         parameters.iter().map(value).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Settings that describe the clip, the world or the material, or name files: nothing is traded by them.
+    const DESCRIBE: [&str; 6] = ["clip", "material", "imagine", "world.g", "world.find_ground", "world.density"];
+
+    /// Paths of all settings.
+    fn paths(path: &str, value: &toml::Value, found: &mut Vec<String>) {
+        match value {
+            toml::Value::Table(table) if !table.is_empty() => {
+                let below = |name: &String| if path.is_empty() { name.clone() } else { format!("{path}.{name}") };
+                table.iter().for_each(|(name, value)| paths(&below(name), value, found));
+            }
+            _ => found.push(path.to_owned()),
+        }
+    }
+
+    #[test]
+    fn there_are_few_knobs() {
+        let config = Config { published: Some(PublishedConfig::default()), ..Config::default() };
+        let mut all = Vec::new();
+        paths("", &toml::Value::try_from(&config).unwrap(), &mut all);
+        let knobs: Vec<&String> = all.iter().filter(|path| !DESCRIBE.iter().any(|of| path.starts_with(of))).collect();
+        assert!((20..=40).contains(&knobs.len()), "{} knobs: {knobs:?}", knobs.len());
+    }
+
+    #[test]
+    fn what_is_no_setting_keeps_its_value() {
+        let config = Config::parse("[surface]\nlow = 0.3\n[geometry]\ndx = 0.01\n[weights]\ncolour = 0.1").unwrap();
+        let (surface, default) = (&config.surface, Surface::default());
+        assert_eq!((surface.low, surface.spacing, surface.depth), (0.3, default.spacing, default.depth));
+        assert_eq!(config.geometry.least_opacity, GeometryConfig::default().least_opacity);
+        assert_eq!((config.weights.coverage, config.flowing), (1.0, FlowingConfig::default()));
+        assert!(Config::parse("[geometry]\nleast_opacity = 0.1").is_err());
     }
 }

@@ -13,14 +13,24 @@ use crate::identify::run::Run;
 use crate::runtime::interrupt;
 
 /// Whether the temporal field is fitted before the shape is, and what of it is used.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TemporalConfig {
     /// Whether the search of the velocity starts from what the temporal field says. Without it, which is quicker, it starts from
     /// how the middles of the silhouettes move.
     pub enabled: bool,
-    /// The fit.
-    pub first: FirstFrames,
+    /// Updates of the field. More sharpen it, and take as much longer.
+    pub iterations: usize,
+    /// The fit otherwise.
+    #[serde(skip)]
+    pub(crate) first: FirstFrames,
+}
+
+impl Default for TemporalConfig {
+    fn default() -> Self {
+        let first = FirstFrames::default();
+        Self { enabled: false, iterations: first.fit.iterations, first }
+    }
 }
 
 impl TemporalConfig {
@@ -29,23 +39,17 @@ impl TemporalConfig {
     /// # Errors
     /// [`ErrorKind::Input`] naming the first that does not.
     pub fn check(&self) -> Result<()> {
-        let FirstFrames { frames, side, field, fit } = &self.first;
-        let rules = [
-            (*frames >= 2, "frames", "at least 2"),
-            (*side >= 8, "side", "at least 8 pixels"),
-            ((1..=4096).contains(&field.width), "field.width", "1 to 4096"),
-            ((1..=256).contains(&field.channels), "field.channels", "1 to 256"),
-            (field.step > 0.0 && field.step <= 4.0, "field.step", "above 0, at most 4"),
-            (field.opacity > 0.0 && field.opacity < 1.0, "field.opacity", "between 0 and 1"),
-            (fit.rays >= 1, "fit.rays", "at least 1"),
-            ((64..=1 << 26).contains(&fit.nodes), "fit.nodes", "64 to 67108864"),
-            ((8..=1 << 24).contains(&fit.mask_nodes), "fit.mask_nodes", "8 to 16777216"),
-            (fit.refinements <= 10, "fit.refinements", "at most 10"),
-            (fit.decay > 0.0 && fit.decay <= 1.0, "fit.decay", "above 0, at most 1"),
-        ];
-        let Some((_, name, wanted)) = rules.into_iter().find(|(holds, ..)| !holds) else { return Ok(()) };
-        let name = format!("temporal.first.{name}");
-        Err(outside_range(&name, wanted))
+        match (1..=1_000_000).contains(&self.iterations) {
+            true => Ok(()),
+            false => Err(outside_range("temporal.iterations", "1 to 1000000")),
+        }
+    }
+
+    /// The fit with so many updates.
+    pub(crate) fn first(&self) -> FirstFrames {
+        let mut first = self.first.clone();
+        first.fit.iterations = self.iterations;
+        first
     }
 }
 
@@ -57,7 +61,7 @@ impl Context<'_> {
         }
         if !run.has_finished(Stage::TemporalField) {
             let since = Instant::now();
-            let settings = run.config.temporal.first.clone();
+            let settings = run.config.temporal.first();
             let bar = self.progress.stage(&Stage::TemporalField.to_string(), settings.fit.iterations as u64);
             let first = settings.of(self.clip)?;
             let rays = first.rays(&run.config.loss.views);
