@@ -51,7 +51,7 @@ pub struct TracksFit {
 /// What carrying one tangent along costs, in rollouts: two to two and a half.
 pub const TANGENT_COST: f64 = 2.5;
 
-/// Derivatives serve again where no unknown has moved farther than this, in its unconstrained form: the search then gains
+/// Derivatives serve again where no unknown has moved further than this, in its unconstrained form: the search then gains
 /// about one digit a step instead of doubling them, at the cost of one rollout.
 const NEAR: f64 = 0.03;
 

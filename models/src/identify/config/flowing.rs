@@ -1,4 +1,4 @@
-//! What is done otherwise for bodies that flow: compact where they begin, they end in sheets and rims thinner than a grid cell.
+//! What is done otherwise for fluid-like bodies: compact where they begin, they end in sheets and rims thinner than a grid cell.
 
 use gradreel::Result;
 use serde::{Deserialize, Serialize};

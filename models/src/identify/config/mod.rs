@@ -37,7 +37,7 @@ pub struct Config {
     pub loss: LossConfig,
     /// How occupancy becomes opacity.
     pub surface: Surface,
-    /// What is done otherwise for bodies that flow.
+    /// What is done otherwise for fluid-like bodies.
     pub flowing: FlowingConfig,
     /// The temporal field, if the velocity is to start from it.
     pub temporal: TemporalConfig,

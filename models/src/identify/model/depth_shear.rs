@@ -135,7 +135,7 @@ impl Sight {
 const DEPTH: [f64; 2] = [-0.6, 0.6];
 
 /// The range in which the distance of a body is expected to differ from what its fall says, as a share, where nothing more is said of it.
-const FARTHER: [f64; 2] = [-0.15, 0.15];
+const SCALE: [f64; 2] = [-0.15, 0.15];
 
 /// The range of what the camera's pitch is off, where no fall tells of it \[rad\].
 const PITCH: [f64; 2] = [-0.5, 0.5];
@@ -144,7 +144,7 @@ const PITCH: [f64; 2] = [-0.5, 0.5];
 pub(in crate::identify) fn range_of(axis: usize) -> [f64; 2] {
     match axis {
         0 | 1 => DEPTH,
-        2 => FARTHER,
+        2 => SCALE,
         _ => PITCH,
     }
 }

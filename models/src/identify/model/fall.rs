@@ -24,7 +24,7 @@ pub(crate) struct Fallen {
 const LEAST: f64 = 1e-3;
 
 impl Fallen {
-    /// What a fall says of the velocity, and, if they may be others, of the distance and the pitch with it: whoever is farther away falls
+    /// What a fall says of the velocity, and, if they may be others, of the distance and the pitch with it: what is further away falls
     /// as many pixels faster. Alone, the velocity is as unsure as it is with any distance and pitch.
     ///
     /// # Errors

@@ -47,7 +47,7 @@ pub fn is_stiffness(parameter: &str) -> bool {
     matches!(parameter, "young" | "shear" | "bulk" | "viscosity")
 }
 
-/// A body of sown particles: density `α ρ`, moduli and viscosities times α³, all else as it is.
+/// A body of seeded particles: density `α ρ`, moduli and viscosities times α³, all else as it is.
 ///
 /// `velocity` `[3]` \[m/s\] and `parameters` (`[1]` each, SI units, in the order of the law) live on the CPU.
 pub fn body_of(particles: &Seeded, velocity: &Var, law: &Law, parameters: &[Var], density: f64) -> Body {

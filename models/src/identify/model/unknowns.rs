@@ -54,7 +54,7 @@ pub struct Unknowns {
     pub friction: f64,
     /// How otherwise than it was taken to a body lies that a single camera saw: how much deeper, in metres for each metre to the right,
     /// upwards, and of its distance; and how much further down the camera looks \[rad\].
-    #[serde(default, alias = "lean")]
+    #[serde(default)]
     pub depth: [f64; 4],
 }
 

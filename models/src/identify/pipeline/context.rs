@@ -49,7 +49,7 @@ impl Context<'_> {
     }
 
     /// Whether only the fall says how far away the body is, in a world that is known. Where the world's metres follow from the fall as
-    /// well, nothing is seen to be nearer or farther than it was taken to be.
+    /// well, nothing is seen to be nearer or further than it was taken to be.
     pub fn distance_is_open(&self, run: &Run) -> bool {
         self.depth_is_open(run) && self.clip.flight.is_some_and(|flight| !flight.scales_world)
     }

@@ -65,7 +65,7 @@ enum State {
         trial: usize,
     },
     /// Follows a step that kept its promise, so many times its length.
-    Farther {
+    Further {
         from: Vec<f64>,
         step: Vec<f64>,
         far: f64,
@@ -123,7 +123,7 @@ impl<'a> GaussNewton<'a> {
         match &self.state {
             State::Linearise => Some(ask(&self.here.x, self.steps > 0 && !self.here.x.is_empty())),
             State::Try { step, .. } => Some(ask(&self.along(&self.here.x, step, 1.0), false)),
-            State::Farther { from, step, far, .. } => Some(ask(&self.along(from, step, *far), false)),
+            State::Further { from, step, far, .. } => Some(ask(&self.along(from, step, *far), false)),
             State::Ended => None,
         }
     }
@@ -134,7 +134,7 @@ impl<'a> GaussNewton<'a> {
         self.state = match std::mem::replace(&mut self.state, State::Ended) {
             State::Linearise => self.linearised(loss, answer),
             State::Try { step, promised, trial } => self.tried(answer, step, promised, trial),
-            State::Farther { from, step, far, gained } => {
+            State::Further { from, step, far, gained } => {
                 let there = self.point(self.along(&from, &step, far), loss, answer.log_loss);
                 let more = self.here.cost - there.cost;
                 if more <= 0.0 {
@@ -203,7 +203,7 @@ impl<'a> GaussNewton<'a> {
     /// On along a step that has gained so much.
     fn follow(&mut self, from: Vec<f64>, step: Vec<f64>, far: f64, gained: f64) -> State {
         let ends = far > FARTHEST || self.along(&from, &step, far) == self.here.x;
-        if ends { self.go_on(gained) } else { State::Farther { from, step, far, gained } }
+        if ends { self.go_on(gained) } else { State::Further { from, step, far, gained } }
     }
 
     /// After a step that gained so much.
@@ -220,7 +220,7 @@ impl<'a> GaussNewton<'a> {
         Point { x, unknowns, loss, cost: if loss.is_finite() { data + prior } else { f64::INFINITY } }
     }
 
-    /// `x + far h`, no farther beyond the limits than `x` is.
+    /// `x + far h`, no further beyond the limits than `x` is.
     fn along(&self, x: &[f64], step: &[f64], far: f64) -> Vec<f64> {
         let limits = self.prior.limits();
         let within = |((x, h), [low, high]): ((&f64, &f64), &[f64; 2])| (x + far * h).clamp(low.min(*x), high.max(*x));

@@ -127,7 +127,7 @@ fn friction_of_the_ground() {
 /// A body that is sheared in depth, or is more distant, looks the same in the first frame and falls another way; derivatives along that against
 /// differences, simulated and in flight, and forward mode against the tape there.
 #[test]
-fn a_body_leans_along_the_rays_of_its_camera() {
+fn a_body_is_sheared_along_the_rays_of_its_camera() {
     let (config, particles, truth, seen_by_three) = thrown();
     let middle = particles.centre_of_mass();
     let sight = Sight::at(&camera(1, 2.5, 20), middle).map(|sight| sight.growing(0.3));

@@ -8,7 +8,7 @@ use super::scene::{block, film, problem, quick};
 
 const FRAMES: usize = 5;
 
-/// The frames in which the block is farther above the ground than two cells, of 0.08 m: 0.30 m and 0.24 m; in the third it is at 0.17 m,
+/// The frames in which the block is further above the ground than two cells, of 0.08 m: 0.30 m and 0.24 m; in the third it is at 0.17 m,
 /// where the simulation begins.
 const FALLING: usize = 2;
 
