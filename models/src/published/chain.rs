@@ -103,6 +103,7 @@ impl<'a> Chain<'a> {
         self.progress.plan(coming);
         let spacing = particle_spacing(whole, self.run)?;
         let film = whole.scaled(shrink_factor(whole, self.run, 2.0 * spacing)?);
+        let fall = film.flight;
         let (clip, path) = match self.origin {
             Origin::Film { weights, boxes, .. } => {
                 let boxes = self.boxes(&film, boxes)?;
@@ -124,7 +125,8 @@ impl<'a> Chain<'a> {
         let (field, params) = self.run.load_field(&mut gradreel::optim::Adam::new(0.0))?;
         let particles = Particles::of_field(&field, &params, self.run.config.geometry.least_opacity)?;
         let problem = Problem::new(&particles, &observed, self.law.clone(), &self.run.config.clone(), DTYPE);
-        let start = self.velocity(&moving, &fit, &problem)?;
+        let fall = fall.map(|flight| velocity::precision(flight.velocity_covariance));
+        let start = self.velocity(&moving, &fit, &problem, fall)?;
         let unknowns = self.material(&problem, &start, &clip)?;
         drop(problem);
         let law = self.law.clone();
@@ -274,7 +276,13 @@ impl<'a> Chain<'a> {
     }
 
     /// Velocity and material from which the search for the material starts.
-    fn velocity(&mut self, moving: &Moving<'_>, fit: &TemporalFit, problem: &Problem<'_>) -> Result<Unknowns> {
+    fn velocity(
+        &mut self,
+        moving: &Moving<'_>,
+        fit: &TemporalFit,
+        problem: &Problem<'_>,
+        fall: Option<[[f64; 3]; 3]>,
+    ) -> Result<Unknowns> {
         let still = Unknowns { parameters: self.run.config.starting_values(&self.law)?, ..Unknowns::default() };
         if let (true, Some(velocity)) = (self.state.has_finished(Stage::Velocity), self.state.velocity) {
             return Ok(Unknowns { velocity, ..still });
@@ -295,7 +303,7 @@ impl<'a> Chain<'a> {
         let known = self.state.answers.get(&Stage::Velocity).cloned().unwrap_or_default();
         let found = {
             let mut each = listener(&mut self.state, &self.run.folder, Stage::Velocity, &clock);
-            velocity::refined(problem, &start, flight, evaluations, &mut Answers::of(known, &mut each))?
+            velocity::refined(problem, &start, flight, evaluations, fall, &mut Answers::of(known, &mut each))?
         };
         self.state.velocity = Some(found.velocity);
         self.run.state.contact = Some(contact(&found));

@@ -63,7 +63,7 @@ impl Default for PublishedConfig {
             steps: None,
             guidance: None,
             seed: 0,
-            field: 1500,
+            field: 2500,
             rays: 1024,
             nodes: 60_000,
             velocity: 12,

@@ -86,17 +86,22 @@ impl<'a> Answers<'a> {
     }
 }
 
-/// Minimises the loss of the first `frames` frames over what is free by L-BFGS, from `start`, with so many evaluations at most;
-/// returns the best.
+/// What counts beside the loss: its value and gradient at the coordinates of what is free.
+pub(super) type Besides<'b> = dyn Fn(&[f64]) -> (f64, Vec<f64>) + 'b;
+
+/// Minimises the loss of the first `frames` frames, and what counts `besides`, over what is free by L-BFGS, from `start`, with so many
+/// evaluations at most; returns the best.
 ///
 /// # Errors
 /// What the problem returns; [`ErrorKind::Physics`] when it breaks down where the search starts.
+#[expect(clippy::too_many_arguments, reason = "what a search is of, what counts, and who hears of it")]
 pub(super) fn descend(
     problem: &Problem<'_>,
     start: &Unknowns,
     free: Free,
     frames: usize,
     evaluations: usize,
+    besides: &Besides<'_>,
     answers: &mut Answers<'_>,
 ) -> Result<(Unknowns, f64)> {
     let mut best: Option<(Unknowns, f64)> = None;
@@ -105,7 +110,11 @@ pub(super) fn descend(
         let unknowns = start.moved(&problem.law, free, x);
         let mut broke = None;
         let answer = answers.at(&unknowns, &mut |substeps| {
-            problem.evaluate(&unknowns, free, frames, substeps).inspect_err(|error| broke = Some(error.clone()))
+            let (loss, mut gradient) =
+                problem.evaluate(&unknowns, free, frames, substeps).inspect_err(|error| broke = Some(error.clone()))?;
+            let (more, slopes) = besides(x);
+            gradient.iter_mut().zip(slopes).for_each(|(g, slope)| *g += slope);
+            Ok((loss + more, gradient))
         })?;
         let Some(loss) = answer.loss else {
             return match (best.is_some(), broke) {

@@ -9,7 +9,7 @@ use faer::{Mat, Side};
 use gradreel::Result;
 
 use crate::identify::{Free, Interval, Problem, Substeps, Unknowns, coordinate};
-use crate::physics::{Law, NINETY};
+use crate::physics::{Law, Map, NINETY};
 
 /// Standard deviation of a component of the velocity that is known of nothing \[its coordinates: a tenth of a m/s\].
 const FREE_SPEED: f64 = 30.0;
@@ -57,7 +57,7 @@ fn of_curvature(
             list[k].of(&at.moved(law, free, &moved))
         };
         let ends = [value(-1.0), value(1.0)];
-        let interval_90 = [ends[0].min(ends[1]), ends[0].max(ends[1])];
+        let interval_90 = within(law, &list[k].name(law), list[k].of(at), [ends[0].min(ends[1]), ends[0].max(ends[1])]);
         let sound = deviation.is_finite() && interval_90.iter().all(|end| end.is_finite());
         let determined = 3.0 * deviation <= plausible[k];
         sound.then(|| Interval { name: list[k].name(law), interval_90, determined })
@@ -72,5 +72,38 @@ fn plausible(law: &Law, name: &str) -> f64 {
     match ends {
         Some([Some((low, _)), Some((high, _))]) => (high - low) / (2.0 * NINETY),
         _ => FREE_SPEED,
+    }
+}
+
+/// What bounds a parameter that is no magnitude bounds its interval, unless the estimate itself lies beyond.
+fn within(law: &Law, name: &str, value: f64, [low, high]: [f64; 2]) -> [f64; 2] {
+    let parameter = law.parameters().iter().find(|parameter| parameter.name == name);
+    match parameter.filter(|parameter| parameter.map != Map::Log10) {
+        Some(parameter) => [low.max(parameter.prior[0].min(value)), high.min(parameter.prior[1].max(value))],
+        None => [low, high],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::physics::materials;
+
+    #[test]
+    fn intervals_of_ratios_stay_within_what_is_possible() {
+        let law = materials::find("neo_hookean").unwrap();
+        let prior = law.parameters()[1].prior;
+        assert_eq!(within(&law, "poisson", 0.3, [-2.0, 2.0]), prior);
+        assert_eq!(within(&law, "young", 1e5, [1.0, 1e9]), [1.0, 1e9]);
+        // an estimate beyond what is plausible stays in its interval
+        assert_eq!(within(&law, "poisson", prior[1] + 0.01, [0.1, 2.0]), [0.1, prior[1] + 0.01]);
+    }
+
+    #[test]
+    fn what_is_known_of_nothing_is_as_wide_as_what_is_plausible() {
+        let law = materials::find("neo_hookean").unwrap();
+        let [low, high] = law.parameters()[0].prior.map(f64::log10);
+        assert!((plausible(&law, "young") - (high - low) / (2.0 * NINETY)).abs() < 1e-9);
+        assert_eq!(plausible(&law, "velocity_x"), FREE_SPEED);
     }
 }

@@ -49,7 +49,8 @@ pub(super) fn searched(
         return Ok(start.clone());
     }
     answers.begin_with(0);
-    descend(problem, start, free, frames, evaluations, answers).map(|(unknowns, _)| unknowns)
+    let nothing = |x: &[f64]| (0.0, vec![0.0; x.len()]);
+    descend(problem, start, free, frames, evaluations, &nothing, answers).map(|(unknowns, _)| unknowns)
 }
 
 #[cfg(test)]

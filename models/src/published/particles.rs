@@ -14,8 +14,12 @@ use crate::video::Clip;
 /// Opacity over one unit of length above which a node of the field is filled.
 const OPAQUE: f64 = 0.5;
 
-/// Raw density of filled and of empty voxels.
-const RAW: [f32; 2] = [4.0, -6.0];
+/// Opacity of a node that may turn out to be filled when the pictures are drawn with particles.
+const FAINT: f64 = 0.02;
+
+/// Raw density of filled voxels, and the range of that of others.
+const FILLED: f64 = 4.0;
+const FAINTEST: f64 = -4.0;
 
 /// The largest number of voxels around an object.
 const MOST_VOXELS: f64 = 4e6;
@@ -39,7 +43,8 @@ pub(super) fn baked(found: &TemporalFit, spacing: f64, clip: &Clip) -> Result<(F
     let points: Vec<[f64; 3]> = (0..node_grid.len()).map(|flat| place(&node_grid, flat)).collect();
     let shift = opacity_shift(found.field.settings.opacity);
     let density = found.field.density_at(&found.params, &points, 0.0)?;
-    let filled: Vec<bool> = density.iter().map(|d| opacity(*d, shift, 1.0) >= OPAQUE).collect();
+    let alpha: Vec<f64> = density.iter().map(|d| opacity(*d, shift, 1.0)).collect();
+    let filled: Vec<bool> = alpha.iter().map(|alpha| *alpha >= OPAQUE).collect();
     let filled = largest_part(&closed(&filled, node_grid.dims), node_grid.dims);
     if !filled.contains(&true) {
         return Err(Error::new(ErrorKind::Input, "the temporal field is empty in its first frame")
@@ -48,7 +53,9 @@ pub(super) fn baked(found: &TemporalFit, spacing: f64, clip: &Clip) -> Result<(F
             .fix("check masks and boxes with `gradreel check`, or let it fit longer (published.field)"));
     }
     let field = Field { node_grid, voxels: (0..node_grid.len() as u32).collect() };
-    let raw: Vec<f32> = filled.iter().map(|filled| RAW[usize::from(!filled)]).collect();
+    let logit = |alpha: f64| (alpha / (1.0 - alpha)).ln().clamp(FAINTEST, 0.0);
+    let raw = alpha.iter().zip(&filled).map(|(alpha, filled)| if *filled { FILLED } else { logit(*alpha) } as f32);
+    let raw: Vec<f32> = raw.collect();
     let mut params = Params::new();
     params.set("field.density", Tensor::from_vec(raw, [field.len(), 1]));
     field.fill_inside(&mut params)?;
@@ -57,9 +64,9 @@ pub(super) fn baked(found: &TemporalFit, spacing: f64, clip: &Clip) -> Result<(F
         (c / (1.0 - c)).ln() as f32
     });
     params.set("field.colour", Tensor::from_vec(mean.repeat(field.len()), [field.len(), 3]));
-    // a layer of empty voxels is kept, so that the pictures may add to the surface
-    let kept = widened(&filled_of(&params)?, node_grid.dims);
-    field.chosen(&params, &|voxel| kept[voxel])
+    // what the field has faintly, and two layers around the rest: the pictures may add to the surface
+    let near = widened(&widened(&filled_of(&params)?, node_grid.dims), node_grid.dims);
+    field.chosen(&params, &|voxel| near[voxel] || alpha[voxel] >= FAINT)
 }
 
 /// Fits the voxels to the first frame's pictures, drawn as the simulation's particles are.
@@ -88,7 +95,12 @@ pub(super) fn refined(
     let adam: Adam = settings.adam();
     let fitted =
         fit(&field, params, adam, 0..settings.iterations, smooth, &loss, |state| each(state.iteration, state.loss))?;
-    field.pruned(&fitted, 0.5 * config.geometry.least_opacity)
+    let (field, fitted) = field.pruned(&fitted, 0.5 * config.geometry.least_opacity)?;
+    // specks beside the body would fall as bodies of their own
+    let mut dense = vec![false; field.node_grid.len()];
+    field.voxels.iter().for_each(|voxel| dense[*voxel as usize] = true);
+    let body = largest_part(&dense, field.node_grid.dims);
+    field.chosen(&fitted, &|voxel| body[field.voxels[voxel] as usize])
 }
 
 fn filled_of(params: &Params) -> Result<Vec<bool>> {
