@@ -37,7 +37,8 @@ pub(super) struct Moving<'c> {
     clip: &'c Clip,
     offsets: Vec<[f64; 3]>,
     corners: [[f64; 3]; 2],
-    radius: f64,
+    /// The object's largest radius \[m\].
+    pub radius: f64,
 }
 
 /// Where a field has the object.
