@@ -22,7 +22,7 @@ use crate::particles::Particles;
 use crate::physics::Law;
 use crate::runtime::interrupt;
 use crate::runtime::progress::Progress;
-use crate::video::Clip;
+use crate::video::{Clip, Flight};
 use crate::views::{FileWeights, ImageBox, megabytes};
 
 /// Updates of the field between two rows of its history.
@@ -121,7 +121,7 @@ impl<'a> Chain<'a> {
         self.particles(&fit, spacing, &clip, &observed)?;
         let (field, params) = self.run.load_field(&mut gradreel::optim::Adam::new(0.0))?;
         let particles = Particles::of_field(&field, &params, self.run.config.geometry.least_opacity)?;
-        self.motion(&moving, &fit, fall.is_some_and(|flight| flight.scales_world))?;
+        self.motion(&moving, &fit, &path, fall.as_ref())?;
         let problem = Problem::new(&particles, &observed, self.law.clone(), &self.run.config.clone(), DTYPE);
         let fall = fall.map(|flight| (flight.velocity, velocity::precision(flight.velocity_covariance)));
         let start = self.velocity(&problem, fall)?;
@@ -273,15 +273,31 @@ impl<'a> Chain<'a> {
     }
 
     /// The field's motion; and where it comes to rest, if nobody knows how high the ground is.
-    fn motion(&mut self, moving: &Moving<'_>, fit: &TemporalFit, assumed: bool) -> Result<()> {
+    fn motion(&mut self, moving: &Moving<'_>, fit: &TemporalFit, path: &Path, fall: Option<&Flight>) -> Result<()> {
         if self.state.motion.is_none() {
-            let world = &self.run.config.world;
-            let FieldPath { middles, lowest, contact, velocity } = moving.motion(fit, world.gravity, world.ground)?;
-            let rest = if assumed && world.ground == 0.0 { resting(&lowest, contact) } else { None };
+            let world = self.run.config.world.clone();
+            let boxes = || FieldPath {
+                middles: path.places.clone(),
+                lowest: path.places.iter().zip(&path.radii).map(|(place, radius)| place[1] - radius).collect(),
+                contact: None,
+                velocity: None,
+            };
+            let found = moving.motion(fit, world.gravity, world.ground)?;
+            if found.is_none() {
+                self.run.note("the temporal field is too faint to show a motion: that of the boxes was taken".into());
+                self.run.save()?;
+            }
+            let FieldPath { middles, lowest, contact, velocity } = found.unwrap_or_else(boxes);
+            let rest = if fall.is_some_and(|flight| flight.scales_world) && world.ground == 0.0 {
+                resting(&lowest, contact)
+            } else {
+                None
+            };
             // further away it is no error of a height, but of the masks
             let rest = rest.filter(|rest| (rest - world.ground).abs() < moving.radius);
             let ground = rest.unwrap_or(world.ground);
-            let velocity = velocity.unwrap_or_default();
+            let fallen = fall.map_or([0.0; 3], |flight| flight.velocity);
+            let velocity = velocity.unwrap_or(fallen);
             self.state.motion = Some(Motion { middles, lowest, contact, velocity, ground });
             self.state.save(&self.run.folder)?;
         }
