@@ -6,7 +6,7 @@ use gradreel::backend::cpu::pool;
 use gradreel::{Error, ErrorKind, Result};
 
 use super::descent::{Answer, Answers};
-use super::field::Moving;
+use super::field::{FieldPath, Moving};
 use super::pictures::Pictures;
 use super::state::Motion;
 use super::surrounded::surrounded;
@@ -23,7 +23,7 @@ use crate::particles::Particles;
 use crate::physics::Law;
 use crate::runtime::interrupt;
 use crate::runtime::progress::{Progress, Stage as Bar, clock};
-use crate::video::Clip;
+use crate::video::{Clip, Flight};
 use crate::views::{FileWeights, ImageBox, megabytes};
 
 /// Updates of the field between two rows of its history.
@@ -124,9 +124,10 @@ impl<'a> Chain<'a> {
         self.particles(&fit, spacing, &clip, &observed)?;
         let (field, params) = self.run.load_field(&mut gradreel::optim::Adam::new(0.0))?;
         let particles = Particles::of_field(&field, &params, self.run.config.geometry.least_opacity)?;
+        self.motion(&moving, &fit, &path, fall.as_ref())?;
         let problem = Problem::new(&particles, &observed, self.law.clone(), &self.run.config.clone(), DTYPE);
-        let fall = fall.map(|flight| velocity::precision(flight.velocity_covariance));
-        let start = self.velocity(&moving, &fit, &problem, fall)?;
+        let fall = fall.map(|flight| (flight.velocity, velocity::precision(flight.velocity_covariance)));
+        let start = self.velocity(&problem, fall)?;
         let unknowns = self.material(&problem, &start, &clip)?;
         drop(problem);
         let law = self.law.clone();
@@ -275,14 +276,49 @@ impl<'a> Chain<'a> {
         self.over(Stage::Particles, clock, &format!("{} voxels", field.len()))
     }
 
+    /// The field's motion; and where it comes to rest, if nobody knows how high the ground is.
+    fn motion(&mut self, moving: &Moving<'_>, fit: &TemporalFit, path: &Path, fall: Option<&Flight>) -> Result<()> {
+        if self.state.motion.is_none() {
+            let world = self.run.config.world.clone();
+            let boxes = || FieldPath {
+                middles: path.places.clone(),
+                lowest: path.places.iter().zip(&path.radii).map(|(place, radius)| place[1] - radius).collect(),
+                contact: None,
+                velocity: None,
+            };
+            let found = moving.motion(fit, world.gravity, world.ground)?;
+            if found.is_none() {
+                self.run.note("the temporal field is too faint to show a motion: that of the boxes was taken".into());
+                self.run.save()?;
+            }
+            let FieldPath { middles, lowest, contact, velocity } = found.unwrap_or_else(boxes);
+            let rest = if fall.is_some_and(|flight| flight.scales_world) && world.ground == 0.0 {
+                resting(&lowest, contact)
+            } else {
+                None
+            };
+            // further away it is no error of a height, but of the masks
+            let rest = rest.filter(|rest| (rest - world.ground).abs() < moving.radius);
+            let ground = rest.unwrap_or(world.ground);
+            let fallen = fall.map_or([0.0; 3], |flight| flight.velocity);
+            let velocity = velocity.unwrap_or(fallen);
+            self.state.motion = Some(Motion { middles, lowest, contact, velocity, ground });
+            self.state.save(&self.run.folder)?;
+        }
+        let ground = self.state.motion.as_ref().map_or(0.0, |motion| motion.ground);
+        if self.run.config.world.ground != ground {
+            self.run.config.world.ground = ground;
+            self.run.note(format!(
+                "assumed: ground: at {ground:.3} m, where the temporal field has the object come to rest"
+            ));
+            self.run.save_config()?;
+            self.run.save()?;
+        }
+        Ok(())
+    }
+
     /// Velocity and material from which the search for the material starts.
-    fn velocity(
-        &mut self,
-        moving: &Moving<'_>,
-        fit: &TemporalFit,
-        problem: &Problem<'_>,
-        fall: Option<[[f64; 3]; 3]>,
-    ) -> Result<Unknowns> {
+    fn velocity(&mut self, problem: &Problem<'_>, fall: Option<([f64; 3], [[f64; 3]; 3])>) -> Result<Unknowns> {
         let still = Unknowns { parameters: self.run.config.starting_values(&self.law)?, ..Unknowns::default() };
         if let (true, Some(velocity)) = (self.state.has_finished(Stage::Velocity), self.state.velocity) {
             return Ok(Unknowns { velocity, ..still });
@@ -290,11 +326,7 @@ impl<'a> Chain<'a> {
         let evaluations = self.config.velocity;
         let clock = self.clock(Stage::Velocity, evaluations, 0);
         let frames = problem.observed.targets.len();
-        let world = &self.run.config.world;
-        let seen = moving.motion(fit, world.gravity, world.ground)?;
-        let velocity = seen.velocity.unwrap_or_default();
-        self.state.motion =
-            Some(Motion { middles: seen.middles, lowest: seen.lowest, contact: seen.contact, velocity });
+        let velocity = self.state.motion.as_ref().map_or([0.0; 3], |motion| motion.velocity);
         let start = Unknowns { velocity, ..still };
         let contact = |at: &Unknowns| {
             first_contact(problem.particles, &problem.world, problem.ground, at, problem.observed.frame_dt, frames)
@@ -375,6 +407,15 @@ impl Clock {
     }
 }
 
+/// The height at which something comes to rest that touches the ground from a frame on: the median of the lower half of its lowest
+/// points, some of which are those of a bounce, or of a shadow.
+fn resting(lowest: &[f64], contact: Option<usize>) -> Option<f64> {
+    let mut after = lowest.get(contact? + 1..)?.to_vec();
+    after.sort_by(f64::total_cmp);
+    let lower = after.len().div_ceil(2);
+    after.get(lower.checked_sub(1)? / 2).copied()
+}
+
 /// Keeps the answers of a search in the state, and its progress up to date; an interruption comes after they are saved.
 fn listener<'s>(
     state: &'s mut State,
@@ -388,5 +429,19 @@ fn listener<'s>(
         let least = answers.iter().filter_map(|answer| answer.loss).fold(f64::INFINITY, f64::min);
         clock.set(answers.len() as u64, &format!("loss {least:.5}"));
         interrupt::check()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_bounces_rests_at_its_lower_points() {
+        let lowest = [0.3, 0.1, 0.0, -0.08, 0.1, 0.05, -0.04, -0.03, -0.05];
+        assert_eq!(resting(&lowest, Some(2)), Some(-0.05), "of −0.08, −0.05 and −0.04");
+        assert_eq!(resting(&lowest, None), None);
+        assert_eq!(resting(&lowest, Some(8)), None, "nothing after the contact");
+        assert_eq!(resting(&lowest, Some(7)), Some(-0.05));
     }
 }

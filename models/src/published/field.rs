@@ -37,7 +37,8 @@ pub(super) struct Moving<'c> {
     clip: &'c Clip,
     offsets: Vec<[f64; 3]>,
     corners: [[f64; 3]; 2],
-    radius: f64,
+    /// The object's largest radius \[m\].
+    pub radius: f64,
 }
 
 /// Where a field has the object.
@@ -106,12 +107,15 @@ impl<'c> Moving<'c> {
         Ok(())
     }
 
-    /// The object's motion over a ground of this height \[m\].
+    /// The object's motion over a ground of this height \[m\]; nothing where the field is nowhere opaque in some frame.
     ///
     /// # Errors
-    /// When the store holds no such field; a field that is empty in some frame has no motion ([`ErrorKind::Input`]).
-    pub fn motion(&self, fit: &TemporalFit, gravity: [f64; 3], ground: f64) -> Result<FieldPath> {
-        let mut motion = fit.field.motion(&fit.params, &self.rays.times, &self.clip.times, NODES)?;
+    /// When the store holds no such field.
+    pub fn motion(&self, fit: &TemporalFit, gravity: [f64; 3], ground: f64) -> Result<Option<FieldPath>> {
+        let mut motion = match fit.field.motion(&fit.params, &self.rays.times, &self.clip.times, NODES) {
+            Err(error) if error.kind() == ErrorKind::Input => return Ok(None),
+            motion => motion?,
+        };
         for (frame, offset) in self.offsets.iter().enumerate() {
             motion.centroids[frame] = plus(motion.centroids[frame], *offset);
             motion.lowest[frame] += offset[1];
@@ -121,7 +125,7 @@ impl<'c> Moving<'c> {
             Err(error) if error.kind() == ErrorKind::Input => None,
             found => Some(found?.1),
         };
-        Ok(FieldPath { middles: motion.centroids, lowest: motion.lowest, contact, velocity })
+        Ok(Some(FieldPath { middles: motion.centroids, lowest: motion.lowest, contact, velocity }))
     }
 
     /// The field as these cameras see it in some frames, beside the pictures it was fitted to: a row a camera.

@@ -44,12 +44,15 @@ pub(super) fn baked(found: &TemporalFit, spacing: f64, clip: &Clip) -> Result<(F
     let shift = opacity_shift(found.field.settings.opacity);
     let density = found.field.density_at(&found.params, &points, 0.0)?;
     let alpha: Vec<f64> = density.iter().map(|d| opacity(*d, shift, 1.0)).collect();
-    let filled: Vec<bool> = alpha.iter().map(|alpha| *alpha >= OPAQUE).collect();
+    // a field that was fitted shortly is faint everywhere
+    let most = alpha.iter().copied().fold(0.0, f64::max);
+    let least = if most > FAINT { OPAQUE.min(0.5 * most) } else { OPAQUE };
+    let filled: Vec<bool> = alpha.iter().map(|alpha| *alpha >= least).collect();
     let filled = largest_part(&closed(&filled, node_grid.dims), node_grid.dims);
     if !filled.contains(&true) {
         return Err(Error::new(ErrorKind::Input, "the temporal field is empty in its first frame")
             .at(clip.root.display())
-            .found(format!("no node with an opacity of {OPAQUE} or more"))
+            .found(format!("no node with an opacity above {FAINT}"))
             .fix("check masks and boxes with `gradreel check`, or let it fit longer (published.field)"));
     }
     let field = Field { node_grid, voxels: (0..node_grid.len() as u32).collect() };
@@ -122,10 +125,11 @@ fn widened(filled: &[bool], dims: [usize; 3]) -> Vec<bool> {
     (0..filled.len()).map(|flat| filled[flat] || beside(flat, dims).any(|other| filled[other])).collect()
 }
 
-/// Small gaps of a surface closed: widened by a voxel, then narrowed.
+/// Pits and pinholes of a surface closed: what has four filled neighbours of six. A flat, an edge or a corner grows nowhere.
 fn closed(filled: &[bool], dims: [usize; 3]) -> Vec<bool> {
-    let wide = widened(filled, dims);
-    (0..wide.len()).map(|flat| filled[flat] || (wide[flat] && beside(flat, dims).all(|other| wide[other]))).collect()
+    (0..filled.len())
+        .map(|flat| filled[flat] || beside(flat, dims).filter(|other| filled[*other]).count() >= 4)
+        .collect()
 }
 
 /// The largest connected part.

@@ -124,12 +124,12 @@ mod tests {
     }
 
     #[test]
-    fn a_box_above_the_horizon_of_a_camera_that_looks_down_is_nowhere() {
+    fn a_box_behind_a_camera_that_looks_down_is_nowhere() {
         let mut film = film(3);
-        // a camera that looks 60° down, and a box on the far side of the zenith
+        // a camera that looks 60° down, and a box so far below its picture that it is behind
         film.cameras[0] = Camera::around(0, [64, 64], 2.6, [0.0; 3], 2.0, [0.0, 1.05]);
         film.flight = None;
-        let boxes = [ImageBox { low: [0.4, -40.0], high: [0.6, -39.0] }; 3];
+        let boxes = [ImageBox { low: [0.4, 40.0], high: [0.6, 41.0] }; 3];
         let error = Path::of_boxes(&film, &boxes).unwrap_err();
         assert_eq!(error.kind(), ErrorKind::Input);
     }

@@ -73,6 +73,8 @@ pub struct Motion {
     pub contact: Option<usize>,
     /// Initial velocity \[m/s\].
     pub velocity: [f64; 3],
+    /// Height of the ground \[m\]: the one that is known, or where the object comes to rest.
+    pub ground: f64,
 }
 
 impl State {

@@ -28,21 +28,20 @@ pub(super) fn refined(
     start: &Unknowns,
     frames: usize,
     evaluations: usize,
-    fall: Option<[[f64; 3]; 3]>,
+    fall: Option<([f64; 3], [[f64; 3]; 3])>,
     answers: &mut Answers<'_>,
 ) -> Result<Unknowns> {
     if evaluations == 0 || frames < 2 {
         return Ok(start.clone());
     }
     let flying = problem.flying();
-    let from = start.coordinates(&flying.law, Free::Velocity);
     let unit = Free::Velocity.list(&flying.law).first().map_or(1.0, |unknown| start.slope(&flying.law, *unknown));
     let least = flying.misfit(start, frames, &mut Substeps::default())?;
     let counts = 2.0 * least / frames as f64;
     let besides = |x: &[f64]| match &fall {
         None => (0.0, vec![0.0; x.len()]),
-        Some(precision) => {
-            let off = minus([0, 1, 2].map(|axis| x[axis]), [0, 1, 2].map(|axis| from[axis])).map(|d| d * unit);
+        Some((fallen, precision)) => {
+            let off = minus([0, 1, 2].map(|axis| unit * x[axis]), *fallen);
             let pull = times(precision, off);
             (0.5 * counts * dot(off, pull), pull.map(|p| counts * unit * p).to_vec())
         }

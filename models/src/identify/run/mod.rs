@@ -265,7 +265,7 @@ impl Run {
     }
 
     /// Writes the configuration as it is now.
-    pub(super) fn save_config(&self) -> Result<()> {
+    pub(crate) fn save_config(&self) -> Result<()> {
         self.folder.write(CONFIG, settings_file::text(&self.settings())?.as_bytes())
     }
 
