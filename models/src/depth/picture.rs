@@ -230,8 +230,8 @@ mod tests {
                 picture.given.iter().zip(&picture.solid).map(|(a, b)| i64::from(*a) - i64::from(*b)).sum()
             })
             .collect();
-        let [wide, narrow] =
-            [differences.iter().filter(|d| **d > 0), differences.iter().filter(|d| **d < 0)].map(Iterator::count);
+        let wide = differences.iter().filter(|difference| **difference > 0).count();
+        let narrow = differences.iter().filter(|difference| **difference < 0).count();
         assert!((5..30).contains(&wide) && (2..25).contains(&narrow), "{wide} wider, {narrow} narrower");
     }
 
