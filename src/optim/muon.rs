@@ -352,14 +352,20 @@ mod tests {
         let start = || Params::from_iter([("w".to_owned(), Tensor::from_vec(vec![0.5f32; 15], [3, 5]))]);
         let muon = || Muon::new(0.02).with_weight_decay(0.01).with_clip(Clip::Norm(1.0));
         let (mut straight, mut whole) = (start(), muon());
-        (0..6).for_each(|n| drop(whole.step(&mut straight, &gradient(n)).unwrap()));
+        for n in 0..6 {
+            whole.step(&mut straight, &gradient(n)).unwrap();
+        }
         let (mut params, mut first) = (start(), muon());
-        (0..3).for_each(|n| drop(first.step(&mut params, &gradient(n)).unwrap()));
+        for n in 0..3 {
+            first.step(&mut params, &gradient(n)).unwrap();
+        }
         let mut file = TensorFile::default();
         first.save(&mut file);
         let mut second = muon();
         second.restore(&file).unwrap();
-        (3..6).for_each(|n| drop(second.step(&mut params, &gradient(n)).unwrap()));
+        for n in 3..6 {
+            second.step(&mut params, &gradient(n)).unwrap();
+        }
         assert_eq!(params.get("w").unwrap().slice::<f32>(), straight.get("w").unwrap().slice::<f32>());
         assert_eq!(second.steps(), 6);
     }

@@ -21,7 +21,7 @@ fn factor(step: usize) -> f64 {
 /// Factors of the network's middle surface and of its thickness that are tried, as pairs.
 const SCALES: [f64; 5] = [0.8, 0.9, 1.0, 1.1, 1.2];
 
-fn scales(pair: usize) -> [f64; 2] {
+fn pair_of(pair: usize) -> [f64; 2] {
     [SCALES[pair / SCALES.len()], SCALES[pair % SCALES.len()]]
 }
 
@@ -160,7 +160,7 @@ impl Comparison {
             as_deep_as_wide: all(&|row| row.flat[at]),
             best_tilt: all(&|row| row.tilted[at]),
             network: all(&|row| row.network),
-            scales: scales(chosen.scales),
+            scales: pair_of(chosen.scales),
             scaled: all(&|row| row.scaled[chosen.scales]),
             silhouette_alone: all(&|row| row.bare),
             mirrored_in_depth: all(&|row| row.turned),
@@ -202,7 +202,7 @@ impl Row {
             mean(errors.iter().zip(&said_errors).map(below))
         };
         let scaled = |pair: usize| {
-            let [middle, thick] = scales(pair);
+            let [middle, thick] = pair_of(pair);
             let layer = |sign: f64| {
                 let both = found.front.iter().zip(&found.back);
                 both.map(|(f, b)| 0.5 * (middle * (f + b) + sign * thick * (b - f))).collect()

@@ -230,7 +230,8 @@ mod tests {
                 picture.given.iter().zip(&picture.solid).map(|(a, b)| i64::from(*a) - i64::from(*b)).sum()
             })
             .collect();
-        let [wide, narrow] = [1, -1].map(|sign| differences.iter().filter(|d| d.signum() == sign).count());
+        let wide = differences.iter().filter(|difference| **difference > 0).count();
+        let narrow = differences.iter().filter(|difference| **difference < 0).count();
         assert!((5..30).contains(&wide) && (2..25).contains(&narrow), "{wide} wider, {narrow} narrower");
     }
 

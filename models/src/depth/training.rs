@@ -247,7 +247,9 @@ mod tests {
         let mut training = Training::new(SIZES, plan(20), None).unwrap();
         let before = training.params.clone();
         // the head is 0 at first, and passes nothing on before its first step
-        (0..3).for_each(|n| drop(training.step(&batch(n)).unwrap()));
+        for n in 0..3 {
+            training.step(&batch(n)).unwrap();
+        }
         for (path, weight) in training.params.iter() {
             assert_ne!(weight.slice::<f32>(), before.get(path).unwrap().slice::<f32>(), "{path} stays");
         }
@@ -269,13 +271,19 @@ mod tests {
         let path = folder.path().join("state.safetensors");
         let mut straight = Training::new(SIZES, plan(6), None).unwrap();
         let mut first = Training::new(SIZES, plan(6), None).unwrap();
-        (0..6).for_each(|n| drop(straight.step(&batch(n)).unwrap()));
-        (0..3).for_each(|n| drop(first.step(&batch(n)).unwrap()));
+        for n in 0..6 {
+            straight.step(&batch(n)).unwrap();
+        }
+        for n in 0..3 {
+            first.step(&batch(n)).unwrap();
+        }
         first.save(&path).unwrap();
         let mut second = Training::new(SIZES, plan(6), None).unwrap();
         second.resume(&path).unwrap();
         assert_eq!(second.steps(), 3);
-        (3..6).for_each(|n| drop(second.step(&batch(n)).unwrap()));
+        for n in 3..6 {
+            second.step(&batch(n)).unwrap();
+        }
         assert_eq!(bits(&second.params), bits(&straight.params));
         assert_eq!(bits(&second.averaged()), bits(&straight.averaged()));
         let mut other = Training::new(SIZES, Plan { seed: 4, ..plan(6) }, None).unwrap();
