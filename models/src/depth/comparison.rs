@@ -194,12 +194,12 @@ impl Row {
         let turned = Layered { front: opposite(&found.back), back: opposite(&found.front) };
         let (truth, planes) = (&seen.truth, [&seen.truth, &found].map(|body| seen.plane(body)));
         let zero = vec![0.0; truth.front.len()];
-        let said_errors: Vec<f64> = seen.picked(&said[2]).into_iter().map(f64::exp).collect();
+        let scales: Vec<f64> = seen.picked(&said[2]).into_iter().map(f64::exp).collect();
         let errors: Vec<f64> = found.front.iter().zip(&truth.front).map(|(a, b)| (a - b).abs()).collect();
         // quantiles of a Laplace distribution with the mean error b: −b ln(1 − p)
         let within = |share: f64| {
             let below = |(error, scale): (&f64, &f64)| f64::from(u8::from(*error <= -scale * (1.0 - share).ln()));
-            mean(errors.iter().zip(&said_errors).map(below))
+            mean(errors.iter().zip(&scales).map(below))
         };
         let scaled = |pair: usize| {
             let [middle, thick] = pair_of(pair);
@@ -223,7 +223,7 @@ impl Row {
             tilts: planes.map(|plane| plane.tilt_deg()),
             normal: planes[1].angle_deg(&planes[0]),
             wrong: wrong_sign(&planes[0], &planes[1]),
-            expected: mean(said_errors.iter().copied()),
+            expected: mean(scales.iter().copied()),
             within: [within(0.5), within(0.9)],
         }
     }
