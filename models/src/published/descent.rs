@@ -94,7 +94,6 @@ pub(super) type Besides<'b> = dyn Fn(&[f64]) -> (f64, Vec<f64>) + 'b;
 ///
 /// # Errors
 /// What the problem returns; [`ErrorKind::Physics`] when it breaks down where the search starts.
-#[expect(clippy::too_many_arguments, reason = "what a search is of, what counts, and who hears of it")]
 pub(super) fn descend(
     problem: &Problem<'_>,
     start: &Unknowns,

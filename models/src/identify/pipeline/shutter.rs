@@ -113,7 +113,7 @@ impl Context<'_> {
 fn chosen(shares: &[f64], costs: &[f64]) -> f64 {
     let none = shares.iter().zip(costs).find(|(share, _)| **share == 0.0).map_or(f64::INFINITY, |(_, cost)| *cost);
     let best = (0..costs.len()).min_by(|a, b| costs[*a].total_cmp(&costs[*b])).expect("there are shares");
-    if !(costs[best] + WORTH < none) {
+    if costs[best] + WORTH >= none {
         return 0.0;
     }
     let beside = best.checked_sub(1).zip(Some(best + 1).filter(|after| *after < costs.len()));
