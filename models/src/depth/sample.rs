@@ -132,7 +132,7 @@ mod tests {
                     assert!((sample.features[HALF * PIXELS + pixel] - half).abs() < 0.05);
                 }
             }
-            // perspective of a camera two radii away brings the front, which is nearer by half, up to a fifth closer
+            // the perspective of a camera two radii away moves the surfaces by less than a fifth of a diameter
             assert!(worst < 0.2, "{worst}");
         }
     }
