@@ -53,6 +53,7 @@ impl Batch {
     }
 
     /// Number of samples.
+    #[cfg(test)]
     pub fn len(&self) -> usize {
         self.mask.dims()[0]
     }

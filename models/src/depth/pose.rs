@@ -15,16 +15,17 @@ impl Pose {
     /// As it is, and mirrored.
     pub const MIRRORED: [Self; 2] = [Self::new(false, [0, 0]), Self::new(true, [0, 0])];
 
-    /// Mirrored and moved: the network sees pixels in squares, and says a little else of each place in them.
+    /// Mirrored and moved: the network sees pixels in squares, and says a little else of each place in them. To each pose there is
+    /// the one that a mirror makes of it, so that a mirrored picture has the mirrored answer.
     pub const ALL: [Self; 8] = [
         Self::new(false, [0, 0]),
         Self::new(true, [0, 0]),
         Self::new(false, [1, 0]),
-        Self::new(true, [0, 1]),
-        Self::new(false, [0, -1]),
         Self::new(true, [-1, 0]),
+        Self::new(false, [0, -1]),
+        Self::new(true, [0, -1]),
         Self::new(false, [-2, 2]),
-        Self::new(true, [2, -2]),
+        Self::new(true, [2, 2]),
     ];
 
     const fn new(mirrored: bool, shift: [isize; 2]) -> Self {

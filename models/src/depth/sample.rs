@@ -132,8 +132,8 @@ mod tests {
                     assert!((sample.features[HALF * PIXELS + pixel] - half).abs() < 0.05);
                 }
             }
-            // of perspective and of pixels; a camera two radii away sees a smaller ball than one far away
-            assert!(worst < 0.12, "{worst}");
+            // the perspective of a camera two radii away moves the surfaces by less than a fifth of a diameter
+            assert!(worst < 0.2, "{worst}");
         }
     }
 
