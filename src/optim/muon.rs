@@ -30,7 +30,7 @@ use crate::{Device, Element, Error, ErrorKind, Result, Tensor};
 /// use gradreel::{Tape, Tensor};
 /// let mut params = Params::new();
 /// params.set("weight", Tensor::from_vec(vec![2.0, 0.0, 0.0, 1.0], [2, 2]));
-/// let mut optimiser = Muon::new(0.1);
+/// let mut optimiser = Muon::new(0.1).with_momentum(0.0);
 /// for _ in 0..40 {
 ///     let gradients = {
 ///         let tape = Tape::new();
