@@ -106,7 +106,8 @@ impl<'a> Chain<'a> {
         let fall = film.flight;
         let (clip, path) = match self.origin {
             Origin::Film { weights, boxes, .. } => {
-                let boxes = self.boxes(&film, boxes)?;
+                // a file's pixels are those of the film as it is
+                let boxes = self.boxes(whole, boxes)?;
                 let path = Path::of_boxes(&film, &boxes)?;
                 (self.views(&film, &boxes, &path, weights)?, path)
             }

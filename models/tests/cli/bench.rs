@@ -206,8 +206,10 @@ fn the_tables_of_the_published_chain() {
     {
         assert!(printed.contains(row), "no {row:?} in\n{printed}");
     }
-    let read = |name: &str| fs::read(scene.path("both/clip").join(name)).unwrap_or_else(|e| panic!("{name}: {e}"));
-    let without = fs::read_to_string(scene.path("both/clip/published_without_lva/config.toml")).unwrap();
+    let all: Value = serde_json::from_slice(&fs::read(scene.path("both/ablation.json")).unwrap()).unwrap();
+    let folder = scene.path("both").join(all[0]["clip"].as_str().unwrap());
+    let read = |name: &str| fs::read(folder.join(name)).unwrap_or_else(|e| panic!("{name}: {e}"));
+    let without = fs::read_to_string(folder.join("published_without_lva/config.toml")).unwrap();
     assert!(without.contains("alpha = 0.0"), "{without}");
     let view = "views/frame_003.safetensors";
     assert_eq!(read(&format!("published/{view}")), read(&format!("published_without_lva/{view}")));
