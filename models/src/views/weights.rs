@@ -101,8 +101,8 @@ impl FileWeights {
             .at(Self::BUILT_IN)
             .found("no feature `built-in-weights`")
             .wanted("a file of weights")
-            .fix("give a file, such as models/weights/novel_view.safetensors of the sources: --weights FILE, --imagine=FILE; or build with \
-                  `--features built-in-weights`"))
+            .fix("give a file, such as models/weights/novel_view.safetensors of the sources: --weights FILE, --imagine=FILE; or build with the \
+                  feature `built-in-weights`"))
     }
 
     /// The same weights as constants of another tape, for layers whose other weights are trained on it.

@@ -248,10 +248,6 @@ pub(super) fn quick() -> AblationSettings {
     (geometry.dx, geometry.fit.iterations, geometry.fit.in_motion) = (0.08, 6, 2);
     (estimate.velocity, estimate.points, estimate.survivors) = (2, 1, 1);
     (estimate.steps, estimate.rounds) = (1, 0);
-    let encoding = &mut settings.config.temporal.first;
-    (encoding.frames, encoding.side) = (3, 24);
-    (encoding.field.width, encoding.field.channels) = (8, 2);
-    (encoding.fit.rays, encoding.fit.nodes, encoding.fit.mask_nodes) = (128, 2000, 500);
     settings.config.temporal.iterations = 12;
     settings
 }
