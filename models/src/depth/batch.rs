@@ -105,7 +105,7 @@ mod tests {
         assert_eq!(batch.len(), 2);
         let [slopes, counted] = batch.slopes.each_ref().map(|tensor| tensor.slice::<f32>());
         for (at, (slope, weight)) in slopes.iter().zip(counted).enumerate() {
-            let wanted = if at / (SIZE * SIZE / 4) % 2 == 0 { 0.5 } else { -0.25 };
+            let wanted = if (at / (SIZE * SIZE / 4)).is_multiple_of(2) { 0.5 } else { -0.25 };
             assert!(*weight == 0.0 || (slope - wanted).abs() < 1e-4, "{slope}");
         }
         assert!((counted.iter().sum::<f32>() - 2.0).abs() < 1e-4);
