@@ -492,7 +492,8 @@ mod tests {
     use super::*;
 
     /// Settings that describe the clip, the world or the material, or name files: nothing is traded by them.
-    const DESCRIBE: [&str; 6] = ["clip", "material", "imagine", "world.g", "world.find_ground", "world.density"];
+    const DESCRIBE: [&str; 7] =
+        ["clip", "material", "imagine", "world.g", "world.find_ground", "world.density", "loss.ranges.ranges"];
 
     /// Paths of all settings.
     fn paths(path: &str, value: &toml::Value, found: &mut Vec<String>) {
