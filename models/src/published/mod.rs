@@ -6,8 +6,8 @@
 //!         file)     spatial-aware module)   all pictures)     frame)       motion)     simulation and renderer)
 //! ```
 //!
-//! 1. [`boxes`]: where the object is in every picture; `path` lifts the boxes into space;
-//! 2. [`views`]: sixteen views of every frame from the same noise, by cameras that stand still (`rig`); a module that knows
+//! 1. `boxes`: where the object is in every picture; `path` lifts the boxes into space;
+//! 2. `views`: sixteen views of every frame from the same noise, by cameras that stand still (`rig`); a module that knows
 //!    boxes puts the object where the film has it, or else the views of a centred object are moved there (`placed`);
 //! 3. `field`: one temporal field for all pictures of all frames, with the view-adaptive loss;
 //! 4. `particles`: its first frame on the particles of the simulation, drawn as they will be drawn;
