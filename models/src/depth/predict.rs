@@ -23,7 +23,7 @@ use crate::layers::{Scope, initialise};
 /// let (size, radius) = (96usize, 30.0f32);
 /// let place = |pixel: usize| [(pixel % size) as f32 - 48.0, (pixel / size) as f32 - 48.0];
 /// let inside = |[x, y]: [f32; 2]| x.hypot(y) < radius;
-/// let colours = (0..size * size).map(|pixel| [0.4 - 0.3 * place(pixel)[1] / radius; 3]).collect();
+/// let colours = (0..size * size).map(|pixel| [0.4 - 0.2 * place(pixel)[1] / radius; 3]).collect();
 /// let coverage = (0..size * size).map(|pixel| f32::from(u8::from(inside(place(pixel))))).collect();
 /// let picture = MaskedPicture::new(size, size, colours, coverage)?;
 ///
