@@ -17,13 +17,16 @@ use crate::render::Surface;
 /// let (sand, rubber) = (materials::find("drucker_prager").unwrap(), materials::find("neo_hookean").unwrap());
 /// let config = Config::default();
 /// assert!(config.surface_of(&sand).spacing < config.surface_of(&rubber).spacing);
+/// // one's own material, too
+/// let config = Config::parse("[flowing]\nlaws = [\"neo_hookean\"]")?;
+/// assert_eq!(config.surface_of(&rubber).spacing, 1.0);
+/// # Ok::<(), gradreel::Error>(())
 /// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FlowingConfig {
     /// Names of the laws whose bodies flow.
-    #[serde(skip)]
-    pub(crate) laws: Vec<String>,
+    pub laws: Vec<String>,
     /// How occupancy becomes opacity, on a grid of the particles' spacing: that of the simulation, of twice that, loses thin rims.
     #[serde(skip)]
     pub(crate) surface: Surface,

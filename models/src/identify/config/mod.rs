@@ -492,8 +492,16 @@ mod tests {
     use super::*;
 
     /// Settings that describe the clip, the world or the material, or name files: nothing is traded by them.
-    const DESCRIBE: [&str; 7] =
-        ["clip", "material", "imagine", "world.g", "world.find_ground", "world.density", "loss.ranges.ranges"];
+    const DESCRIBE: [&str; 8] = [
+        "clip",
+        "material",
+        "imagine",
+        "world.g",
+        "world.find_ground",
+        "world.density",
+        "loss.ranges.ranges",
+        "flowing.laws",
+    ];
 
     /// Paths of all settings.
     fn paths(path: &str, value: &toml::Value, found: &mut Vec<String>) {
